@@ -102,13 +102,23 @@ pub struct FeaturePoint {
     pub point: u8,
 }
 
+/// Points of each group of MPEG-4, from 1: 84 in all.
+const FEATURE_POINTS: [(u8, u8); 10] = [(2, 14), (3, 14), (4, 6), (5, 4), (6, 4), (7, 1), (8, 10), (9, 15), (10, 10), (11, 6)];
+
+impl FeaturePoint {
+    /// Whether it is one of the 84 of MPEG-4.
+    pub fn is_of_mpeg4(self) -> bool {
+        FEATURE_POINTS.iter().any(|&(group, points)| group == self.group && (1..=points).contains(&self.point))
+    }
+}
+
 impl fmt::Display for FeaturePoint {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}.{}", self.group, self.point)
     }
 }
 
-/// A text that is not a feature point of the form `group.point`.
+/// A text that is no `group.point`, or none of MPEG-4's 84 feature points.
 ///
 /// ```
 /// use grimace::units::FeaturePoint;
@@ -128,7 +138,7 @@ impl FromStr for FeaturePoint {
         let (group, point) = text.split_once('.').ok_or_else(error)?;
         let number = |part: &str| part.parse::<u8>().ok().filter(|&n| n > 0);
         match (number(group), number(point)) {
-            (Some(group), Some(point)) => Ok(Self { group, point }),
+            (Some(group), Some(point)) => Some(Self { group, point }).filter(|fp| fp.is_of_mpeg4()).ok_or_else(error),
             _ => Err(error()),
         }
     }
@@ -166,8 +176,10 @@ mod tests {
         let fp: FeaturePoint = "2.10".parse().unwrap();
         assert_eq!(fp, FeaturePoint { group: 2, point: 10 });
         assert_eq!(fp.to_string(), "2.10");
-        for bad in ["", "8", "8.", ".3", "8.0", "8.3.1", "a.b", "-8.3", "8.300"] {
+        for bad in ["", "8", "8.", ".3", "8.0", "8.3.1", "a.b", "-8.3", "8.300", "1.1", "77.1", "99.3", "7.2", "8.11", "12.1"] {
             assert!(bad.parse::<FeaturePoint>().is_err(), "{bad}");
         }
+        let all = (0..=u8::MAX).flat_map(|group| (0..=u8::MAX).map(move |point| FeaturePoint { group, point }));
+        assert_eq!(all.filter(|fp| fp.is_of_mpeg4()).count(), 84);
     }
 }

@@ -21,6 +21,7 @@ use super::{
     Outcome,
     apart::check_outside,
     failures::say_failures,
+    own_folder::check_is_folder,
     run::print_results,
     shared::{AnalysisArgs, GeneralArgs, MethodArgs, memory, set_threads, thread_count},
 };
@@ -69,6 +70,7 @@ type Written = BTreeMap<String, String>;
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     set_threads(args.threads)?;
+    check_is_folder(&args.output)?;
     let used = args.output.read_dir().is_ok_and(|mut entries| entries.next().is_some());
     anyhow::ensure!(args.general.force || !used, "{} is not empty; --force writes over its results", args.output.display());
     anyhow::ensure!(
@@ -109,19 +111,23 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 
 /// Statistics of tracks, with their models beside them.
 fn of_tracks(args: &Args, models: Vec<AnalyzedModel>, failures: Vec<Failure>, bench: &Workbench) -> anyhow::Result<Analysis> {
+    let record = FolderRecord::open(&args.output, RECORD_NAME, true)?;
     let normalized: Vec<_> = models.iter().map(|m| m.model.clone()).collect();
     let mut written = Written::new();
     let mut wrote = |name: String, hash: blake3::Hash| written.insert(name, hash.to_hex().to_string());
     if bench.options.columnar {
+        record.begin()?;
         wrote("models.parquet".to_owned(), write_columnar(&args.output.join("models.parquet"), &models)?);
     }
     let analysis = analyze(models, failures, bench)?;
+    // Two at once would mix their results.
+    record.begin()?;
     for model in &normalized {
         let name = format!("models/{}.csv", model.id);
         let hash = write_model(&args.output.join(&name), &model.model)?;
         wrote(name, hash);
     }
-    write(args, &analysis, bench, written)?;
+    write(args, record, &analysis, bench, written)?;
     Ok(analysis)
 }
 
@@ -146,15 +152,16 @@ fn from_models(args: &Args, path: &Path, bench: &Workbench) -> anyhow::Result<Ou
     } else {
         analyze_columnar(&file, bench, args.memory)?
     };
-    write(args, &analysis, bench, Written::new())?;
+    let record = FolderRecord::open(&args.output, RECORD_NAME, true)?;
+    record.begin()?;
+    write(args, record, &analysis, bench, Written::new())?;
     print(args, &analysis, &format!("{} models", file.row_count()));
     Ok(Outcome::Done)
 }
 
 /// Writes the results, and removes those of an earlier analysis that this one did not make.
-fn write(args: &Args, analysis: &Analysis, bench: &Workbench, mut written: Written) -> anyhow::Result<()> {
+fn write(args: &Args, record: FolderRecord, analysis: &Analysis, bench: &Workbench, mut written: Written) -> anyhow::Result<()> {
     let title = args.output.file_name().map_or_else(|| "tracks".to_owned(), |n| n.to_string_lossy().into_owned());
-    let record = FolderRecord::open(&args.output, RECORD_NAME, true)?;
     written.extend(write_analysis(analysis, &args.output, &title, bench).context("writing the results")?);
     for (name, hash) in written {
         record.wrote(&name, hash)?;

@@ -6,7 +6,7 @@ use anyhow::Context;
 use grimace::output::listed;
 use grimace::synthesis::{
     self, Bank, BuildOptions, EmbeddedBank, MAX_SUBDIVIDE, PerformanceOptions, arkit, build_bank, choose_members, mix_bank,
-    perform, read_recipes, recipe_motions, write_feature_points, write_recipes,
+    perform, read_recipes, recipe_motions, source_files, write_feature_points, write_recipes,
 };
 
 use super::{
@@ -207,14 +207,17 @@ fn check_outputs(force: bool, outputs: &[Given<'_>], inputs: &[Given<'_>]) -> an
 }
 
 fn build(args: &BuildArgs) -> anyhow::Result<Outcome> {
+    let files = source_files(&args.source);
+    let beside = [
+        ("the meshes", Some(&args.source)),
+        ("--feature-points", args.feature_points.as_ref()),
+        ("--landmarks", args.landmarks.as_ref()),
+    ];
+    let read: Vec<Given<'_>> = beside.into_iter().chain(files.iter().map(|file| ("a file of SOURCE", Some(file)))).collect();
     check_outputs(
         args.force,
         &[("--output", Some(&args.output)), ("--save-feature-points", args.save_feature_points.as_ref())],
-        &[
-            ("the meshes", Some(&args.source)),
-            ("--feature-points", args.feature_points.as_ref()),
-            ("--landmarks", args.landmarks.as_ref()),
-        ],
+        &read,
     )?;
     let options = BuildOptions {
         feature_points: args.feature_points.clone(),

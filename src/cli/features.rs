@@ -19,7 +19,8 @@ use rayon::prelude::*;
 use super::{
     Outcome,
     apart::{check_apart, maybe},
-    shared::{GeneralArgs, about, set_threads},
+    own_folder::{OwnFolder, check_is_folder},
+    shared::{GeneralArgs, about, file_name, set_threads},
 };
 
 /// A row for every frame of tracks.
@@ -74,6 +75,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     {
         anyhow::bail!("--units AU{:02}: OpenFace's files have no such column; leave it out, or --names grimace", unit.number);
     }
+    check_is_folder(&args.output)?;
     let files = track_files(&args.tracks)?;
     anyhow::ensure!(
         files.len() == 1 || args.blendshapes.as_ref().is_none_or(|path| path.is_dir()),
@@ -96,7 +98,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             );
         }
     }
-    let results: Vec<anyhow::Result<()>> = files.par_iter().map(|path| one(path, args, &bench)).collect();
+    let own = OwnFolder::open(&args.output, "features")?;
+    let results: Vec<anyhow::Result<()>> = files.par_iter().map(|path| one(path, args, &bench, &own)).collect();
+    if results.iter().any(Result::is_ok) {
+        own.end_beside_earlier()?;
+    }
     let mut failed = 0;
     for (path, result) in files.iter().zip(&results) {
         if let Err(error) = result {
@@ -126,7 +132,7 @@ fn target_of(id: &SequenceId, args: &Args) -> PathBuf {
     args.output.join(format!("{}.csv", id.to_string().replace(['/', '\\', '\0'], "-")))
 }
 
-fn one(path: &Path, args: &Args, bench: &Workbench) -> anyhow::Result<()> {
+fn one(path: &Path, args: &Args, bench: &Workbench, own: &OwnFolder) -> anyhow::Result<()> {
     let track = read_track(path)?;
     let info = read_track_info(path)?;
     let id = id_beside(info.as_ref(), path);
@@ -140,6 +146,8 @@ fn one(path: &Path, args: &Args, bench: &Workbench) -> anyhow::Result<()> {
     let inputs: Vec<_> = inputs.into_iter().chain(maybe("--blendshapes", blendshapes.as_ref())).collect();
     check_apart(&[("a table of --output", &target), ("a .json of --output", &units)], &inputs)?;
     args.general.check_free(&target)?;
+    let names = [&target, &units].map(|path| file_name(path));
+    own.check_own(&names)?;
     let numbers = track.iter().map(|frame| frame.number);
     let clock = info.as_ref().map(|info| info.clock_of_numbers(numbers)).unwrap_or_default();
     let marks = info.as_ref().map(TrackInfo::mark_places).unwrap_or_default();
@@ -148,13 +156,14 @@ fn one(path: &Path, args: &Args, bench: &Workbench) -> anyhow::Result<()> {
     let mut features = bench.features(&track, &fit, &model).map_err(anyhow::Error::msg)?;
     let wanted = |number: u8| args.units.is_empty() || args.units.iter().any(|unit| unit.number == number);
     features.iter_mut().for_each(|row| row.action_units.retain(|unit| wanted(unit.number)));
-    let names = match args.names {
+    let columns = match args.names {
         Names::Grimace => ColumnNames::Grimace,
         Names::Openface => ColumnNames::OpenFace,
     };
     let beside = blendshapes.map(|path| read_blendshapes(&path)?.beside(&features)).transpose()?;
-    write_features(&target, &features, &clock, names, beside.as_ref())?;
-    Ok(())
+    own.begin()?;
+    write_features(&target, &features, &clock, columns, beside.as_ref())?;
+    names.iter().try_for_each(|name| Ok(own.wrote(name)?))
 }
 
 /// The file of a track's blendshapes; of a folder the one with the track's name, `None` where it has none.

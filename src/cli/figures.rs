@@ -4,10 +4,14 @@ use std::path::PathBuf;
 
 use grimace::{
     output::count,
-    pipeline::{PipelineOptions, figures_of, write_figures},
+    pipeline::{PipelineOptions, figure_files, figures_of, write_figures},
 };
 
-use super::{Outcome, shared::GeneralArgs};
+use super::{
+    Outcome,
+    own_folder::{OwnFolder, check_is_folder, is_used},
+    shared::GeneralArgs,
+};
 
 /// The figures of a finished run, to publish.
 #[derive(Debug, clap::Args)]
@@ -29,13 +33,21 @@ pub struct Args {
     general: GeneralArgs,
 }
 
+/// Name of the command in its record.
+const COMMAND: &str = "figures";
+
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    let used = args.output.read_dir().is_ok_and(|mut entries| entries.next().is_some());
+    check_is_folder(&args.output)?;
+    let used = is_used(&args.output, COMMAND);
     anyhow::ensure!(args.general.force || !used, "{} is not empty; --force writes over its figures", args.output.display());
     let bench = args.general.workbench(PipelineOptions::default())?;
     let figures = figures_of(&args.results, &bench)?;
-    write_figures(&figures, &args.output)?;
+    let own = OwnFolder::open(&args.output, COMMAND)?;
+    own.check_own(figure_files(&figures))?;
+    own.begin()?;
+    write_figures(&figures, &args.output, |name| own.wrote(name))?;
+    own.end()?;
     if !args.general.quiet {
         println!(
             "{}, each as .svg and .pdf; captions: {}/captions.md",

@@ -8,7 +8,7 @@ use grimace::{
     output,
     pipeline::{PORTRAIT_NAME, PipelineOptions, Workbench, id_of, showcase_target},
     player::{PlayerFace, PlayerHead, Shown, page},
-    synthesis::read_motion,
+    synthesis::{SynthesisError, read_motion},
     track::{TrackFileError, read_track_info},
     units::SequenceId,
 };
@@ -18,6 +18,7 @@ use super::{
     apart::{all, check_apart, maybe},
     bank, portrait,
     shared::{FitArgs, GeneralArgs, about, are, note_if_still},
+    synthesize_warnings::nothing_shown,
 };
 
 /// Heights of the picture of a face in the page, px.
@@ -102,9 +103,16 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let name = args.bank.as_deref().and_then(Path::file_stem).unwrap_or_default().to_string_lossy().into_owned();
     let mut heads = Vec::new();
     if let Some(dense) = &dense {
-        let read = |path: &PathBuf| read_motion(path, dense, None).map_err(|e| about(path)(&e));
+        let read =
+            |path: &PathBuf| read_motion(path, dense, None).map_err(|error| about(path)(&format!("{error}{}", to_do(&error))));
         let motions = args.motions.iter().map(read).collect::<Result<Vec<_>, _>>()?;
-        heads.push(PlayerHead { label: &name, bank: dense, motions });
+        let head = PlayerHead { label: &name, bank: dense, motions };
+        for (path, unshown) in args.motions.iter().zip(head.unshown()?) {
+            if let Some(unshown) = unshown {
+                eprintln!("warning: {}: on the head {name}, {}", path.display(), nothing_shown(&unshown));
+            }
+        }
+        heads.push(head);
     }
     let html = page(&title, &shown, &faces, &heads, &bench)?;
     output::write_bytes(&args.output, html.as_bytes())?;
@@ -123,6 +131,14 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         );
     }
     Ok(Outcome::Done)
+}
+
+/// What helps where a motion does not go onto a bank.
+fn to_do(error: &SynthesisError) -> &'static str {
+    match error {
+        SynthesisError::Scale { .. } => "; give another --bank, one that has them, or none",
+        _ => "",
+    }
 }
 
 /// Size from which on a page is slow to open, bytes.

@@ -8,11 +8,14 @@ use std::{
 use super::{
     Outcome,
     apart::{all, check_apart, check_folder_name, maybe},
-    bank, portrait,
+    bank,
+    own_folder::{OwnFolder, check_is_folder, is_used},
+    portrait,
     progress::frame_bar,
-    shared::{about, are, named_folder, set_threads, thread_count},
+    shared::{about, named_folder, set_threads, thread_count},
     synthesize_options::{FRAME_RATES, SearchArgs, TimeArgs},
     synthesize_report::Report,
+    synthesize_warnings::{note_other_rate, warn_of_answers, warn_of_not_shown},
     unfinished::Unfinished,
 };
 use anyhow::Context;
@@ -23,8 +26,8 @@ use grimace::{
     output::{count, listed, write_json},
     pipeline::{PipelineOptions, Workbench},
     synthesis::{
-        Animation, Bank, EmbeddedBank, FrameAnswer, HeadTexture, Motion, Solver, Synthesizer, arkit, compare_with_truth,
-        read_motion, write_gltf,
+        Animation, Bank, EmbeddedBank, FrameAnswer, HeadTexture, Motion, Solver, SynthesisError, Synthesizer, arkit,
+        compare_with_truth, read_motion, write_gltf,
     },
 };
 
@@ -53,7 +56,7 @@ pub struct Args {
     /// animation each, and the other files are in a folder each
     #[arg(short, long, required = true, num_args = 1.., value_name = "FILE")]
     motion: Vec<PathBuf>,
-    /// Folder of the results; must be new or empty
+    /// Folder of the results; must be new or empty, or --force
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     /// Files to write
@@ -78,7 +81,7 @@ pub struct Args {
     /// Threads; 0 for one per processor. The results do not depend on it
     #[arg(short = 'j', long, default_value_t = 0, value_parser = thread_count)]
     threads: usize,
-    /// Write into a folder that is not empty
+    /// Write into a folder that is not empty, over what an earlier `synthesize` wrote there; other files stay
     #[arg(long)]
     force: bool,
     /// No progress bar, no summary
@@ -102,6 +105,13 @@ enum Format {
 
 /// Most frames that are synthesized.
 const MOST_FRAMES: f64 = 360_000.0;
+
+/// Name of the command in its record.
+const COMMAND: &str = "synthesize";
+/// The animation of all motions.
+const GLB: &str = "animation.glb";
+/// What describes the results.
+const ABOUT: &str = "synthesis.json";
 
 /// Files that a motion and a truth may be called, or a portrait.
 const NAMES: [&str; 8] = [
@@ -137,13 +147,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     set_threads(args.threads)?;
     let options = args.search.options(args.time.smooth)?;
     let out = &args.output;
-    let occupied = out.is_file() || std::fs::read_dir(out).is_ok_and(|mut entries| entries.next().is_some());
+    check_is_folder(out)?;
+    let occupied = is_used(out, COMMAND);
     let unfinished = Unfinished::in_folder(out);
-    anyhow::ensure!(
-        args.force || !occupied || unfinished.is_there(),
-        "{} is not empty; choose a new folder, or --force to write into it",
-        named_folder(out)
-    );
+    let is_unfinished = unfinished.is_there();
+    let not_empty = || format!("{} is not empty; choose a new folder, or --force to write into it", named_folder(out));
+    anyhow::ensure!(args.force || !occupied || is_unfinished, not_empty());
     check_folder_name(out, "its files are chosen by --format: glb, npy, obj, ply, pictures")?;
     let several = args.motion.len() > 1;
     args.check_inputs(several)?;
@@ -159,40 +168,128 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     for path in &args.motion {
         let motion = Played::new(path, args, &synthesizer)?;
         let twin = played.iter().find(|p| p.name == motion.name);
-        anyhow::ensure!(twin.is_none(), "{}: an animation of this name is there already; rename the file", path.display());
+        if let Some(twin) = twin {
+            anyhow::bail!(
+                "{} and {}: both animations would be called {}; rename one of the files",
+                twin.path.display(),
+                path.display(),
+                motion.name
+            );
+        }
         played.push(motion);
     }
     let texture = args.portrait.as_deref().map(|path| worn(path, args.correspondences.as_deref(), &bank)).transpose()?;
     let animations: Vec<Animation<'_>> = played.iter().map(|p| p.animation(&synthesizer, texture.as_ref())).collect();
-    if !occupied {
-        unfinished.begin()?;
-    } else if unfinished.is_there() {
-        let motions: Vec<&str> = played.iter().filter(|_| several).map(|one| one.name.as_str()).collect();
-        unfinished.clear(&motions, &[NAMES.as_slice(), &["animation.glb", "turntable.gif", "synthesis.json"]].concat())?;
+    // What cannot be compared is said before anything is written; there is one motion where there is a truth.
+    let compare = |animation: &Animation<'_>| args.truth.as_ref().map(|path| compare_with_truth(animation, path)).transpose();
+    let errors = animations.iter().map(compare).collect::<Result<Vec<_>, _>>()?;
+    let own = OwnFolder::open(out, COMMAND)?;
+    if !is_unfinished {
+        own.check_own(names_of(args, several, &played, &synthesizer))?;
     }
+    own.begin()?;
+    // Another one may have come first while this one searched.
+    anyhow::ensure!(args.force || occupied || !is_used(out, COMMAND), not_empty());
+    unfinished.begin()?;
     if args.format.contains(&Format::Glb) {
         let weights = |one: &Played<'_>| one.answers.iter().flat_map(|a| a.weights.iter().flatten()).any(|w| *w != 0.0);
         if synthesizer.options().solver != Solver::Rbf && !played.iter().any(weights) {
             eprintln!("warning: nothing moves: animation.glb is the neutral face, without an animation");
         }
-        write_gltf(&out.join("animation.glb"), &animations)?;
+        write_gltf(&out.join(GLB), &animations)?;
+        own.wrote(GLB)?;
     }
-    for (one, animation) in played.iter().zip(&animations) {
-        let folder = if several { out.join(&one.name) } else { out.clone() };
-        let errors = args.truth.as_ref().map(|path| compare_with_truth(animation, path)).transpose()?;
-        let files = write(args, animation, &folder)?;
+    for ((one, animation), errors) in played.iter().zip(&animations).zip(&errors) {
+        let prefix = if several { format!("{}/", one.name) } else { String::new() };
+        let mut results = Results { own: &own, out, prefix, files: BTreeSet::new() };
+        write(args, animation, &mut results)?;
         let report = Report::new(animation, errors.as_deref());
-        write_json(&folder.join("synthesis.json"), &report.json(args, one, animation, &files))?;
+        let about = report.json(args, one, animation, &results.files);
+        results.write(ABOUT, |path| write_json(path, &about))?;
         if !args.quiet {
             if several {
                 println!("{}:", one.name);
             }
-            report.print(&one.motion, &bank, &folder);
+            report.print(&one.motion, &bank, &if several { out.join(&one.name) } else { out.clone() });
             say_what_viewers_clamp(args, animation);
         }
     }
+    own.end()?;
     unfinished.end()?;
     Ok(Outcome::Done)
+}
+
+/// The files of one motion as they are written.
+struct Results<'a> {
+    own: &'a OwnFolder,
+    out: &'a Path,
+    /// The motion's folder in `out`, `joy/`; empty where there is one motion.
+    prefix: String,
+    /// Names, as synthesis.json lists them.
+    files: BTreeSet<String>,
+}
+
+impl Results<'_> {
+    /// Writes a file and enters it.
+    fn write<E: Into<anyhow::Error>>(&mut self, name: &str, fill: impl FnOnce(&Path) -> Result<(), E>) -> anyhow::Result<()> {
+        let path = format!("{}{name}", self.prefix);
+        fill(&self.out.join(&path)).map_err(Into::into)?;
+        self.own.wrote(&path)?;
+        self.files.insert(name.to_owned());
+        Ok(())
+    }
+
+    /// Writes a mesh for every frame and enters each.
+    fn write_meshes(&mut self, animation: &Animation<'_>, as_ply: bool) -> anyhow::Result<()> {
+        let name = mesh_folder(as_ply);
+        let folder = format!("{}{name}", self.prefix);
+        animation.write_meshes(&self.out.join(&folder), as_ply, |file| self.own.wrote(&format!("{folder}/{file}")))?;
+        self.files.insert(name.to_owned());
+        Ok(())
+    }
+}
+
+fn mesh_folder(as_ply: bool) -> &'static str {
+    if as_ply { "ply" } else { "obj" }
+}
+
+/// Names of all files that will be written, relative to OUT.
+fn names_of(args: &Args, several: bool, played: &[Played<'_>], synthesizer: &Synthesizer<'_>) -> Vec<String> {
+    let has_weights = synthesizer.options().solver != Solver::Rbf;
+    let bank = synthesizer.bank();
+    let shapes = bank.info().composition.as_ref().map_or(bank.names().len(), |c| c.shapes.len());
+    let has_arkit = has_weights && arkit::unnamed(bank.names(), bank.info().composition.as_ref()).len() < shapes;
+    let mut names = Vec::new();
+    if args.format.contains(&Format::Glb) {
+        names.push(GLB.to_owned());
+    }
+    for one in played {
+        let prefix = if several { format!("{}/", one.name) } else { String::new() };
+        let mut add = |name: &str| names.push(format!("{prefix}{name}"));
+        for format in &args.format {
+            match format {
+                Format::Glb => {}
+                Format::Npy => add("surface.npy"),
+                Format::Obj | Format::Ply => {
+                    let as_ply = *format == Format::Ply;
+                    let name = |frame| format!("{}/{}", mesh_folder(as_ply), Animation::mesh_name(frame, as_ply));
+                    (0..one.answers.len()).for_each(|frame| add(&name(frame)));
+                }
+                Format::Pictures => ["contact_sheet.png", "turntable.png", "turntable.gif"].iter().for_each(|name| add(name)),
+            }
+        }
+        ["fitness.csv", ABOUT].iter().for_each(|name| add(name));
+        if has_weights {
+            add("weights.csv");
+        }
+        if has_arkit {
+            ["arkit.csv", "livelink.csv"].iter().for_each(|name| add(name));
+        }
+        if args.history {
+            add("history.csv");
+        }
+    }
+    names
 }
 
 /// A portrait on the skin of the bank's head.
@@ -217,21 +314,18 @@ impl<'a> Played<'a> {
     fn new(path: &'a Path, args: &Args, synthesizer: &Synthesizer<'_>) -> anyhow::Result<Self> {
         /// How long the last frame is held on the way there and back, s.
         const HOLD_S: f64 = 0.5;
-        let motion = read_motion(path, synthesizer.bank(), args.time.scale).map_err(|e| about(path)(&e))?;
-        if !motion.not_shown.is_empty() {
-            let faps = motion.not_shown.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
-            eprintln!(
-                "warning: {}: FAP {faps} cannot be shown by this bank (turns of head and eyes, depth, tongue, ears, visemes, expressions, feature \
-                 points that it lacks) and {} left out",
-                path.display(),
-                are(motion.not_shown.len())
-            );
-        }
+        let motion = read_motion(path, synthesizer.bank(), args.time.scale).map_err(|error| {
+            let to_do =
+                if matches!(error, SynthesisError::Scale { .. }) { "; give --scale, the bank's units per face unit" } else { "" };
+            about(path)(&format!("{error}{to_do}"))
+        })?;
+        warn_of_not_shown(path, &motion)?;
         let noise = args.time.noise.unwrap_or_else(|| motion.default_noise());
         anyhow::ensure!((0.0..1.0).contains(&noise), "--noise {noise}: a share of at least 0 and less than 1 was expected");
         let between = args.time.between.map(usize::from);
         let own_fps = motion.fps.map(|fps| fps * (between.unwrap_or(0) + 1) as f64);
         let fps = args.time.fps.or(own_fps).unwrap_or(f64::from(FPS));
+        note_other_rate(path, motion.kind, own_fps, fps);
         anyhow::ensure!(
             FRAME_RATES.contains(&fps),
             "{}: {fps} frames per second; choose another rate with --fps, from {} to {}",
@@ -253,32 +347,7 @@ impl<'a> Played<'a> {
         let bar = frame_bar(args.quiet, Some(motion.frames.len() as u64));
         let answers = synthesizer.animate(&motion.frames, || bar.inc(1));
         bar.finish_and_clear();
-        if let Some(held) = synthesizer.held_back(&answers, &motion.frames) {
-            let unit = &synthesizer.bank().info().unit;
-            eprintln!(
-                "warning: {}: the bank moves points that should rest along with those that should move, so only {:.0} % of the motion is shown: \
-                 in frame {} feature point {} goes {:.3} {unit} instead of resting, where the farthest motion asked for is {:.3}. A bank of \
-                 single movements (`bank mix head`) shows more; for one side of the face, --regions 2",
-                path.display(),
-                100.0 * held.shown,
-                held.frame,
-                held.point,
-                held.moved,
-                held.asked,
-            );
-        }
-        if let Some(folded) = synthesizer.folded(&answers, &motion.frames) {
-            eprintln!(
-                "warning: {}: the surface folds from frame {} on, and in frame {} {} of its {} triangles are turned over: the motion goes \
-                 further than the bank can; choose a smaller --emphasis than {}",
-                path.display(),
-                folded.first,
-                folded.worst,
-                folded.turned,
-                folded.of,
-                synthesizer.options().emphasis
-            );
-        }
+        warn_of_answers(path, &args.bank, synthesizer, &motion.frames, &answers);
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         Ok(Self { path, name, motion, noise, fps, answers })
     }
@@ -298,56 +367,56 @@ fn say_what_viewers_clamp(args: &Args, animation: &Animation<'_>) {
     }
 }
 
-/// Writes the files asked for, but for the glTF, into a folder; their names.
-fn write(args: &Args, animation: &Animation<'_>, out: &Path) -> anyhow::Result<BTreeSet<String>> {
-    let mut files = BTreeSet::new();
-    let mut file = |name: &str| -> PathBuf {
-        files.insert(name.to_owned());
-        out.join(name)
-    };
+/// Writes the files asked for, but for the glTF, which is there already: one for all motions.
+fn write(args: &Args, animation: &Animation<'_>, results: &mut Results<'_>) -> anyhow::Result<()> {
     for format in &args.format {
         match format {
-            // It is there already: one for all motions.
             Format::Glb => {
-                if out == args.output {
-                    let _ = file("animation.glb");
+                if results.prefix.is_empty() {
+                    results.files.insert(GLB.to_owned());
                 }
             }
-            Format::Npy => animation.write_npy(&file("surface.npy"))?,
-            Format::Obj => animation.write_meshes(&file("obj"), false)?,
-            Format::Ply => animation.write_meshes(&file("ply"), true)?,
+            Format::Npy => results.write("surface.npy", |path| animation.write_npy(path))?,
+            Format::Obj | Format::Ply => results.write_meshes(animation, *format == Format::Ply)?,
             Format::Pictures => {
-                animation.write_contact_sheet(&file("contact_sheet.png"))?;
-                animation.write_turntable(&file("turntable.png"), &file("turntable.gif"))?;
+                results.write("contact_sheet.png", |path| animation.write_contact_sheet(path))?;
+                results.write("turntable.png", |path| animation.write_turntable(path))?;
+                results.write("turntable.gif", |path| animation.write_turning(path))?;
             }
         }
     }
-    animation.write_fitness(&file("fitness.csv"))?;
+    results.write("fitness.csv", |path| animation.write_fitness(path))?;
     if animation.synthesizer.options().solver != Solver::Rbf {
-        animation.write_weights(&file("weights.csv"))?;
+        results.write("weights.csv", |path| animation.write_weights(path))?;
         let (bank, scheme) = (animation.synthesizer.bank(), animation.synthesizer.regions().scheme());
         let coefficients =
             |a: &FrameAnswer| arkit::coefficients(bank.names(), bank.info().composition.as_ref(), scheme, &a.weights);
         let frames: Option<Vec<[f64; 52]>> = animation.answers.iter().map(coefficients).collect();
         if let Some(mut frames) = frames {
             let limited = arkit::limit(&mut frames);
-            arkit::write_arkit(&file("arkit.csv"), animation.fps, &frames)?;
-            arkit::write_live_link(&file("livelink.csv"), animation.fps, &frames)?;
+            results.write("arkit.csv", |path| arkit::write_arkit(path, animation.fps, &frames))?;
+            results.write("livelink.csv", |path| arkit::write_live_link(path, animation.fps, &frames))?;
             if !args.quiet {
                 say_what_coefficients_lack(bank, animation, &limited);
             }
         }
     }
     if args.history {
-        animation.write_history(&file("history.csv"))?;
+        results.write("history.csv", |path| animation.write_history(path))?;
     }
-    Ok(files)
+    Ok(())
 }
 
 /// Says what the files of coefficients do not have of an animation.
 fn say_what_coefficients_lack(bank: &Bank, animation: &Animation<'_>, limited: &[arkit::Limited]) {
-    for arkit::Limited { coefficient, frames, farthest } in limited {
-        println!("limited to 0 to 1: {coefficient} in {} (farthest {farthest:.3})", count(*frames, "frame", "frames"));
+    let beyond = |one: &arkit::Limited| (one.farthest - one.farthest.clamp(0.0, 1.0)).abs();
+    if let Some(arkit::Limited { coefficient, frames, farthest }) = limited.iter().max_by(|a, b| beyond(a).total_cmp(&beyond(b)))
+    {
+        println!(
+            "arkit.csv, livelink.csv: {} limited to 0 to 1; farthest beyond is {coefficient}, {farthest:.3}, in {}",
+            count(limited.len(), "coefficient is", "coefficients are"),
+            count(*frames, "frame", "frames")
+        );
     }
     let unnamed = arkit::unnamed(bank.names(), bank.info().composition.as_ref());
     if !unnamed.is_empty() {

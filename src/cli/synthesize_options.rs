@@ -100,7 +100,8 @@ pub struct TimeArgs {
     /// of its own (a track, a FAP file) takes as long as before
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(0..=1000))]
     pub between: Option<u16>,
-    /// Frames per second; by default what the motion says, or 25
+    /// Frames per second of what is written; by default what the motion says, or 25. The frames stay, so another rate than the motion's own
+    /// makes it faster or slower (`grimace fap convert --fps` keeps how long a FAP file lasts)
     #[arg(long, value_parser = frame_rate)]
     pub fps: Option<f64>,
     /// Feature points that never move this share of the farthest moving one count as at rest; by default 0.05 for measured motion, 0 for

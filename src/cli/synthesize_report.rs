@@ -11,8 +11,6 @@ use serde_json::json;
 
 use super::synthesize::{Args, Played};
 
-/// Mean fitness below which a person should be told that the bank does not have the expression.
-const POOR_FITNESS: f64 = 0.5;
 /// Version of the layout of `synthesis.json`.
 const SCHEMA_VERSION: u32 = 1;
 
@@ -128,9 +126,6 @@ impl Report {
         }
         if let Some((mean, largest)) = self.errors {
             println!("surface error     {mean:.4}, at most {largest:.4}");
-        }
-        if fitness < POOR_FITNESS {
-            println!("the bank shows nothing like this motion: add expressions to it, or allow subtraction with --weights any");
         }
         println!("written to {}", out.display());
     }

@@ -155,7 +155,7 @@ impl FolderRecord {
         !self.earlier.is_empty() && self.earlier.keys().all(|name| self.is_unchanged(name))
     }
 
-    /// Removes what earlier commands wrote and this one has not, where it still has the bytes they wrote. The names of files that were
+    /// Removes what earlier commands wrote and this one has not, where it still has the bytes they wrote, and folders that are empty then. The names of files that were
     /// changed since: they are kept, and stay in the record.
     ///
     /// # Errors
@@ -170,12 +170,20 @@ impl FolderRecord {
             }
             if self.is_unchanged(name) {
                 fs::remove_file(&path).map_err(OutputError::at(&path))?;
+                self.remove_empty_folders_of(name);
             } else {
                 now.written.extend(hashes.iter().next_back().map(|hash| (name.clone(), hash.clone())));
                 kept.push(name.clone());
             }
         }
         Ok(kept)
+    }
+
+    /// Removes the folders that a file was in, but for the record's own, where nothing is in them any more.
+    fn remove_empty_folders_of(&self, name: &str) {
+        let folders = Path::new(name).ancestors().skip(1).filter(|folder| !folder.as_os_str().is_empty());
+        // A folder that is not empty is not removed.
+        let _ = folders.map(|folder| fs::remove_dir(self.folder.join(folder))).find(Result::is_err);
     }
 
     /// Keeps the files of earlier commands whose names fit, as if this one had written them.

@@ -68,7 +68,7 @@ pub use beside::{face_of_marks, held};
 pub use columnar::{analyze_columnar, load_columnar, write_columnar};
 pub use corrected::correct_track;
 pub use divide::{run_emotion, run_part, run_plan};
-pub use figures::{figures_of, write_figures};
+pub use figures::{figure_files, figures_of, write_figures};
 pub use files::{RunJson, SCHEMA_VERSION, SequenceRecord};
 pub use found::{FoundFace, FoundMarks, FoundMarksError, found_face, found_marks, found_marks_and_remark};
 pub use landmarks::fit_landmarks;

@@ -8,7 +8,7 @@ use crate::{
     fap::{FAP_UNITS_PER_FAPU, FapCatalog, FapMotion, FapRow},
     synthesis::{
         Bank, DrawnEye, FaceScene, FpMotion, Motion, MotionKind, SMOOTHING_FRAMES, Solver, SynthesisOptions, Synthesizer,
-        fapu_length, interpolate,
+        Unshown, fapu_length, interpolate,
     },
     units::FeaturePoint,
     wireframe::Axis,
@@ -30,6 +30,29 @@ pub struct Head<'a> {
     pub bank: &'a Bank,
     /// The motions of the page (same order) of the bank's feature points.
     pub motions: Vec<Motion>,
+}
+
+impl Head<'_> {
+    /// What finds the weights of a motion.
+    fn synthesizer(&self, kind: MotionKind) -> Result<Synthesizer<'_>, PlayerError> {
+        // Key frames are too few to be smoothed in time.
+        let smoothing_frames = if kind == MotionKind::Model { 0.0 } else { SMOOTHING_FRAMES };
+        let options = SynthesisOptions { solver: Solver::Nnls, bound_starts: 0, smoothing_frames, ..SynthesisOptions::default() };
+        Synthesizer::new(self.bank, options).map_err(|e| PlayerError::Head { name: self.label.to_owned(), reason: e.to_string() })
+    }
+
+    /// Of every motion what the head does not show.
+    ///
+    /// # Errors
+    /// [`PlayerError::Head`] where weights cannot be found.
+    pub(crate) fn unshown(&self) -> Result<Vec<Option<Unshown>>, PlayerError> {
+        let of = |motion: &Motion| {
+            let motion = motion.as_animated(Some(0), None);
+            let synthesizer = self.synthesizer(motion.kind)?;
+            Ok(synthesizer.unshown(&synthesizer.animate(&motion.frames, || {})))
+        };
+        self.motions.iter().map(of).collect()
+    }
 }
 
 /// From the bank's unit, y up, to px, y down, depth towards the viewer.
@@ -72,11 +95,7 @@ pub(super) fn payload(head: &Head, shown: &[Shown]) -> Result<Value, PlayerError
     let scene = FaceScene::new(bank);
     let weights = |motion: &Motion| -> Result<Value, PlayerError> {
         let motion = motion.as_animated(Some(0), None);
-        // Key frames are too few to be smoothed in time.
-        let smoothing_frames = if motion.kind == MotionKind::Model { 0.0 } else { SMOOTHING_FRAMES };
-        let options = SynthesisOptions { solver: Solver::Nnls, bound_starts: 0, smoothing_frames, ..SynthesisOptions::default() };
-        let synthesizer = Synthesizer::new(bank, options).map_err(|e| failed(e.to_string()))?;
-        let answers = synthesizer.animate(&motion.frames, || {});
+        let answers = head.synthesizer(motion.kind)?.animate(&motion.frames, || {});
         let flat: Vec<f64> = answers.iter().flat_map(|a| a.weights.first().cloned().unwrap_or_default()).collect();
         Ok(json!({ "frames": motion.frames.len(), "weights": pack::scaled(&flat) }))
     };

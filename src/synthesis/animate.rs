@@ -21,9 +21,8 @@ use super::{
     search::{GaOptions, Run},
     solve::{best_member, bound, genetic, interpolate, least_squares, refined},
     surface::surface,
-    target::{REST_REACH, moving_points, staying_points, summed_length},
+    target::{moving_points, staying_points, summed_length},
 };
-use crate::units::FeaturePoint;
 
 /// Default width of the smoothing in time, frames.
 pub const SMOOTHING_FRAMES: f64 = 2.0;
@@ -243,7 +242,10 @@ impl<'b> Synthesizer<'b> {
                 Signs::Nonnegative => false,
             };
             let climbed = (starts > 0).then(|| bound(&goal, starts, is_signed, seed, frame, region));
-            let solution = self.solve_goal(&goal, is_signed, frame, region, climbed.as_ref());
+            let mut solution = self.solve_goal(&goal, is_signed, frame, region, climbed.as_ref());
+            if goal.rest_where_nothing_is_shown(&mut solution.weights) {
+                solution.fitness = 0.0;
+            }
             // A bound that an answer exceeds was none.
             answer.region_bound.push(climbed.map(|b| b.fitness.max(solution.fitness)));
             answer.region_fitness.push(Some(solution.fitness));
@@ -302,12 +304,12 @@ impl<'b> Synthesizer<'b> {
     }
 
     /// The feature points that a goal calls moving, in its order.
-    fn moving_points(&self, motion: &FpMotion, is_in: &dyn Fn(usize) -> bool) -> Vec<usize> {
+    pub(super) fn moving_points(&self, motion: &FpMotion, is_in: &dyn Fn(usize) -> bool) -> Vec<usize> {
         moving_points(motion, self.bank.feature_points().len(), is_in)
     }
 
     /// Motion of the feature points in the joined surface.
-    fn joined_motion(&self, weights: &[Vec<f64>]) -> Vec<[f64; 3]> {
+    pub(super) fn joined_motion(&self, weights: &[Vec<f64>]) -> Vec<[f64; 3]> {
         let points = self.bank.feature_points().len();
         let mut sum = vec![[0.0; 3]; points];
         for (region, weights) in weights.iter().enumerate() {
@@ -329,35 +331,6 @@ impl<'b> Synthesizer<'b> {
         } else {
             surface(self.bank, &self.regions, &answer.weights)
         }
-    }
-
-    /// Where points that should rest hold the motion back: the frame that asks for most of these. `motions` as given, not emphasized.
-    pub(crate) fn held_back(&self, answers: &[FrameAnswer], motions: &[FpMotion]) -> Option<HeldBack> {
-        if self.options.solver == Solver::Rbf {
-            return None;
-        }
-        let count = self.bank.feature_points().len();
-        let mut held: Option<HeldBack> = None;
-        for (frame, (answer, motion)) in answers.iter().zip(motions).enumerate() {
-            let motion = motion.emphasized(self.options.emphasis);
-            let points = self.joined_motion(&answer.weights);
-            let length = |[x, y, z]: [f64; 3]| x.hypot(y).hypot(if motion.planar { 0.0 } else { z });
-            let moving: Vec<(usize, f64)> = self
-                .moving_points(&motion, &|_| true)
-                .into_iter()
-                .filter_map(|point| Some((point, length(motion.offsets[point]?.into()))))
-                .collect();
-            let asked = moving.iter().map(|m| m.1).fold(0.0, f64::max);
-            let shown = moving.iter().map(|m| length(points[m.0])).sum::<f64>() / moving.iter().map(|m| m.1).sum::<f64>();
-            let rest = staying_points(&motion, count, &|_| true).into_iter().map(|point| (point, length(points[point])));
-            let Some((point, moved)) = rest.max_by(|a, b| a.1.total_cmp(&b.1)) else { continue };
-            // At the length asked for, the point would go this far.
-            let would_tear = moved > 0.99 * REST_REACH * asked * shown;
-            if shown < SHOWN && would_tear && held.as_ref().is_none_or(|h| asked > h.asked) {
-                held = Some(HeldBack { point: self.bank.feature_points()[point].fp, frame, moved, asked, shown });
-            }
-        }
-        held
     }
 
     /// Solves all frames and makes them smooth in time. Frames are spread over threads; the answer does not depend on their number.
@@ -392,32 +365,14 @@ impl<'b> Synthesizer<'b> {
                 answer.weights[region][member] = direction * length;
             }
         }
-        if self.options.solver != Solver::Nnls {
-            for (answer, goal) in answers.iter_mut().zip(&goals) {
-                if let Some(goal) = goal {
-                    goal.fit_length(&mut answer.weights[region]);
-                }
+        for (answer, goal) in answers.iter_mut().zip(&goals) {
+            let Some(goal) = goal else { continue };
+            if self.options.solver != Solver::Nnls {
+                goal.fit_length(&mut answer.weights[region]);
             }
+            goal.rest_where_nothing_is_shown(&mut answer.weights[region]);
         }
     }
-}
-
-/// Share of a motion's length from which it is as good as shown.
-const SHOWN: f64 = 0.9;
-
-/// A motion of which a bank shows less than is asked for, because it moves points that should rest along.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct HeldBack {
-    /// The point that should rest and goes farthest.
-    pub point: FeaturePoint,
-    /// Frame, from 0.
-    pub frame: usize,
-    /// How far it goes, the bank's unit.
-    pub moved: f64,
-    /// The longest motion asked for in that frame.
-    pub asked: f64,
-    /// Summed length of the motion that is shown there, as a share of that asked for.
-    pub shown: f64,
 }
 
 /// The tridiagonal system of the smoother, eliminated.

@@ -294,6 +294,9 @@ pub(super) fn check_head(mesh: &TriangleMesh, names: &[String], feature_points: 
         if vertex as usize >= count {
             return Err(BankError::NoSuchVertex { fp, vertex: u64::from(vertex), count });
         }
+        if !fp.is_of_mpeg4() {
+            return Err(BankError::NoSuchFeaturePoint { fp, vertex });
+        }
         if !seen.insert(fp) {
             return Err(BankError::DuplicateFeaturePoint { fp });
         }

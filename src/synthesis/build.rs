@@ -9,7 +9,7 @@ use super::{
     BankError, BankHead, BankInfo, FeaturePointVertex,
     feature_points::{place_feature_points, read_feature_points, read_landmark_vertices, skin_feature_points},
     file,
-    source::BankSource,
+    source::{BankSource, source_files},
 };
 use crate::{mesh::Subdivision, output::MADE_BY, units::FeaturePoint};
 
@@ -103,6 +103,11 @@ pub fn build_bank(source_path: &Path, output: &Path, options: &BuildOptions) -> 
         let (found, expected) = (options.subdivide.to_string(), format!("0 to {MAX_SUBDIVIDE}"));
         return Err(BankError::Number { what: "the number of subdivisions", found, expected });
     }
+    let read = source_files(source_path).into_iter().chain(options.feature_points.clone()).chain(options.landmarks.clone());
+    let real = |path: &Path| path.canonicalize().ok();
+    if real(output).is_some_and(|output| read.into_iter().any(|file| real(&file).is_some_and(|file| file == output))) {
+        return Err(BankError::OverSource { path: output.to_owned() });
+    }
     let mut source = BankSource::open(source_path, options.mesh.as_deref())?;
     let kept = match &options.part {
         None => source.mesh.vertex_count(),
@@ -110,7 +115,7 @@ pub fn build_bank(source_path: &Path, output: &Path, options: &BuildOptions) -> 
             .about
             .parts
             .get(name)
-            .ok_or_else(|| BankError::NoSuchMember { name: name.clone(), found: source.about.parts.keys().cloned().collect() })?,
+            .ok_or_else(|| BankError::NoSuchPart { name: name.clone(), found: source.about.parts.keys().cloned().collect() })?,
     };
     let coarse = source.mesh.first_vertices(kept)?;
     let kept = coarse.vertex_count();

@@ -89,6 +89,7 @@ pub fn write_gltf(path: &Path, animations: &[Animation<'_>]) -> Result<(), Synth
         paint: paint.as_deref(),
         surfaces: surfaces.into_iter().map(surface).collect(),
         texture: texture.zip(jpeg).map(|(texture, jpeg)| GltfTexture { jpeg, places: &texture.places }),
+        copyright: &bank.info().credit,
     };
     let times = |a: &Animation<'_>| (0..a.answers.len()).map(|frame| (frame as f64 / a.fps) as f32).collect::<Vec<f32>>();
     if first.synthesizer.options().solver == Solver::Rbf {
@@ -180,17 +181,28 @@ impl Animation<'_> {
         })
     }
 
-    /// Writes one OBJ or PLY file for every frame, `frame_000.obj` and so on, into a folder.
+    /// Name of the OBJ or PLY file of a frame: `frame_000.obj`.
+    pub fn mesh_name(frame: usize, as_ply: bool) -> String {
+        format!("frame_{frame:03}.{}", if as_ply { "ply" } else { "obj" })
+    }
+
+    /// Writes one OBJ or PLY file for every frame into a folder; `wrote` is told the name of each.
     ///
     /// # Errors
-    /// [`OutputError`].
-    pub fn write_meshes(&self, folder: &Path, as_ply: bool) -> Result<(), OutputError> {
+    /// [`OutputError`], and what `wrote` fails with.
+    pub fn write_meshes(
+        &self,
+        folder: &Path,
+        as_ply: bool,
+        mut wrote: impl FnMut(&str) -> Result<(), OutputError>,
+    ) -> Result<(), OutputError> {
         let mesh = self.synthesizer.bank().mesh();
         self.for_each_surface(|frame, surface| {
             let positions: Vec<[f32; 3]> = mesh.positions().iter().zip(&surface).map(|(&p, &d)| add(p, d)).collect();
             let write = if as_ply { write_ply } else { write_obj };
-            let path = folder.join(format!("frame_{frame:03}.{}", if as_ply { "ply" } else { "obj" }));
-            write_atomic(&path, |out| write(out, &positions, mesh.triangles()))
+            let name = Self::mesh_name(frame, as_ply);
+            write_atomic(&folder.join(&name), |out| write(out, &positions, mesh.triangles()))?;
+            wrote(&name)
         })
     }
 
@@ -304,11 +316,11 @@ impl Animation<'_> {
         write_png(path, &contact_sheet(&pictures, frames.len()))
     }
 
-    /// Writes the frame that moves most from nine sides as a PNG file, and the animation while the head turns as an endless GIF file.
+    /// Writes the frame that moves most from seven sides as a PNG file.
     ///
     /// # Errors
-    /// [`SynthesisError`] when a picture cannot be encoded or written.
-    pub fn write_turntable(&self, png: &Path, gif: &Path) -> Result<(), SynthesisError> {
+    /// [`SynthesisError`] when the picture cannot be encoded or written.
+    pub fn write_turntable(&self, path: &Path) -> Result<(), SynthesisError> {
         let scene = self.scene();
         let apex = self.surface(self.apex());
         let pictures: Vec<Labelled> = (0..TURNTABLE_VIEWS)
@@ -319,7 +331,15 @@ impl Animation<'_> {
                 Labelled { picture, label: format!("{yaw:+.0} degrees") }
             })
             .collect();
-        write_png(png, &contact_sheet(&pictures, TURNTABLE_VIEWS))?;
+        write_png(path, &contact_sheet(&pictures, TURNTABLE_VIEWS))
+    }
+
+    /// Writes the animation while the head turns as an endless GIF file.
+    ///
+    /// # Errors
+    /// [`SynthesisError`] when a picture cannot be encoded or written.
+    pub fn write_turning(&self, path: &Path) -> Result<(), SynthesisError> {
+        let scene = self.scene();
         let steps: Vec<RgbImage> = (0..GIF_FRAMES)
             .into_par_iter()
             .map(|step| {
@@ -331,7 +351,7 @@ impl Animation<'_> {
                 scene.draw(&self.surface(frame), View::front(GIF_SIZE.0, GIF_SIZE.1).turned(yaw))
             })
             .collect();
-        Ok(write_bytes(gif, &gif_bytes(&steps, GIF_CENTISECONDS)?)?)
+        Ok(write_bytes(path, &gif_bytes(&steps, GIF_CENTISECONDS)?)?)
     }
 }
 
@@ -384,7 +404,7 @@ pub fn write_bank_picture(bank: &super::Bank, path: &Path) -> Result<(), Synthes
 /// Reads displacements as [`Animation::write_npy`] writes them, and compares every frame with a surface: the surface errors.
 ///
 /// # Errors
-/// [`SynthesisError`] for an array that does not read or is of another shape.
+/// [`SynthesisError`] for an array that does not read, is of another shape, or has numbers that are not finite.
 pub fn compare_with_truth(animation: &Animation<'_>, path: &Path) -> Result<Vec<Option<f64>>, SynthesisError> {
     let mut rows = crate::mesh::read_npy_rows(path).map_err(super::BankError::from)?;
     let expected = [animation.answers.len(), animation.synthesizer.bank().vertex_count(), 3];
@@ -393,9 +413,16 @@ pub fn compare_with_truth(animation: &Animation<'_>, path: &Path) -> Result<Vec<
         return Err(SynthesisError::Motion { path: path.to_owned(), reason });
     }
     let mut errors = Vec::with_capacity(expected[0]);
-    animation.for_each_surface(|_, surface| -> Result<(), SynthesisError> {
+    animation.for_each_surface(|frame, surface| -> Result<(), SynthesisError> {
         let truth = rows.next_block().map_err(super::BankError::from)?;
-        errors.push(super::surface_error(&surface, truth.as_chunks::<3>().0));
+        let truth = truth.as_chunks::<3>().0;
+        if let Some(vertex) = truth.iter().position(|d| d.iter().any(|c| !c.is_finite())) {
+            let [x, y, z] = truth[vertex];
+            let reason =
+                format!("frame {frame} has vertex {vertex} at ({x}, {y}, {z}) (both from 0); finite numbers were expected");
+            return Err(SynthesisError::Motion { path: path.to_owned(), reason });
+        }
+        errors.push(super::surface_error(&surface, truth));
         Ok(())
     })?;
     Ok(errors)

@@ -37,6 +37,7 @@ mod regions;
 mod relief;
 mod scene;
 mod search;
+mod shown;
 mod solve;
 mod source;
 mod surface;
@@ -65,7 +66,9 @@ pub use regions::{OVERLAP, RegionScheme, Regions};
 pub(crate) use relief::Relief;
 pub use scene::{DrawnEye, FaceScene, View};
 pub use search::{BLX_ALPHA, GENERATIONS, GaOptions, Generation, Run, TOURNAMENT_SIZE, evolve};
+pub(crate) use shown::{HeldBack, Unshown};
 pub use solve::{Signs, Solution, Solver, interpolate};
+pub use source::source_files;
 pub use surface::surface_error;
 pub use target::{FpBasis, FpMotion, Goal};
 

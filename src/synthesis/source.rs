@@ -10,7 +10,9 @@ use serde::Deserialize;
 
 use super::{BankError, arkit::coefficient, bank::check_member};
 use crate::mesh::{
-    MeshFileError, NpyRows, TriangleMesh, gltf::read_gltf, read_npy_indices, read_npy_rows, read_obj, read_ply, sub,
+    MeshFileError, NpyRows, TriangleMesh,
+    gltf::{buffer_files, read_gltf},
+    read_npy_indices, read_npy_rows, read_obj, read_ply, sub,
 };
 
 /// A neutral mesh and its members, read one after another.
@@ -80,6 +82,20 @@ impl BankSource {
         check_member(name, &displacements, &self.mesh)?;
         Ok(displacements)
     }
+}
+
+/// The files that a bank is read from: the meshes or arrays of a folder and what stands beside them, or a glTF file with its buffers.
+pub fn source_files(path: &Path) -> Vec<PathBuf> {
+    if !path.is_dir() {
+        let mut files = buffer_files(path);
+        files.push(path.to_owned());
+        return files;
+    }
+    let is_read = |file: &PathBuf| {
+        let named = ["feature_points.csv", "manifest.json"].iter().any(|name| file.file_name().is_some_and(|n| n == *name));
+        named || ["obj", "ply", "npy"].iter().any(|extension| has_extension(file, extension))
+    };
+    fs::read_dir(path).into_iter().flatten().flatten().map(|entry| entry.path()).filter(is_read).collect()
 }
 
 fn read_mesh(path: &Path) -> Result<TriangleMesh, MeshFileError> {

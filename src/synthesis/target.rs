@@ -88,6 +88,10 @@ pub const REST_REACH: f64 = 0.5;
 /// Share that it may go along for nothing.
 const REST_FREE: f64 = 0.25;
 
+/// Fitness below which an answer shows nothing of what was asked for: directions are half a degree less than a right angle off on the mean,
+/// which is what rounding makes of a motion along x where members move along y.
+const LEAST_FITNESS: f64 = 0.01;
+
 /// A feature point and its target motion.
 type PointTarget = (usize, [f64; 3]);
 
@@ -220,6 +224,16 @@ impl Goal {
     /// The same for a weighted sum of members.
     pub fn fitness_of(&self, weights: &[f64]) -> f64 {
         self.counting_rest(fitness(self, &self.motion(weights)), &self.rest_motion(weights))
+    }
+
+    /// Puts weights to rest whose fitness is below [`LEAST_FITNESS`]: a face that rests has the fitness 0, and one that answers a motion with
+    /// another of the same length is worse than that. Whether it did.
+    pub(super) fn rest_where_nothing_is_shown(&self, weights: &mut [f64]) -> bool {
+        let rests = self.fitness_of(weights) < LEAST_FITNESS;
+        if rests {
+            weights.fill(0.0);
+        }
+        rests
     }
 
     /// Scales weights so that the summed length of their motion is the target's [ZL, section 3]; what does not move stays. Where a point

@@ -106,6 +106,13 @@ fn options_of_the_statistics_take_effect() {
 fn what_an_earlier_analysis_made_goes_and_nothing_else() {
     let work = Work::after_run(&SEQUENCES, "out");
     work.grimace("analyze out/tracks -o again --by cohort --alpha 0.4").exit(0);
+    let record = std::fs::File::options().append(true).open(work.path("again/analyze.b3")).unwrap();
+    record.lock().unwrap();
+    let before = work.files("again");
+    work.grimace("analyze out/tracks -o again --force").exit(1).says(&["another command is writing into this folder"]);
+    assert_same_files(&before, &work.files("again"));
+    drop(record);
+    work.write("file", "").grimace("analyze out/tracks -o file --force").exit(1).says(&["file: this is a file"]);
     let stale = ["comparisons.csv", "representatives/happiness_cohort-B.json", "fap/happiness_cohort-B.fap"];
     assert!(stale.iter().all(|name| work.path(&format!("again/{name}")).exists()));
     work.write("again/representatives/mine.txt", "mine").write("again/intervals.csv", "edited");

@@ -49,6 +49,50 @@ fn a_folder_becomes_a_bank_that_says_what_is_in_it() {
 }
 
 #[test]
+fn no_file_that_a_bank_is_built_from_is_written_over() {
+    let work = Work::new();
+    meshes(&work);
+    let before = work.files("meshes");
+    for file in ["neutral.obj", "smile.obj", "feature_points.csv"] {
+        let over = format!("{file}: --output would be written over a file of SOURCE; give it another name");
+        work.grimace(&format!("bank build meshes -o meshes/{file} --force")).exit(1).says(&[&over]);
+        let save = format!("bank build meshes -o face.bank --save-feature-points meshes/{file} --force");
+        work.grimace(&save).exit(1).says(&["--save-feature-points would be written over a file of SOURCE"]);
+    }
+    crate::common::assert_same_files(&before, &work.files("meshes"));
+    // A bank may stand beside its meshes, and be made again.
+    for _ in 0..2 {
+        work.grimace("bank build meshes -o meshes/face.bank --force").exit(0);
+    }
+    // A .gltf file with its buffers beside it; arrays with what describes them.
+    work.write("a.gltf", r#"{"asset":{"version":"2.0"},"buffers":[{"byteLength":4,"uri":"a%62.bin"}]}"#).write("ab.bin", "1234");
+    for file in ["a.gltf", "ab.bin"] {
+        work.grimace(&format!("bank build a.gltf -o {file} --force")).exit(1).says(&["would be written over"]);
+    }
+    work.write("arrays/neutral_vertices.npy", "x").write("arrays/manifest.json", "{}");
+    work.grimace("bank build arrays -o arrays/manifest.json --force").exit(1).says(&["would be written over a file of SOURCE"]);
+}
+
+#[test]
+fn feature_points_that_mpeg4_does_not_have_are_refused() {
+    let work = Work::new();
+    meshes(&work);
+    work.write("meshes/feature_points.csv", "fp,vertex\n8.3,5\n99.3,3\n");
+    work.grimace("bank build meshes -o face.bank").exit(1).says(&["feature_points.csv, line 3: fp is `99.3`", "MPEG-4"]);
+    // The same in a bank file: 8.3 becomes 77.3.
+    work.write("meshes/feature_points.csv", "fp,vertex\n8.3,5\n");
+    work.grimace("bank build meshes -o face.bank").exit(0);
+    let mut bytes = work.bytes("face.bank");
+    let point = [8_u32, 3, 5].map(u32::to_le_bytes).concat();
+    let place = bytes.windows(12).position(|w| w == point).unwrap();
+    bytes[place] = 77;
+    work.write("odd.bank", bytes);
+    work.grimace("bank info odd.bank")
+        .exit(1)
+        .says(&["odd.bank is no readable bank: feature point 77.3 (vertex 5) is none of the 84"]);
+}
+
+#[test]
 fn subdivision_keeps_the_numbers_of_feature_points() {
     let work = Work::new();
     meshes(&work);
@@ -155,7 +199,9 @@ fn bad_sources_are_named_and_leave_no_file() {
     std::fs::remove_file(work.path("meshes/feature_points.csv")).unwrap();
     says(&["no feature points", "--feature-points"]);
     work.write("meshes/feature_points.csv", "fp,vertex\n8.3,1\n");
-    work.grimace("bank build meshes -o face.bank --part nose").exit(1).says(&["there is no `nose`"]);
+    work.grimace("bank build meshes -o face.bank --part nose")
+        .exit(1)
+        .says(&["the source has no part `nose` of its surface: it names none"]);
     for name in ["smile", "open"] {
         std::fs::remove_file(work.path(&format!("meshes/{name}.obj"))).unwrap();
     }

@@ -103,6 +103,17 @@ fn a_run_writes_pose_action_units_and_faps_of_every_frame() {
     work.grimace("features out/tracks -o again").exit(0);
     assert_eq!(work.read("again/A_1.csv"), work.read("out/features/A_1.csv"));
     work.grimace("features out/tracks -o again").exit(1).says(&["A_1.csv", "--force"]);
+    let record = std::fs::File::options().append(true).open(work.path("again/features.b3")).unwrap();
+    record.lock().unwrap();
+    work.grimace("features out/tracks -o again --force").exit(1).says(&["another command is writing into this folder"]);
+    drop(record);
+    work.grimace("features out/tracks -o again --force").exit(0);
+    work.write("again/A_1.json", "mine");
+    work.grimace("features out/tracks -o again --force")
+        .exit(1)
+        .says(&["A_1.json: it is there already, and is not as an earlier `features`"]);
+    assert_eq!(work.read("again/A_1.json"), "mine");
+    work.write("file", "").grimace("features out/tracks -o file --force").exit(1).says(&["file: this is a file"]);
     work.grimace("features out/tracks -o two --units AU12,4").exit(0);
     let header = work.header("two/A_1.csv");
     assert!(header.contains("AU12_r") && header.contains("AU04_e") && !header.contains("AU01_r"), "{header}");

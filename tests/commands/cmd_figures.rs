@@ -54,6 +54,18 @@ fn a_run_gives_figures_as_svg_and_pdf_with_captions() {
     assert!(work.files("figures") == work.files("again"), "the same bytes");
     work.grimace("figures results -o figures").exit(1).says(&["figures is not empty; --force"]);
     work.grimace("figures results -o figures --force -q").exit(0);
+    let mine = work.path("figures/captions.csv");
+    std::fs::write(&mine, "mine").unwrap();
+    let foreign = "captions.csv: it is there already, and is not as an earlier `figures` wrote it";
+    work.grimace("figures results -o figures --force -q").exit(1).says(&[foreign]);
+    assert_eq!(std::fs::read(&mine).unwrap(), b"mine");
+    std::fs::remove_file(&mine).unwrap();
+    let record = std::fs::File::options().append(true).open(work.path("figures/figures.b3")).unwrap();
+    record.lock().unwrap();
+    work.grimace("figures results -o figures --force -q").exit(1).says(&["another command is writing into this folder"]);
+    drop(record);
+    work.grimace("figures results -o figures --force -q").exit(0);
+    work.write("file", "").grimace("figures results -o file --force").exit(1).says(&["file: this is a file"]);
     // No picture of a face: wireframes only.
     assert!(work.files("figures").values().all(|bytes| !bytes.windows(6).any(|w| w == b"<image" || w == b"/Image")));
 }

@@ -89,6 +89,24 @@ fn a_page_plays_on_the_dense_head() {
     // The mouth is closed behind; what is open is the neck.
     assert!(head["openings"].as_array().unwrap().is_empty());
     work.grimace("play jaw.fap --bank gone.bank -o x.html").exit(1).says(&["gone.bank"]);
+    // The jaw goes sideways, which no member of `head` does.
+    let mask = (1..=68).map(|k| if k == 15 { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
+    work.write("side.fap", format!("2.1 side 25 2\n{mask}\n0 0\n{mask}\n1 300\n"));
+    work.grimace("play side.fap --bank head -o side.html -q")
+        .exit(0)
+        .says(&["warning: side.fap: on the head head, no mixture of the bank's members", "the face rests in 1 of the 1 frame"]);
+    // A bank whose size cannot be measured.
+    work.write("meshes/neutral.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+    work.write("meshes/open.obj", "v 0 0 0\nv 1 -1 0\nv 0 1 0\nf 1 2 3\n");
+    work.write("meshes/feature_points.csv", "fp,vertex\n2.1,1\n");
+    work.grimace("bank build meshes -o one.bank").exit(0);
+    let ran = work.grimace("play jaw.fap --bank one.bank -o x.html").exit(1);
+    assert!(!ran.stderr.contains("--scale"), "{}", ran.stderr);
+    ran.says(&[
+        "jaw.fap: the bank's facial animation units cannot be measured",
+        "give another --bank, one that has them, or none",
+    ]);
+    work.grimace("synthesize -m jaw.fap --bank one.bank -o x").exit(1).says(&["give --scale, the bank's units per face unit"]);
 }
 
 #[test]

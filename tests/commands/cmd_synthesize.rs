@@ -52,10 +52,137 @@ fn a_representative_drives_the_embedded_bank() {
     assert!(!work.path("out/arkit.csv").exists());
     assert!(!work.path("out/unfinished.txt").exists());
     work.grimace("synthesize -b candide -m happiness.csv -o out").exit(1).says(&["out is not empty", "--force"]);
-    // What an interrupted one left is its own.
-    work.write("cut/unfinished.txt", "").write("cut/surface.npy", "cut off");
-    work.grimace("synthesize -b candide -m happiness.csv -o cut").exit(0);
-    assert!(!work.path("cut/unfinished.txt").exists());
+}
+
+#[test]
+fn only_what_it_wrote_itself_is_written_over_and_removed() {
+    let work = Work::new();
+    work.write("a.csv", "frame,fp,dx,dy\n0,8.3,0,0\n1,8.3,0.1,0\n").write("b.csv", "frame,fp,dx,dy\n0,8.3,0,0\n1,8.3,0.2,0\n");
+    let command = "synthesize -b candide --bound-starts 0 --solver nnls --format glb,obj -q -o out";
+    work.grimace(&format!("{command} -m a.csv b.csv")).exit(0);
+    assert!(work.path("out/a/obj/frame_001.obj").exists() && !work.path("out/unfinished.txt").exists());
+    // Interrupted: the next one takes what it left, and what it does not make anew goes.
+    work.write("out/unfinished.txt", "").write("out/a/mine.txt", "mine").write("out/b/fitness.csv", "cut off");
+    work.grimace(&format!("{command} -m a.csv"))
+        .exit(0)
+        .says(&["b/fitness.csv: of an earlier `synthesize` and changed since; it is kept"]);
+    assert!(!work.path("out/unfinished.txt").exists() && !work.path("out/a/obj").exists());
+    assert!(work.path("out/obj/frame_001.obj").exists() && work.path("out/a/mine.txt").exists());
+    // With --force it writes over its own results, and over nobody else's.
+    work.grimace(&format!("{command} -m a.csv")).exit(1).says(&["out is not empty", "--force"]);
+    work.grimace(&format!("{command} -m b.csv --force")).exit(0);
+    work.write("out/animation.glb", "mine");
+    let kept = work.files("out");
+    work.grimace(&format!("{command} -m b.csv --force"))
+        .exit(1)
+        .says(&["out/animation.glb: it is there already, and is not as an earlier `synthesize` wrote it; move it away, or choose another folder"]);
+    crate::common::assert_same_files(&kept, &work.files("out"));
+    std::fs::remove_file(work.path("out/animation.glb")).unwrap();
+    // Two at once.
+    let record = std::fs::File::options().append(true).open(work.path("out/synthesize.b3")).unwrap();
+    record.lock().unwrap();
+    work.grimace(&format!("{command} -m b.csv --force")).exit(1).says(&["another command is writing into this folder"]);
+    drop(record);
+    work.grimace(&format!("{command} -m b.csv --force")).exit(0);
+    work.write("file", "").grimace("synthesize -b candide -m a.csv -o file --force").exit(1).says(&["file: this is a file"]);
+    work.write("c/a.csv", work.read("b.csv"));
+    work.grimace(&format!("{command}2 -m a.csv c/a.csv")).exit(1).says(&["a.csv and c/a.csv: both animations would be called a"]);
+}
+
+#[test]
+fn a_motion_that_the_bank_cannot_show_rests_and_is_said_so() {
+    let work = Work::new();
+    // The jaw goes sideways, the nose bends: no member of `head`, both sides of which move alike, does either.
+    for (fap, name) in [(15, "jaw"), (64, "nose")] {
+        let mask = mask(&[fap]);
+        work.write(&format!("{name}.fap"), format!("2.1 {name} 25 3\n{mask}\n0 0\n{mask}\n1 150\n{mask}\n2 300\n"));
+        for regions in [1, 4] {
+            let out = format!("{name}-{regions}");
+            let ran = work
+                .grimace(&format!(
+                    "synthesize -b head -m {name}.fap -o {out} --format npy --regions {regions} --bound-starts 0 -q"
+                ))
+                .exit(0);
+            assert!(!ran.stderr.contains("% of the motion is shown"), "{}", ran.stderr);
+            ran.says(&[
+                "warning: ",
+                "no mixture of the bank's members moves the feature points that way (fitness 0), so ",
+                "of the 2 frames",
+            ]);
+            let weights = work.rows(&format!("{out}/weights.csv"));
+            let rests = |(name, value): (&String, &String)| name == "frame" || name == "region" || value == "0";
+            assert!(weights.iter().all(|row| row.iter().all(rests)), "{weights:?}");
+            assert_eq!(report(&work, &out)["fitness"], 0.0);
+        }
+    }
+    // What is advised runs, and shows it.
+    work.write("W.csv", "member,shape,weight\njawLeft,jawLeft,1\njawRight,jawRight,1\n");
+    work.grimace("bank mix head --weights W.csv -o own.bank").exit(0);
+    let ran = work.grimace("synthesize -b own.bank -m jaw.fap -o own --format npy --bound-starts 0").exit(0);
+    assert!(!ran.stderr.contains("no mixture"), "{}", ran.stderr);
+    assert!(report(&work, "own")["fitness"].as_f64().unwrap() > 0.3);
+}
+
+#[test]
+fn a_truth_with_holes_and_a_face_in_other_units_are_refused() {
+    let work = Work::new();
+    work.write("m.csv", "frame,fp,dx,dy\n0,8.3,0,0\n1,8.3,0.1,0\n");
+    work.grimace("synthesize -b candide -m m.csv -o truth --format npy --solver nnls").exit(0);
+    let whole = work.bytes("truth/surface.npy");
+    let vertices = 23_424;
+    for bad in [f32::NAN, f32::INFINITY] {
+        let mut bytes = whole.clone();
+        let start = bytes.len() - vertices * 12 + 7 * 12 + 4;
+        bytes[start..start + 4].copy_from_slice(&bad.to_le_bytes());
+        work.write("bad.npy", bytes);
+        work.grimace("synthesize -b candide -m m.csv -o x --format npy --truth bad.npy")
+            .exit(1)
+            .says(&["bad.npy: frame 1 has vertex 7 at (", "finite numbers were expected"]);
+        assert!(!work.path("x").exists());
+    }
+    let text = std::fs::read_to_string(root().join("fixtures/golden/representatives/happiness.csv")).unwrap();
+    let changed = |change: &dyn Fn(f64, f64) -> (f64, f64)| {
+        let row = |line: &str| {
+            let fields: Vec<&str> = line.split(',').collect();
+            let (x, y) = change(fields[2].parse().unwrap(), fields[3].parse().unwrap());
+            format!("{},{},{x},{y}\n", fields[0], fields[1])
+        };
+        text.lines().next().unwrap().to_owned() + "\n" + &text.lines().skip(1).map(row).collect::<String>()
+    };
+    work.write("right.csv", &text);
+    work.write("down.csv", changed(&|x, y| (x, -y))).write("px.csv", changed(&|x, y| (300.0 + x / 10.0, 200.0 - y / 10.0)));
+    work.write("side.csv", changed(&|x, y| (-x, y))).write("small.csv", changed(&|x, y| (x / 1024.0, y / 1024.0)));
+    let portrait = root().join("fixtures/portraits/P01.jpg");
+    for (name, said) in [
+        ("down", "is upside-down"),
+        ("px", "is upside-down"),
+        ("side", "is mirrored"),
+        ("small", "0.001 times as wide and 0.001 times as high"),
+    ] {
+        let says = format!("{name}.csv: its neutral face {}{said}", if name == "small" { "is " } else { "" });
+        for command in [
+            format!("synthesize -b candide -m {name}.csv -o x"),
+            format!("clone -s {name}.csv -t {} -o x", portrait.display()),
+            format!("play {name}.csv -o x.html"),
+        ] {
+            work.grimace(&command).exit(1).says(&[&says]);
+        }
+    }
+    work.grimace("play right.csv --bank candide -o right.html -q").exit(0);
+}
+
+#[test]
+fn another_rate_is_said_and_keeps_the_frames() {
+    let work = Work::new();
+    let jaw = mask(&[3]);
+    work.write("jaw.fap", format!("2.1 jaw 25 3\n{jaw}\n0 0\n{jaw}\n1 200\n{jaw}\n2 400\n"));
+    let command = "synthesize -b candide -m jaw.fap --solver nnls --bound-starts 0 --format glb";
+    work.grimace(&format!("{command} --fps 50 -o fast"))
+        .exit(0)
+        .says(&["jaw.fap: 25 frames per second shown at 50: it plays 2.000 times as fast"]);
+    assert_eq!(report(&work, "fast")["frames"], 3);
+    let ran = work.grimace(&format!("{command} --fps 25 -o same")).exit(0);
+    assert!(!ran.stderr.contains("frames per second"), "{}", ran.stderr);
 }
 
 #[test]
@@ -349,17 +476,22 @@ fn a_bank_of_one_member_and_arkit_names_work() {
         assert!((values[0] - 0.5).abs() < 1e-6 && (values[1] - 1.0).abs() < 1e-6, "{solver}: {values:?}");
         assert!(arkit.lines().nth(2).unwrap().starts_with("1,0.1,"));
     }
-    // The other way the member can only be subtracted.
+    // The other way the member can only be subtracted: it rests.
     work.write("up.csv", "frame,fp,dx,dy,dz\n0,2.1,0,0.5,0\n");
     work.grimace("synthesize -b one.bank -m up.csv -o up --solver ga --format npy")
         .exit(0)
-        .prints(&["fitness           -1.0000", "nothing like this motion"]);
+        .prints(&["fitness           0.0000"])
+        .says(&["the face rests in 1 of the 1 frame that move"]);
 }
 
 #[test]
 fn evaluate_synthesis_repeats_the_papers_tables() {
     let work = Work::new();
     let args = "evaluate synthesis --targets 3 --region-targets 2 --runs 2 --bound-starts 2";
+    work.grimace("bank mix candide --performance 12 --members 8 -o few.bank --unseen rest.bank").exit(0);
+    work.grimace("evaluate synthesis few.bank --unseen few.bank -o seen")
+        .exit(1)
+        .says(&["--unseen few.bank: its member", "one of the bank, too"]);
     let ran = work.grimace(&format!("{args} -o out")).exit(0);
     ran.prints(&["| midpoint", "| line", "| blx-0.2", "0.970", "| refined", "40000"]);
     for file in
@@ -380,26 +512,31 @@ fn evaluate_synthesis_repeats_the_papers_tables() {
 #[test]
 fn what_a_bank_cannot_show_is_named_and_a_still_file_is_valid() {
     let work = Work::new();
-    // The head nods (48), a viseme (1); in the second file the jaw opens, too (3).
-    let mask = |set: &[u8]| (1..=68).map(|k| if set.contains(&k) { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
+    // The head nods (48); in the second file the jaw opens, too (3).
     let (nod, jaw) = (mask(&[48]), mask(&[3, 16, 48]));
     work.write("nod.fap", format!("2.1 nod 25 2\n{nod}\n0 0\n{nod}\n1 9000\n"));
     work.write("jaw.fap", format!("2.1 jaw 25 2\n{jaw}\n0 0 0 0\n{jaw}\n1 500 40 9000\n"));
     let options = "--format glb --solver nnls --bound-starts 0";
     let nothing = "nothing moves: animation.glb is the neutral face, without an animation";
     work.grimace(&format!("synthesize -b head -m nod.fap {options} -o nod"))
-        .exit(0)
-        .says(&["nod.fap: FAP 48 cannot be shown", nothing]);
-    assert_eq!(report(&work, "nod")["motion"]["faps_not_shown"], serde_json::json!([48]));
-    let (document, ..) = gltf::import(work.path("nod/animation.glb")).unwrap();
+        .exit(1)
+        .says(&["nod.fap: FAP 48 cannot be shown", "nothing else moves"]);
+    assert!(!work.path("nod").exists());
+    let lids = mask(&[19]);
+    work.write("still.fap", format!("2.1 still 25 2\n{lids}\n0 0\n{lids}\n1 0\n"));
+    work.grimace(&format!("synthesize -b head -m still.fap {options} -o still")).exit(0).says(&[nothing]);
+    let (document, ..) = gltf::import(work.path("still/animation.glb")).unwrap();
+    let credit = &document.as_json().asset.copyright;
+    assert!(credit.as_ref().is_some_and(|text| text.contains("ICT-FaceKit") && text.contains("MIT")), "{credit:?}");
     assert_eq!((document.animations().count(), document.meshes().count()), (0, 1));
     assert!(document.accessors().all(|a| a.count() > 0) && document.views().all(|v| v.length() > 0));
     let moves = work.grimace(&format!("synthesize -b head -m jaw.fap {options} -o jaw")).exit(0);
     assert!(!moves.stderr.contains("nothing moves"), "{}", moves.stderr);
     moves.says(&["jaw.fap: FAP 16, 48 cannot be shown by this bank"]);
+    assert_eq!(report(&work, "jaw")["motion"]["faps_not_shown"], serde_json::json!([16, 48]));
     let (document, ..) = gltf::import(work.path("jaw/animation.glb")).unwrap();
     assert_eq!(document.animations().count(), 1);
     // Still, beside one that moves: an animation of two key frames, whose weights are 0.
-    work.grimace(&format!("synthesize -b head -m nod.fap jaw.fap {options} -o both")).exit(0);
+    work.grimace(&format!("synthesize -b head -m still.fap jaw.fap {options} -o both")).exit(0);
     assert_eq!(gltf::import(work.path("both/animation.glb")).unwrap().0.animations().count(), 2);
 }

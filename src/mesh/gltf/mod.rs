@@ -5,7 +5,7 @@
 mod read;
 mod write;
 
-pub use read::read_gltf;
+pub use read::{buffer_files, read_gltf};
 pub use write::{GltfAnimation, GltfLook, GltfSurface, GltfTarget, GltfTexture, write_glb};
 
 #[cfg(test)]
@@ -96,10 +96,12 @@ mod tests {
             paint: Some(&paint),
             surfaces: vec![surface("skin", 0, true), surface("eyes", 1, false)],
             texture: Some(GltfTexture { jpeg, places: &places }),
+            copyright: "Somebody (MIT)",
         };
         let mut bytes = Vec::new();
         write_glb(&mut bytes, (&mesh, &look), &targets, &|_| Cow::Borrowed(&moves[..]), &[], None).unwrap();
         let (document, buffers, images) = gltf::import_slice(&bytes).unwrap();
+        assert_eq!(document.as_json().asset.copyright.as_deref(), Some("Somebody (MIT)"));
         assert_eq!((images.len(), images[0].width, images[0].height), (1, 8, 8));
         assert!(images[0].pixels[0].abs_diff(200) < 6);
         let primitives: Vec<_> = document.meshes().next().unwrap().primitives().collect();
@@ -167,6 +169,19 @@ mod tests {
             assert!(error.contains(name) && error.contains("gltf-transform dequantize"), "{error}");
         }
         assert_eq!(read(&with("extensionsRequired", "EXT_texture_webp")).unwrap().names.len(), 2);
+    }
+
+    #[test]
+    fn another_version_and_half_a_triangle_are_refused() {
+        let error = read(&edited(|root| root["asset"]["version"] = "1.0".into())).unwrap_err().to_string();
+        assert!(error.contains("it is glTF 1.0; glTF 2.0 is read"), "{error}");
+        assert!(read(&edited(|root| root["asset"]["version"] = "2.1".into())).is_ok());
+        let seven = edited(|root| {
+            let indices = root["meshes"][0]["primitives"][0]["indices"].as_u64().unwrap() as usize;
+            root["accessors"][indices]["count"] = 5.into();
+        });
+        let error = read(&seven).unwrap_err().to_string();
+        assert!(error.contains("primitive 0 has 5 indices; triangles take a multiple of 3"), "{error}");
     }
 
     #[test]

@@ -1,6 +1,9 @@
 //! A mesh with morph targets of a glTF or GLB file.
 
-use std::{collections::BTreeMap, path::Path};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 use gltf::{
     Accessor, Document, Gltf, Primitive, Semantic,
@@ -42,6 +45,21 @@ pub fn read_gltf(path: &Path, name: Option<&str>, wanted: impl Fn(&str) -> bool)
     caught(|| parse(path, &bytes, name, &wanted)).unwrap_or_else(|reason| Err(MeshFileError::format(path, reason)))
 }
 
+/// The files beside a .gltf file that its buffers are in; none of what does not read.
+pub fn buffer_files(path: &Path) -> Vec<PathBuf> {
+    let Ok(bytes) = crate::input::read(path) else { return Vec::new() };
+    let root: serde_json::Value = serde_json::from_slice(&bytes).unwrap_or_default();
+    let buffers = root["buffers"].as_array().cloned().unwrap_or_default();
+    let uris = buffers.iter().filter_map(|buffer| buffer["uri"].as_str()).filter(|uri| !uri.starts_with("data:"));
+    uris.filter_map(|uri| Some(buffer_file(path, &percent_decoded(uri)?))).collect()
+}
+
+/// The file of a buffer's decoded address.
+fn buffer_file(path: &Path, decoded: &str) -> PathBuf {
+    let plain = decoded.strip_prefix("file://").or_else(|| decoded.strip_prefix("file:")).unwrap_or(decoded);
+    path.parent().unwrap_or(Path::new("")).join(plain)
+}
+
 /// Extensions that store a mesh in another way than is read here.
 const COMPRESSED: [&str; 4] =
     ["EXT_meshopt_compression", "KHR_meshopt_compression", "KHR_draco_mesh_compression", "KHR_mesh_quantization"];
@@ -51,6 +69,12 @@ fn parse(path: &Path, bytes: &[u8], name: Option<&str>, wanted: &dyn Fn(&str) ->
     let invalid = |e: gltf::Error| error(format!("no valid glTF: {e}"));
     let Gltf { document, blob } = Gltf::from_slice_without_validation(bytes).map_err(invalid)?;
     let mut root = document.into_json();
+    if root.asset.version.split('.').next() != Some("2") {
+        return Err(error(format!(
+            "it is glTF {}; glTF 2.0 is read: save it anew from the program that made it",
+            excerpt(&root.asset.version)
+        )));
+    }
     let used: Vec<&str> = root.extensions_used.iter().chain(&root.extensions_required).map(String::as_str).collect();
     let compressed: Vec<&str> = COMPRESSED.into_iter().filter(|name| used.contains(name)).collect();
     if !compressed.is_empty() {
@@ -169,9 +193,8 @@ fn load_buffers(document: &Document, mut blob: Option<Vec<u8>>, path: &Path) -> 
         {
             let decoded =
                 percent_decoded(uri).ok_or_else(|| error(format!("the buffer's address `{}` is not UTF-8", excerpt(uri))))?;
-            let plain = decoded.strip_prefix("file://").or_else(|| decoded.strip_prefix("file:")).unwrap_or(&decoded);
             // The crate opens whatever is there, and reads a pipe or a device without end.
-            let file = path.parent().unwrap_or(Path::new("")).join(plain);
+            let file = buffer_file(path, &decoded);
             let length = crate::input::open_file(&file).and_then(|file| file.metadata()).map(|m| m.len());
             let length =
                 length.map_err(|e| error(format!("buffer {}, {}: {e}", buffer.index(), excerpt(&file.to_string_lossy()))))?;
@@ -234,6 +257,10 @@ fn read_primitive(
         Some(accessor) => indices(&accessor, buffers)?,
         None => (0..count as u32).collect(),
     };
+    if !indices.len().is_multiple_of(3) {
+        let (index, found) = (primitive.index(), indices.len());
+        return Err(format!("primitive {index} has {found} indices; triangles take a multiple of 3"));
+    }
     for corners in indices.chunks_exact(3) {
         if let Some(vertex) = corners.iter().find(|&&v| v as usize >= count) {
             return Err(format!("an index refers to vertex {vertex}, but the primitive has {count}"));

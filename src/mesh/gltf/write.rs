@@ -48,6 +48,8 @@ pub struct GltfLook<'a> {
     pub surfaces: Vec<GltfSurface>,
     /// What surfaces with a texture wear.
     pub texture: Option<GltfTexture<'a>>,
+    /// Whose work it is, with the licence; nothing where empty.
+    pub copyright: &'a str,
 }
 
 /// Triangles of one material.
@@ -300,7 +302,8 @@ fn document<'a>(
 ) -> io::Result<(Root, u64)> {
     let count = mesh.vertex_count();
     let generator = Some(format!("grimace {}", env!("CARGO_PKG_VERSION")));
-    let asset = Asset { generator, version: "2.0".to_owned(), ..Asset::default() };
+    let copyright = Some(look.copyright.to_owned()).filter(|text| !text.is_empty());
+    let asset = Asset { copyright, generator, version: "2.0".to_owned(), ..Asset::default() };
     let mut builder = Builder { root: Root { asset, ..Root::default() }, length: 0 };
     let positions = builder.vectors(count, Some(mesh.bounds()));
     let normals = builder.vectors(count, None);

@@ -368,22 +368,40 @@ fn difference(pair: &read::Pair, results: &Results, bench: &Workbench, lines: &L
     Some(figure)
 }
 
+/// Names of the files of the captions.
+const CAPTIONS: [&str; 2] = ["captions.csv", "captions.md"];
+
+/// Names of the files that [`write_figures`] writes.
+pub fn figure_files(figures: &[Figure]) -> Vec<String> {
+    let of = |figure: &Figure| ["svg", "pdf"].map(|extension| format!("{}.{extension}", figure.name));
+    figures.iter().flat_map(of).chain(CAPTIONS.map(str::to_owned)).collect()
+}
+
 /// Writes every figure as SVG and PDF, and their captions as `captions.csv` and `captions.md`, into a folder.
 ///
 /// # Errors
 /// [`FiguresError::Output`].
-pub fn write_figures(figures: &[Figure], folder: &Path) -> Result<(), FiguresError> {
+pub fn write_figures(
+    figures: &[Figure],
+    folder: &Path,
+    mut wrote: impl FnMut(&str) -> Result<(), OutputError>,
+) -> Result<(), FiguresError> {
     for figure in figures {
         let title = &figure.about.caption;
-        output::write_bytes(&folder.join(format!("{}.svg", figure.name)), figure.drawing.svg(title).as_bytes())?;
-        output::write_bytes(&folder.join(format!("{}.pdf", figure.name)), &figure.drawing.pdf(title))?;
+        let [svg, pdf] = ["svg", "pdf"].map(|extension| format!("{}.{extension}", figure.name));
+        output::write_bytes(&folder.join(&svg), figure.drawing.svg(title).as_bytes())?;
+        wrote(&svg)?;
+        output::write_bytes(&folder.join(&pdf), &figure.drawing.pdf(title))?;
+        wrote(&pdf)?;
     }
-    output::write_csv(&folder.join("captions.csv"), figures.iter().map(|f| &f.about))?;
+    let [table, captions] = CAPTIONS;
+    output::write_csv(&folder.join(table), figures.iter().map(|f| &f.about))?;
+    wrote(table)?;
     let mut text = String::from("# Figures\n");
     for (k, figure) in figures.iter().enumerate() {
         let of = &figure.about;
         let _ = writeln!(text, "\n**Figure {}** (`{}.svg`, `{}.pdf`). {}", k + 1, figure.name, figure.name, of.caption);
     }
-    output::write_bytes(&folder.join("captions.md"), text.as_bytes())?;
-    Ok(())
+    output::write_bytes(&folder.join(captions), text.as_bytes())?;
+    Ok(wrote(captions)?)
 }
