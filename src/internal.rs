@@ -48,8 +48,8 @@ pub mod dataset {
     pub use crate::modules::dataset::{
         CorrespondenceSource, DEFAULT_LANDMARK_NODES, Dataset, DatasetError, FrameSource, FramesError, LANDMARK_COUNT,
         LandmarkFrame, LandmarkSelection, LandmarkSequence, LandmarksError, MANIFEST_NAME, SequenceEntry,
-        correspondences_from_landmarks, emotion_code, has_picture_name, is_picture, list_frames, may_publish, read_landmarks,
-        read_marks,
+        correspondences_from_landmarks, emotion_code, has_picture_name, is_picture, list_frames, list_readable, may_publish,
+        read_landmarks, read_marks,
     };
 }
 pub mod fap {

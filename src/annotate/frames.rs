@@ -9,7 +9,7 @@ use image::{ExtendedColorType, GrayImage, ImageEncoder, codecs::png::PngEncoder}
 
 use super::RequestError;
 use crate::{
-    dataset::{FrameFile, FrameSource, is_picture, list_frames},
+    dataset::{FrameFile, FrameSource, is_picture, list_readable},
     sequence::{Frame, ImageSize, SequenceReader, read_frame, read_frame_of},
 };
 
@@ -191,7 +191,7 @@ fn frames_at(path: &Path) -> Result<FrameSource, RequestError> {
     if is_picture(path) {
         return Ok(picture_frames(path));
     }
-    list_frames(path, None, None).map_err(RequestError::refused)
+    list_readable(path).map_err(RequestError::refused)
 }
 
 /// An image file of a sequence that begins with the picture `first`: as it is where browsers show it right, decoded to grey where they do

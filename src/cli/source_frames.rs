@@ -4,7 +4,7 @@ use std::path::Path;
 
 use grimace::{
     clone::SourceMotion,
-    dataset::{FrameSource, has_picture_name, list_frames},
+    dataset::{FrameSource, has_picture_name, list_readable},
     sequence::{ImageSize, content_blake3, read_colour_frames},
     track::TrackInfo,
 };
@@ -71,7 +71,7 @@ pub fn source_pictures(folder: &Path, motion: &SourceMotion, info: Option<&Track
         motion.name
     );
     let numbers: Vec<u32> = motion.frames.iter().map(|f| f.0).collect();
-    let listed = list_frames(folder, None, None)?;
+    let listed = list_readable(folder)?;
     let size = info.map(|info| info.image_size);
     let comparable = info.filter(|info| is_same_kind(&listed, info));
     if let Some(info) = comparable {

@@ -6,7 +6,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use super::numbering::{Numbering, numbered};
+use super::{
+    numbering::{Numbering, numbered},
+    unread::{unread_frames, unread_pictures},
+};
 
 /// Extensions of image files, in any case: png, jpg, jpeg, tif, tiff, bmp, pgm, ppm, webp.
 pub const IMAGE_EXTENSIONS: [&str; 9] = ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "pgm", "ppm", "webp"];
@@ -133,6 +136,16 @@ pub enum FramesError {
         /// The folder.
         folder: PathBuf,
     },
+    /// Pictures that would be frames, of formats that are not read.
+    #[error(
+        "{}{}: of a format that is not read, and by its name a frame; convert it to PNG under the same name and number, or move it out of the folder",
+        files.first().map(|file| file.display().to_string()).unwrap_or_default(),
+        if files.len() > 1 { format!(" and {} more", files.len() - 1) } else { String::new() }
+    )]
+    Unread {
+        /// The pictures, by their numbers.
+        files: Vec<PathBuf>,
+    },
     /// An image that has no number.
     #[error("{}: the file name has no frame number such as in S005_001_00000001.png; rename the file or move it away", path.display())]
     NoNumber {
@@ -188,7 +201,8 @@ pub enum FramesError {
 /// Lists the frames of a folder, or recognizes a video file; `first` and `last` are the numbers of the neutral and the apex
 /// frame, both included. Where `first` is the later of the two, frames go back in time.
 ///
-/// Hidden files and files that are no images are passed over. The number of an image is the last run of digits in its name
+/// Hidden files and files that are no images are passed over; pictures of other formats that are called as the frames are and would be among
+/// those asked for are refused. The number of an image is the last run of digits in its name
 /// before the extension, or, where that does not tell the images apart or in order, the one run that varies; images are in the order
 /// of their numbers. Where several runs vary, as in dates with times, images are in the order of their names, counted from 1.
 ///
@@ -203,8 +217,8 @@ pub enum FramesError {
 /// ```
 ///
 /// # Errors
-/// [`FramesError`] when there is no such folder or video, no image, an image without a number, a number that is there twice,
-/// a `first` or `last` that is not there, or fewer than two frames.
+/// [`FramesError`] when there is no such folder or video, no image, a frame that is a picture of another format, an image without a number, a
+/// number that is there twice, a `first` or `last` that is not there, or fewer than two frames.
 pub fn list_frames(path: &Path, first: Option<u32>, last: Option<u32>) -> Result<FrameSource, FramesError> {
     list_frames_among(path, first, last).map(|(frames, _)| frames)
 }
@@ -216,14 +230,19 @@ pub fn list_frames(path: &Path, first: Option<u32>, last: Option<u32>) -> Result
 pub fn list_frames_among(path: &Path, first: Option<u32>, last: Option<u32>) -> Result<(FrameSource, Vec<PathBuf>), FramesError> {
     if path.is_dir() {
         let all = numbered_images(path)?;
+        check_unread(path, &all, first, last)?;
         let files = all.iter().map(|frame| frame.path.clone()).collect();
-        let frames = cut(path, all, first, last)?;
-        return match frames.len() {
-            found @ 0..MINIMUM_FRAMES => Err(FramesError::TooFew { folder: path.to_owned(), found }),
-            _ => Ok((FrameSource::Images(frames), files)),
-        };
+        return Ok((images(path, cut(path, all, first, last)?)?, files));
     }
     Ok((video(path, first, last)?, vec![path.to_owned()]))
+}
+
+/// Frames of a sequence, which are two at least.
+fn images(folder: &Path, frames: Vec<FrameFile>) -> Result<FrameSource, FramesError> {
+    match frames.len() {
+        found @ 0..MINIMUM_FRAMES => Err(FramesError::TooFew { folder: folder.to_owned(), found }),
+        _ => Ok(FrameSource::Images(frames)),
+    }
 }
 
 /// [`list_frames`] of a whole recording, which has no neutral and no apex frame: of a folder all images, be it a single one.
@@ -232,9 +251,29 @@ pub fn list_frames_among(path: &Path, first: Option<u32>, last: Option<u32>) -> 
 /// As [`list_frames`], but for too few frames.
 pub fn list_recording(path: &Path) -> Result<FrameSource, FramesError> {
     if path.is_dir() {
-        return Ok(FrameSource::Images(cut(path, numbered_images(path)?, None, None)?));
+        let all = numbered_images(path)?;
+        check_unread(path, &all, None, None)?;
+        return Ok(FrameSource::Images(cut(path, all, None, None)?));
     }
     video(path, None, None)
+}
+
+/// [`list_frames`] of all that can be read, to choose from: pictures of other formats among the frames are passed over.
+///
+/// # Errors
+/// As [`list_frames`], but for such pictures.
+pub fn list_readable(path: &Path) -> Result<FrameSource, FramesError> {
+    if path.is_dir() {
+        return images(path, cut(path, numbered_images(path)?, None, None)?);
+    }
+    video(path, None, None)
+}
+
+/// Refuses pictures of formats that are not read where frames are asked for; in a folder without frames, all such pictures.
+fn check_unread(folder: &Path, frames: &[FrameFile], first: Option<u32>, last: Option<u32>) -> Result<(), FramesError> {
+    let unread = unread_pictures(folder).map_err(|reason| FramesError::Io { path: folder.to_owned(), reason })?;
+    let files = if frames.is_empty() { unread } else { unread_frames(frames, unread, first, last) };
+    if files.is_empty() { Ok(()) } else { Err(FramesError::Unread { files }) }
 }
 
 fn video(path: &Path, first: Option<u32>, last: Option<u32>) -> Result<FrameSource, FramesError> {

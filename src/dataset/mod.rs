@@ -14,6 +14,7 @@ mod manifest;
 mod marks;
 mod numbering;
 mod spelling;
+mod unread;
 
 use std::path::{Path, PathBuf};
 
@@ -26,7 +27,7 @@ pub use error::{DatasetError, RowError, check_file_name};
 pub(crate) use frames::visible;
 pub use frames::{
     FrameFile, FrameSource, FramesError, IMAGE_EXTENSIONS, VIDEO_EXTENSIONS, has_picture_name, is_picture, list_frames,
-    list_frames_among, list_recording,
+    list_frames_among, list_readable, list_recording,
 };
 pub use init::{Kept, UNKNOWN_EMOTION, manifest_path, propose_manifest};
 pub use landmarks::{
@@ -35,6 +36,7 @@ pub use landmarks::{
 };
 pub use manifest::{FRAME_RATES, MANIFEST_COLUMNS};
 pub use marks::{MarksFileError, read_marks};
+pub use unread::unread_beside;
 
 /// Name of the manifest in a dataset's folder.
 pub const MANIFEST_NAME: &str = "manifest.csv";

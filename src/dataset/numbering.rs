@@ -66,8 +66,13 @@ impl Name {
     }
 }
 
+/// What stands around the numbers in a file's name, in small letters.
+pub(super) fn pattern(path: &Path) -> Vec<String> {
+    Name::new(path).texts.iter().map(|text| text.to_lowercase()).collect()
+}
+
 /// What compares as the value of digits does, however many there are.
-fn value_of(digits: &str) -> (usize, &str) {
+pub(super) fn value_of(digits: &str) -> (usize, &str) {
     let plain = digits.trim_start_matches('0');
     (plain.len(), plain)
 }

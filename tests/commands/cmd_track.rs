@@ -434,6 +434,9 @@ fn folders_that_are_no_sequence_are_refused() {
     work.write("one/f1.png", work.bytes(&frame(1))).write("none/a.txt", "x");
     track("one").says(&["one: 1 frame from neutral to apex; at least 2 are needed"]);
     track("none").says(&["none: no images in the folder (extensions of images: png"]);
+    // What would be a frame is not left out in silence, nor what may be one.
+    work.write("heic/f1.png", work.bytes(&frame(1))).write("heic/f2.png", work.bytes(&frame(2))).write("heic/f3.HEIC", "x");
+    track("heic").says(&["heic/f3.HEIC: of a format that is not read, and by its name a frame; convert it to PNG"]);
     track("nowhere").says(&["nowhere: there is no such folder of frames or video file"]);
     track("none/a.txt").says(&["a.txt: is neither a folder of images nor a video file"]);
 }

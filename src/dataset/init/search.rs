@@ -4,17 +4,12 @@ use std::path::{Path, PathBuf};
 
 use super::super::{
     DatasetError,
-    frames::{has_extension, is_picture, is_video, visible},
+    frames::{is_picture, is_video, visible},
+    unread::is_unread,
 };
 
 /// Folders within folders that are looked into.
 const MOST_LEVELS: usize = 8;
-
-/// Recordings and pictures that other programs read.
-const UNREAD_EXTENSIONS: [&str; 24] = [
-    "wmv", "mts", "m2ts", "ts", "flv", "f4v", "3gp", "3g2", "ogv", "mxf", "vob", "asf", "gif", "heic", "heif", "avif", "jp2",
-    "jxl", "exr", "dng", "cr2", "nef", "arw", "raw",
-];
 
 /// Names of the records that a run and a clone leave in the folder of their results.
 const RECORDS: [&str; 2] = ["run.json", "clone.json"];
@@ -64,7 +59,7 @@ impl Found {
         }
         let files = || paths.iter().filter(|path| path.is_file());
         self.sequences.extend(files().filter(|path| is_video(path)).cloned());
-        self.unread.extend(files().filter(|path| has_extension(path, &UNREAD_EXTENSIONS)).cloned());
+        self.unread.extend(files().filter(|path| is_unread(path)).cloned());
         if above.len() < MOST_LEVELS {
             above.push(resolved);
             paths.iter().filter(|path| path.is_dir()).try_for_each(|path| self.look_into(path, above))?;

@@ -10,7 +10,7 @@ use super::{
     persons::followed,
 };
 use crate::{
-    dataset::FrameSource,
+    dataset::{FrameSource, unread_beside},
     fit::Correspondence,
     geometry::Similarity,
     normalize::stable_nodes,
@@ -156,7 +156,7 @@ impl Survey {
         let marked_in = |scene: usize| marked.filter(|(place, _)| scene_of(*place) == scene);
         let looks = scenes.into_iter().enumerate().flat_map(|(k, looks)| followed(looks, marked_in(k))).collect();
         let clock = fps.map_or_else(|| reader.clock(), |fps| Clock::even(Some(fps)));
-        let notes = clock.remark().into_iter().chain(reader.remark()).collect();
+        let notes = clock.remark().into_iter().chain(reader.remark()).chain(unread_beside(&recording.frames)).collect();
         let fps = clock.fps.unwrap_or(USUAL_FPS);
         let clock = Clock { fps: Some(fps), ..clock };
         Ok(Self { numbers, size, fps, clock, notes, cuts, looks, content: reader.into_content_blake3()? })
