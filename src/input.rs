@@ -10,6 +10,7 @@
 mod error;
 mod fields;
 mod open;
+mod record;
 
 use std::{
     borrow::Cow,
@@ -23,6 +24,7 @@ use crate::{formula::without_apostrophe, text::excerpt};
 
 pub use error::{InputError, InputErrorKind};
 pub use open::{MAX_BYTES, file_blake3, is_stdin, open_file, open_or_stdin, read, read_or_stdin};
+pub use record::{RecordError, read_record};
 
 /// First bytes of files that are taken for tables, and what they are.
 const KINDS: [(&[u8], &str); 9] = [

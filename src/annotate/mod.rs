@@ -34,7 +34,10 @@ use std::{
     time::Duration,
 };
 
-use crate::{dataset::DatasetError, pipeline::Workbench};
+use crate::{
+    dataset::DatasetError,
+    pipeline::{RunJsonError, Workbench},
+};
 
 pub use found::Accepted;
 pub use proposals::{CascadeError, Cascades, ProposalSource, ProposedMarks};
@@ -98,6 +101,15 @@ pub enum AnnotateError {
         /// The folder.
         path: PathBuf,
     },
+    /// No record beside tracks that says which dataset they are of.
+    #[error("{}: there is no run.json that names the dataset; give it: grimace annotate DATASET --tracks {}", path.display(), path.display())]
+    NoRun {
+        /// The output folder.
+        path: PathBuf,
+    },
+    /// The record of the run does not read.
+    #[error(transparent)]
+    Run(#[from] RunJsonError),
     /// The frames of a run cannot be found.
     #[error(
         "{}: the run's dataset is called `{name}`, and there is no such folder beside it or here; give it: grimace annotate DATASET --tracks {}",
@@ -109,16 +121,11 @@ pub enum AnnotateError {
         /// Name of the dataset, as the run noted it.
         name: String,
     },
-    /// A file of the run that cannot be read.
-    #[error("{}: cannot be read: {source}", path.display())]
-    Io {
-        /// The file or folder.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
+    /// A folder of tracks that cannot be read.
+    #[error(transparent)]
+    Tracks(io::Error),
     /// The port cannot be had.
-    #[error("cannot listen on {address}: {source}; choose another port with --port, or leave it out for any that is free")]
+    #[error("cannot listen on {address}: {source}; {}", listen_advice(source))]
     Listen {
         /// Address and port.
         address: SocketAddr,
@@ -131,6 +138,14 @@ pub enum AnnotateError {
     /// The server broke off.
     #[error("the server ended: {0}")]
     Server(io::Error),
+}
+
+fn listen_advice(source: &io::Error) -> &'static str {
+    if source.kind() == io::ErrorKind::AddrNotAvailable {
+        "this machine has no such address; choose another one with --host, or leave it out for this machine alone"
+    } else {
+        "choose another port with --port, or leave it out for any that is free"
+    }
 }
 
 fn first_problem(reason: &str) -> String {

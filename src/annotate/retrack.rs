@@ -22,7 +22,7 @@ use super::{
 use crate::{
     dataset::{Dataset, FrameSource, SequenceEntry},
     fit::Springs,
-    pipeline::{Workbench, track_files, tracks_folder},
+    pipeline::{Workbench, read_run_json, track_files, tracks_folder},
     sequence::SequenceReader,
     track::{
         Confidence, Corrections, NodeState, TrackCorrections, TrackInfo, TrackSummary, TrackedFrame, TrackedNode, correct_nodes,
@@ -132,7 +132,7 @@ impl TrackDesk {
     /// Opens the tracks in `out`, or in its folder `tracks`; their frames are those of the dataset.
     pub fn open(out: &Path, dataset: Option<&Path>, bench: Workbench) -> Result<Self, AnnotateError> {
         let folder = tracks_folder(out);
-        let files = track_files(&[folder]).map_err(|source| AnnotateError::Io { path: out.to_owned(), source })?;
+        let files = track_files(&[folder]).map_err(AnnotateError::Tracks)?;
         if files.is_empty() {
             return Err(AnnotateError::NoTracks { path: out.to_owned() });
         }
@@ -343,10 +343,14 @@ impl TrackDesk {
 
 /// The dataset of a run, by the name that `run.json` has, here or in a folder above the output.
 fn beside(out: &Path) -> Result<Dataset, AnnotateError> {
-    let path = out.join("run.json");
-    let bytes = crate::input::read(&path).map_err(|source| AnnotateError::Io { path, source })?;
-    let name = serde_json::from_slice::<serde_json::Value>(&bytes).ok();
-    let name = name.and_then(|run| run["dataset"].as_str().map(str::to_owned)).unwrap_or_default();
+    /// All that is asked for, so that records of other versions' options serve.
+    #[derive(serde::Deserialize)]
+    struct Named {
+        dataset: String,
+    }
+    let Some(Named { dataset: name }) = read_run_json(out)? else {
+        return Err(AnnotateError::NoRun { path: out.to_owned() });
+    };
     let resolved = fs::canonicalize(out).unwrap_or_else(|_| out.to_owned());
     let folders = std::iter::once(PathBuf::from(".")).chain(resolved.ancestors().take(4).map(Path::to_owned));
     let not_found = || AnnotateError::DatasetNotFound { path: out.to_owned(), name: name.clone() };

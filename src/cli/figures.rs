@@ -42,7 +42,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let used = is_used(&args.output, COMMAND);
     anyhow::ensure!(args.general.force || !used, "{} is not empty; --force writes over its figures", args.output.display());
     let bench = args.general.workbench(PipelineOptions::default())?;
-    let figures = figures_of(&args.results, &bench)?;
+    let (figures, left_out) = figures_of(&args.results, &bench)?;
+    for what in left_out {
+        eprintln!("note: {}: {what}", args.results.display());
+    }
     let own = OwnFolder::open(&args.output, COMMAND)?;
     own.check_own(figure_files(&figures))?;
     own.begin()?;

@@ -8,14 +8,14 @@ use super::{
     Outcome,
     apart::{all, check_apart},
     failures::say_failures,
-    shared::{GeneralArgs, not_negative, set_threads},
+    shared::{GeneralArgs, set_threads, share},
 };
 use crate::{
     dataset::Dataset,
     output::write_records,
     pipeline::{
-        NONE_LEVEL, PipelineOptions, RecognitionResults, RecognizedRow, left_out_said, load_tracks, recognition_header,
-        recognition_record, track_files, tracks_folder, write_recognition,
+        NONE_LEVEL, PipelineOptions, RecognitionResults, RecognizedRow, left_out_said, load_tracks, read_run_json,
+        recognition_header, recognition_record, track_files, tracks_folder, write_recognition,
     },
     statistics::recognize::{Recognizer, shown_by_several},
 };
@@ -43,7 +43,7 @@ pub struct Args {
     #[arg(short, long, value_name = "FILE.csv")]
     output: Option<PathBuf>,
     /// Typicality, 0 to 1, under which a sequence is none of the labels; 0 never says so
-    #[arg(long, default_value_t = NONE_LEVEL, value_parser = not_negative, value_name = "SHARE")]
+    #[arg(long, default_value_t = NONE_LEVEL, value_parser = share, value_name = "SHARE")]
     none: f64,
     /// Threads; 0 for one per processor
     #[arg(short = 'j', long, default_value_t = 0)]
@@ -60,12 +60,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     let mut options = PipelineOptions::default();
     // Sequences are normalized as those that are learned from.
-    if let Ok(text) = fs::read(args.with.join("run.json")) {
-        let run: serde_json::Value =
-            serde_json::from_slice(&text).with_context(|| format!("{}/run.json", args.with.display()))?;
-        if let Ok(normalize) = serde_json::from_value(run["options"]["normalize"].clone()) {
-            options.normalize = normalize;
-        }
+    if let Some(run) = read_run_json::<serde_json::Value>(&args.with)?
+        && let Ok(normalize) = serde_json::from_value(run["options"]["normalize"].clone())
+    {
+        options.normalize = normalize;
     }
     let bench = args.general.workbench(options)?;
     let dataset = args.dataset.as_deref().map(Dataset::open).transpose()?;
@@ -112,6 +110,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let rows = unseen.iter().map(row).collect::<anyhow::Result<Vec<_>>>()?;
     let results = RecognitionResults { labels: recognizer.labels.clone(), rows, left_out };
     match &args.output {
+        // A table without a row would only be in the way of the next one.
+        Some(_) if results.rows.is_empty() => eprintln!("note: no sequence was recognized; no table is written"),
         Some(path) => {
             write_recognition(path, &results, args.none)?;
             if !args.general.quiet {

@@ -1,11 +1,21 @@
 //! What a run leaves behind beside its results: provenance and failures.
 
-use std::collections::BTreeMap;
+use std::{
+    collections::BTreeMap,
+    io,
+    path::{Path, PathBuf},
+};
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::{PipelineOptions, Stage};
-use crate::units::SequenceId;
+use crate::{
+    input::{RecordError, read_record},
+    units::SequenceId,
+};
+
+/// Name of a run's record in its folder.
+pub(super) const RUN_JSON: &str = "run.json";
 
 /// Version of the schema of `run.json` and of the representatives' JSON.
 pub const SCHEMA_VERSION: u32 = 1;
@@ -64,6 +74,52 @@ pub struct RunJson {
     pub kept: BTreeMap<String, String>,
 }
 
+/// Why a `run.json` does not read.
+#[derive(Debug, thiserror::Error)]
+pub enum RunJsonError {
+    /// The file cannot be read.
+    #[error("{}: cannot be read: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// It is not whole, or none.
+    #[error("{}: damaged ({source}); it lists what this folder's runs wrote: restore it, or run again with --force", path.display())]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: serde_json::Error,
+    },
+    /// Of a later layout.
+    #[error("{}: schema version {found}; this program reads {SCHEMA_VERSION}; a newer version of grimace wrote it, use that one", path.display())]
+    Newer {
+        /// The file.
+        path: PathBuf,
+        /// Its version.
+        found: u64,
+    },
+}
+
+/// Reads of the `run.json` of an output folder what `T` holds; `None` where there is none.
+///
+/// # Errors
+/// [`RunJsonError`].
+pub fn read_run_json<T: DeserializeOwned>(out: &Path) -> Result<Option<T>, RunJsonError> {
+    let path = out.join(RUN_JSON);
+    let bytes = match crate::input::read(&path) {
+        Ok(bytes) => bytes,
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+        Err(source) => return Err(RunJsonError::Io { path, source }),
+    };
+    read_record(&bytes, SCHEMA_VERSION).map(Some).map_err(|error| match error {
+        RecordError::Newer { found, .. } => RunJsonError::Newer { path, found },
+        RecordError::Json(source) => RunJsonError::Damaged { path, source },
+    })
+}
+
 /// The units of a run's files.
 pub fn run_units() -> BTreeMap<String, String> {
     [
@@ -77,4 +133,29 @@ pub fn run_units() -> BTreeMap<String, String> {
     .into_iter()
     .map(|(k, v)| (k.to_owned(), v.to_owned()))
     .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    #[test]
+    fn damaged_and_newer_records_say_what_they_are() {
+        let folder = tempfile::tempdir().unwrap();
+        let read = |text: &[u8]| {
+            fs::write(folder.path().join(RUN_JSON), text).unwrap();
+            read_run_json::<BTreeMap<String, serde_json::Value>>(folder.path()).map_err(|e| e.to_string())
+        };
+        for text in ["", "{\"dataset\": \"fa", "\u{feff}{}"] {
+            let said = read(text.as_bytes()).unwrap_err();
+            assert!(said.contains("run.json: damaged (") && said.contains("restore it"), "{said}");
+        }
+        let said = read(b"{\"schema_version\": 9}").unwrap_err();
+        assert!(said.contains("run.json: schema version 9; this program reads 1"), "{said}");
+        assert!(read(b"{\"schema_version\": 1}").is_ok_and(|run| run.is_some()));
+        fs::remove_file(folder.path().join(RUN_JSON)).unwrap();
+        assert!(read_run_json::<RunJson>(folder.path()).unwrap().is_none());
+    }
 }

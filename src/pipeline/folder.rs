@@ -3,9 +3,9 @@
 use std::{collections::BTreeMap, fs, io, path::Path, sync::atomic::AtomicBool};
 
 use super::{
-    AnalysisError, Event, MADE_BY, RunError, RunJson, SCHEMA_VERSION, Workbench,
+    AnalysisError, Event, MADE_BY, RunError, RunJson, RunJsonError, SCHEMA_VERSION, Workbench,
     differing::{differing_options, differing_wireframes},
-    files::run_units,
+    files::{read_run_json, run_units},
     ledger::JOURNAL,
     recording::{SEGMENTS_FOLDER, expand},
 };
@@ -17,7 +17,7 @@ use crate::{
 };
 
 /// Name of the provenance file.
-pub(super) const RUN_JSON: &str = "run.json";
+pub(super) use super::files::RUN_JSON;
 
 /// Opens the dataset, makes sure that the output may be written to, and cuts recordings into sequences.
 pub(super) fn open(
@@ -91,15 +91,12 @@ fn check_output(out: &Path, dataset: &str, bench: &Workbench, force: bool) -> Re
         }
         Err(e) => return Err(error(e).into()),
     };
-    let record = out.join(RUN_JSON);
-    let earlier: Option<RunJson> = match crate::input::read(&record) {
-        Err(e) if e.kind() == io::ErrorKind::NotFound => None,
-        Err(source) => return Err(OutputError { path: record, source }.into()),
-        Ok(bytes) => match serde_json::from_slice(&bytes) {
-            Ok(earlier) => Some(earlier),
-            Err(_) if force => None,
-            Err(source) => return Err(RunError::DamagedRecord { path: record, source }),
-        },
+    let earlier: Option<RunJson> = match read_run_json(out) {
+        Ok(earlier) => earlier,
+        Err(RunJsonError::Io { path, source }) => return Err(OutputError { path, source }.into()),
+        Err(_) if force => None,
+        Err(RunJsonError::Damaged { path, source }) => return Err(RunError::DamagedRecord { path, source }),
+        Err(RunJsonError::Newer { path, found }) => return Err(RunError::NewerRecord { path, found }),
     };
     let Some(earlier) = earlier else {
         // What a killed writer left is swept with the first file written; a run that ended before its first result left its journal.

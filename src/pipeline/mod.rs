@@ -69,7 +69,7 @@ pub use columnar::{analyze_columnar, load_columnar, write_columnar};
 pub use corrected::correct_track;
 pub use divide::{run_emotion, run_part, run_plan};
 pub use figures::{figure_files, figures_of, write_figures};
-pub use files::{RunJson, SCHEMA_VERSION, SequenceRecord};
+pub use files::{RunJson, RunJsonError, SCHEMA_VERSION, SequenceRecord, read_run_json};
 pub use found::{FoundFace, FoundMarks, FoundMarksError, found_face, found_marks, found_marks_and_remark};
 pub use landmarks::fit_landmarks;
 pub use measured::normalize_track;

@@ -174,6 +174,17 @@ pub enum RunError {
         /// Why.
         source: serde_json::Error,
     },
+    /// The record of the earlier runs is of a later version.
+    #[error(
+        "{}: schema version {found}; this program reads {}: a newer version of grimace wrote it, use that one, choose another folder, or \
+         --force to write into this one", path.display(), super::SCHEMA_VERSION
+    )]
+    NewerRecord {
+        /// The record.
+        path: PathBuf,
+        /// Its version.
+        found: u64,
+    },
     /// A folder for overlay pictures that holds frames.
     #[error(transparent)]
     OverlayAmongFrames(#[from] AmongFrames),

@@ -14,15 +14,15 @@ use super::{
 };
 use crate::{
     companion::CompanionError,
-    dataset::FrameSource,
+    dataset::{FrameSource, unread_beside},
     fit::{Correspondence, MarkKind, validate_correspondences},
     locate::FacePart,
     output,
     sequence::{Clock, Frame, SequenceError, SequenceReader, content_blake3},
     text::message,
     track::{
-        Corrections, TRACK_SCHEMA, Track, TrackError, TrackHashes, TrackInfo, TrackOptions, TrackedFrame, neutral_first,
-        parse_track, summarize, track_csv, track_sequence, track_units, write_track,
+        Corrections, TRACK_SCHEMA, Track, TrackError, TrackFileError, TrackHashes, TrackInfo, TrackOptions, TrackedFrame,
+        neutral_first, parse_track, parse_track_info, summarize, track_csv, track_sequence, track_units, write_track,
     },
     units::SequenceId,
 };
@@ -229,7 +229,7 @@ pub(super) fn track_recorded(
         // Only frames that were read tell their times; a rate that somebody gave is known better.
         let clock = source.fps.map_or_else(|| reader.clock(), |fps| Clock::even(Some(fps)));
         (info.fps, info.times) = (clock.fps, clock.times);
-        info.notes.extend(reader.remark());
+        info.notes.extend(reader.remark().into_iter().chain(unread_beside(&source.frames)));
     }
     let content = reader.into_content_blake3();
     if let (Ok((_, info)), Ok(content)) = (&mut tracked, &content) {
@@ -352,7 +352,12 @@ pub(super) fn track_or_reuse(
     own_clock: impl FnOnce(&Inputs) -> Result<Clock, SequenceFailure>,
 ) -> Result<RunTrack, SequenceFailure> {
     let json = crate::input::read(&csv_path.with_extension("json")).unwrap_or_default();
-    let earlier: Option<TrackInfo> = serde_json::from_slice(&json).ok();
+    let earlier = match parse_track_info(csv_path, &json) {
+        Ok(info) => Some(info),
+        // What a later version made is not written over as if it were nothing.
+        Err(newer @ TrackFileError::Newer { .. }) => return Err(SequenceFailure::at(Stage::Dataset)(newer)),
+        Err(_) => None,
+    };
     let saved = saved_or_carried_over(csv_path, earlier.as_ref())?;
     let wanted = saved.as_ref().map(|s| &s.blake3);
     if let (Some(info), Some(inputs)) = (earlier.clone(), inputs)

@@ -12,8 +12,8 @@ use serde::{Deserialize, Serialize};
 use super::{NodeState, TrackCorrections, TrackOptions, TrackSummary, TrackedFrame, TrackedNode};
 use crate::{
     fit::FitOptions,
-    input::{CsvFile, InputError},
-    output::{self, OutputError, nine_digits},
+    input::{CsvFile, InputError, RecordError, read_record},
+    output::{self, OutputError, count, nine_digits},
     positions::{PositionRow, PositionTable, PositionsError},
     sequence::{Clock, ImageSize},
     units::{NodeId, SequenceId},
@@ -21,6 +21,9 @@ use crate::{
 
 /// Version of the track's JSON schema.
 pub const TRACK_SCHEMA: u32 = 2;
+
+/// Frames per second that a track may say: more than 0 (slow films have a frame in hours), and no more than the clocks of videos tick.
+const HIGHEST_RATE: f64 = 100_000.0;
 
 /// Steps per px of expected errors in files.
 const EXPECTED_STEPS: f64 = 1000.0;
@@ -228,6 +231,22 @@ pub enum TrackFileError {
         /// What is missing.
         reason: String,
     },
+    /// A `.json` of a later layout.
+    #[error("{}: schema version {found}; this program reads {TRACK_SCHEMA}; a newer version of grimace wrote it, use that one", path.display())]
+    Newer {
+        /// The file.
+        path: PathBuf,
+        /// Its version.
+        found: u64,
+    },
+    /// A `.json` whose times cannot be those of the track.
+    #[error("{}: {reason}; correct the file, or track the sequence again", path.display())]
+    Times {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, with the value.
+        reason: String,
+    },
     /// The `.json` does not read.
     #[error("{}: {source}", path.display())]
     Json {
@@ -339,13 +358,37 @@ pub fn read_track_info(csv_path: &Path) -> Result<Option<TrackInfo>, TrackFileEr
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         Err(source) => return Err(TrackFileError::Io { path, source }),
     };
-    serde_json::from_slice(&bytes).map(Some).map_err(|source| {
-        if is_representative(&bytes) {
-            TrackFileError::Representative { path: csv_path.to_owned() }
-        } else {
-            TrackFileError::Json { path, source }
-        }
-    })
+    parse_track_info(csv_path, &bytes).map(Some)
+}
+
+/// [`read_track_info`] of the bytes of the `.json` at hand.
+///
+/// # Errors
+/// As [`read_track_info`].
+pub fn parse_track_info(csv_path: &Path, bytes: &[u8]) -> Result<TrackInfo, TrackFileError> {
+    let path = || csv_path.with_extension("json");
+    let info: TrackInfo = read_record(bytes, TRACK_SCHEMA).map_err(|error| match error {
+        // A representative has versions of its own.
+        _ if is_representative(bytes) => TrackFileError::Representative { path: csv_path.to_owned() },
+        RecordError::Newer { found, .. } => TrackFileError::Newer { path: path(), found },
+        RecordError::Json(source) => TrackFileError::Json { path: path(), source },
+    })?;
+    let refused = |reason: String| Err(TrackFileError::Times { path: path(), reason });
+    if let Some(fps) = info.fps.filter(|fps| !(*fps > 0.0 && *fps <= HIGHEST_RATE)) {
+        return refused(format!("`fps` is {fps}; frames per second above 0 and up to {HIGHEST_RATE} were expected"));
+    }
+    let times = info.times.as_deref().unwrap_or_default();
+    if let Some(pair) = times.windows(2).find(|pair| pair[0] >= pair[1]) {
+        return refused(format!("`times` has {} behind {}; seconds that ascend were expected", pair[1], pair[0]));
+    }
+    if info.times.is_some() && times.len() < info.summary.frames {
+        return refused(times_said(times.len(), info.summary.frames));
+    }
+    Ok(info)
+}
+
+fn times_said(found: usize, frames: usize) -> String {
+    format!("`times` has {}; one for each of {frames} frames was expected", count(found, "time", "times"))
 }
 
 /// Whether the `.json` beside a table is that of a representative: it lists the sequences that it was made of.
@@ -360,6 +403,7 @@ struct Beside {
     neutral_frame: Option<u32>,
     apex_frame: Option<u32>,
     csv_blake3: Option<String>,
+    times: Option<Vec<f64>>,
 }
 
 impl Beside {
@@ -375,6 +419,12 @@ impl Beside {
             if let Some(number) = number.filter(|number| frames.iter().all(|frame| frame.number != *number)) {
                 return cut(format!("it has no frame {number}, the {what} frame by the .json beside it"));
             }
+        }
+        // Times are of all numbers from the first to the last, also where frames are missing.
+        let numbers = || frames.iter().map(|frame| frame.number);
+        let all = numbers().min().zip(numbers().max()).map_or(0, |(first, last)| (last - first) as usize + 1);
+        if let Some(found) = self.times.as_ref().map(Vec::len).filter(|&found| found != all) {
+            return Err(TrackFileError::Times { path: path.with_extension("json"), reason: times_said(found, all) });
         }
         let is_changed = || self.csv_blake3.as_ref().is_some_and(|hash| blake3::hash(bytes).to_hex().as_str() != hash);
         if !bytes.ends_with(b"\n") && is_changed() {

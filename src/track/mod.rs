@@ -40,8 +40,8 @@ pub use corrections::{
     write_corrections,
 };
 pub use file::{
-    TRACK_SCHEMA, TrackFileError, TrackHashes, TrackInfo, neutral_first, parse_track, read_track, read_track_info, track_csv,
-    track_units, write_track,
+    TRACK_SCHEMA, TrackFileError, TrackHashes, TrackInfo, neutral_first, parse_track, parse_track_info, read_track,
+    read_track_info, track_csv, track_units, write_track,
 };
 #[cfg(feature = "annotate")]
 pub(crate) use klt::smoothed;

@@ -66,6 +66,59 @@ fn a_run_gives_figures_as_svg_and_pdf_with_captions() {
     drop(record);
     work.grimace("figures results -o figures --force -q").exit(0);
     work.write("file", "").grimace("figures results -o file --force").exit(1).says(&["file: this is a file"]);
+    // What is missing is said.
+    let record = work.read("results/run.json");
+    for name in ["bands.csv", "trimming.csv", "features/S001_005.csv"] {
+        std::fs::remove_file(work.path(&format!("results/{name}"))).unwrap();
+    }
+    work.grimace("figures results -o fewer -q").exit(0).says(&[
+        "note: results: bands.csv is not there: the courses of FAPs are left out",
+        "note: results: trimming.csv is not there",
+        "note: results: features/ has no table of 1 of 6 sequences",
+    ]);
+    // Records that are cut or of a later version are named as such.
+    for text in ["", &record[..record.len() / 2], &format!("\u{feff}{record}")] {
+        work.write("results/run.json", text);
+        for command in
+            ["figures results -o none", "annotate --tracks results", "recognize results --with results", "run faces -o results"]
+        {
+            work.grimace(command).exit(1).says(&["results/run.json: damaged (", "restore it"]);
+        }
+    }
+    work.write("results/run.json", record.replacen("\"schema_version\": 1", "\"schema_version\": 9", 1));
+    for command in
+        ["figures results -o none", "annotate --tracks results", "recognize results --with results", "run faces -o results"]
+    {
+        work.grimace(command).exit(1).says(&["results/run.json: schema version 9; this program reads 1"]);
+    }
+    work.write("results/run.json", &record);
+    let about = work.read("results/representatives/happiness.json");
+    work.write("results/representatives/happiness.json", about.replacen("\"schema_version\": 1", "\"schema_version\": 9", 1));
+    work.grimace("figures results -o none")
+        .exit(1)
+        .says(&["representatives/happiness.json: schema version 9; this program reads 1"]);
+    let info = work.read("results/tracks/S001_005.json");
+    work.write("results/tracks/S001_005.json", info.replacen("\"schema_version\": 2", "\"schema_version\": 9", 1));
+    for command in ["features results/tracks/S001_005.csv -o f", "analyze results/tracks/S001_005.csv -o a"] {
+        work.grimace(command).exit(1).says(&["tracks/S001_005.json: schema version 9; this program reads 2"]);
+    }
+    // Times that cannot be those of the track.
+    let number = info.find("\"fps\": ").unwrap() + 7;
+    let end = number + info[number..].find(',').unwrap();
+    for (fps, said) in [
+        ("-5", "`fps` is -5"),
+        ("0", "`fps` is 0"),
+        ("1e9", "`fps` is 1000000000"),
+        ("25, \"times\": [0, 1]", "`times` has 2 times"),
+    ] {
+        work.write("results/tracks/S001_005.json", format!("{} {fps}{}", &info[..number], &info[end..]));
+        work.grimace("features results/tracks/S001_005.csv -o f").exit(1).says(&[
+            "tracks/S001_005.json: ",
+            said,
+            "track the sequence again",
+        ]);
+        work.grimace("analyze results/tracks/S001_005.csv -o a").exit(1).says(&[said]);
+    }
     // No picture of a face: wireframes only.
     assert!(work.files("figures").values().all(|bytes| !bytes.windows(6).any(|w| w == b"<image" || w == b"/Image")));
 }

@@ -11,7 +11,7 @@ use std::{
 use serde::Serialize;
 
 use self::read::{Class, Results};
-use super::{ModelFileError, Workbench};
+use super::{ModelFileError, RunJsonError, Workbench};
 use crate::{
     features::Course,
     input::InputError,
@@ -33,7 +33,10 @@ pub enum FiguresError {
         /// The folder.
         path: PathBuf,
     },
-    /// What describes a representative or a run does not read.
+    /// The record of the run does not read.
+    #[error(transparent)]
+    Run(#[from] RunJsonError),
+    /// What describes a representative does not read.
     #[error("{}: {reason}", path.display())]
     About {
         /// The file.
@@ -99,11 +102,11 @@ pub struct FigureAbout {
 /// Most courses of FAPs in one figure.
 const MOST_BANDS: usize = 6;
 
-/// All figures of the results in a folder.
+/// All figures of the results in a folder, and what is left out for want of a file.
 ///
 /// # Errors
 /// [`FiguresError`] when there are no results, or a file of them does not read.
-pub fn figures_of(out: &Path, bench: &Workbench) -> Result<Vec<Figure>, FiguresError> {
+pub fn figures_of(out: &Path, bench: &Workbench) -> Result<(Vec<Figure>, Vec<String>), FiguresError> {
     let results = Results::read(out, bench)?;
     let lines = Lines::new(&bench.wireframe);
     let models = || results.classes.iter().map(|c| &c.model);
@@ -160,7 +163,7 @@ pub fn figures_of(out: &Path, bench: &Workbench) -> Result<Vec<Figure>, FiguresE
         }
     }
     figures.extend(results.pairs.iter().filter_map(|pair| difference(pair, &results, bench, &lines)));
-    Ok(figures)
+    Ok((figures, results.left_out()))
 }
 
 fn people(class: &Class) -> String {

@@ -11,8 +11,9 @@ use super::FiguresError;
 use crate::{
     fap::{FapCatalog, FapMotion},
     features::{ACTION_UNITS, Course, FrameFeatures, Intensity},
-    input::CsvFile,
-    pipeline::{RunJson, Workbench, read_model},
+    input::{CsvFile, RecordError, read_record},
+    output::count,
+    pipeline::{RunJson, SCHEMA_VERSION, Workbench, read_model, read_run_json},
     report::figures::{BandFigure, Model},
     statistics::compare::CompareOptions,
     units::NodeId,
@@ -71,21 +72,46 @@ pub struct Results {
     pub significance: f64,
     /// People of all classes.
     pub people: usize,
+    /// Sequences of all classes, and how many of them have no features.
+    without_features: [usize; 2],
+    /// Tables that are not there, each with what it holds for figures.
+    missing: Vec<(&'static str, &'static str)>,
 }
 
+/// Tables that figures are made of, and what cannot be shown without.
+const TABLES: [(&str, &str); 2] = [
+    ("trimming.csv", "which sequences were trimmed and the distances between all others are left out"),
+    ("bands.csv", "the courses of FAPs are left out"),
+];
+
 impl Results {
+    /// What is not shown, and for want of which file.
+    pub fn left_out(&self) -> Vec<String> {
+        let mut said: Vec<String> = self.missing.iter().map(|(name, what)| format!("{name} is not there: {what}")).collect();
+        let [all, without] = self.without_features;
+        if without > 0 {
+            let what = if without == all {
+                "courses of action units are left out"
+            } else {
+                "they are not in the courses of action units"
+            };
+            said.push(format!("features/ has no table of {without} of {}: {what}", count(all, "sequence", "sequences")));
+        }
+        said
+    }
+
     pub fn read(out: &Path, bench: &Workbench) -> Result<Self, FiguresError> {
         let stems = stems(&out.join("representatives"));
         if stems.is_empty() {
             return Err(FiguresError::NoResults { path: out.to_owned() });
         }
-        let run = out.join("run.json");
-        let run: Option<RunJson> = if run.exists() { Some(json(&run)?) } else { None };
+        let run: Option<RunJson> = read_run_json(out)?;
         let trimming = trimming(out)?;
         let mut bands = bands(out)?;
         let subjects = subjects(out)?;
         let of = |id: &'_ String| subjects.get(id).cloned().unwrap_or_else(|| id.split('_').next().unwrap_or(id).to_owned());
         let mut classes = Vec::new();
+        let mut with_features: BTreeMap<String, bool> = BTreeMap::new();
         for stem in stems {
             let path = out.join(format!("representatives/{stem}.csv"));
             let model = read_model(&path)?;
@@ -93,10 +119,11 @@ impl Results {
             if found != expected {
                 return Err(FiguresError::OtherWireframe { path, found, expected });
             }
-            let about: ClassJson = json(&path.with_extension("json"))?;
+            let about = about(&path.with_extension("json"))?;
             let mut courses = Vec::new();
             for id in &about.sequences {
                 let path = out.join(format!("features/{id}.csv"));
+                with_features.insert(id.clone(), path.is_file());
                 if path.is_file() {
                     courses.extend(course(&path)?.map(|course| (of(id), course)));
                 }
@@ -128,7 +155,9 @@ impl Results {
         });
         let people = classes.iter().flat_map(|c| &c.about.sequences).map(of).collect::<BTreeSet<String>>().len();
         let significance = run.map_or_else(CompareOptions::default, |r| r.options.groups.compare).significance;
-        Ok(Self { pairs: pairs(out)?, classes, significance, people })
+        let without_features = [with_features.len(), with_features.values().filter(|there| !**there).count()];
+        let missing = TABLES.into_iter().filter(|(name, _)| !out.join(name).exists()).collect();
+        Ok(Self { pairs: pairs(out)?, classes, significance, people, without_features, missing })
     }
 }
 
@@ -158,10 +187,14 @@ fn stems(folder: &Path) -> Vec<String> {
     csv.filter_map(|p| Some(p.file_stem()?.to_str()?.to_owned())).collect::<BTreeSet<_>>().into_iter().collect()
 }
 
-fn json<T: for<'a> Deserialize<'a>>(path: &Path) -> Result<T, FiguresError> {
+/// What the JSON beside a representative says.
+fn about(path: &Path) -> Result<ClassJson, FiguresError> {
     let failed = |reason: String| FiguresError::About { path: path.to_owned(), reason };
-    let bytes = crate::input::read(path).map_err(|e| failed(e.to_string()))?;
-    serde_json::from_slice(&bytes).map_err(|e| failed(e.to_string()))
+    let bytes = crate::input::read(path).map_err(|e| failed(format!("cannot be read: {e}")))?;
+    read_record(&bytes, SCHEMA_VERSION).map_err(|error| match error {
+        RecordError::Newer { .. } => failed(error.to_string()),
+        RecordError::Json(source) => failed(format!("damaged ({source}); run again to have it written anew")),
+    })
 }
 
 /// By emotion and group and displacement field: distances and whether they were dropped.

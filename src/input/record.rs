@@ -1,0 +1,52 @@
+//! Records in JSON that say the version of their layout.
+
+use serde::{Deserialize, de::DeserializeOwned};
+
+/// Why a record does not read.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordError {
+    /// Written by a later version, in another layout.
+    #[error("schema version {found}; this program reads {reads}; a newer version of grimace wrote it, use that one")]
+    Newer {
+        /// Its version.
+        found: u64,
+        /// The newest that is read.
+        reads: u32,
+    },
+    /// No such record.
+    #[error(transparent)]
+    Json(#[from] serde_json::Error),
+}
+
+/// Reads a record whose layout has the version `reads` or an older one. A record without a version counts as old.
+///
+/// # Errors
+/// [`RecordError`].
+pub fn read_record<T: DeserializeOwned>(bytes: &[u8], reads: u32) -> Result<T, RecordError> {
+    #[derive(Deserialize)]
+    struct Version {
+        schema_version: Option<serde_json::Number>,
+    }
+    // What has another version may have another layout: it is looked at first.
+    let version = serde_json::from_slice::<Version>(bytes).ok().and_then(|v| v.schema_version);
+    match version.and_then(|number| number.as_u64()) {
+        Some(found) if found > u64::from(reads) => Err(RecordError::Newer { found, reads }),
+        _ => Ok(serde_json::from_slice(bytes)?),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use super::*;
+
+    #[test]
+    fn newer_versions_are_refused_whatever_they_hold() {
+        let read = |text: &str| read_record::<BTreeMap<String, u32>>(text.as_bytes(), 2).map_err(|e| e.to_string());
+        assert_eq!(read("{\"schema_version\": 2, \"a\": 1}").unwrap()["a"], 1);
+        assert!(read("{\"a\": 1}").is_ok());
+        assert!(read("{\"schema_version\": 3, \"a\": []}").unwrap_err().starts_with("schema version 3; this program reads 2"));
+        assert!(read("{\"schema_version\": 2, \"a\"").unwrap_err().starts_with("EOF"));
+    }
+}
