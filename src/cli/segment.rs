@@ -14,8 +14,9 @@ use grimace::{
     dataset::{check_file_name, list_recording},
     output::count,
     pipeline::{
-        ManifestColumns, PipelineOptions, Recording, RecordingFiles, RecordingStep, SegmentRow, Workbench, reuse_recording,
-        segment_recording, segments_folder, write_recording, write_recording_film, write_segments,
+        EarlierSegments, GivenForAll, ManifestColumns, PipelineOptions, Recording, RecordingFiles, RecordingStep, SegmentRow,
+        UNLABELLED, Workbench, reuse_recording, segment_recording, segments_folder, write_recording, write_recording_film,
+        write_segments,
     },
     segment::SegmentOptions,
     sequence::check_video,
@@ -42,7 +43,7 @@ SEGMENTS.csv is a manifest for `run`, `annotate` and `locate`, a row for every e
 the recording's name), emotion, frames, first_frame (neutral) and last_frame (apex; it may lie before the neutral one), correspondences, fps, \
 and how sure it is, 0 to 1. Beside it stands a folder of the same name with the marks and a picture of every proposal, and a row for every \
 frame of every recording: phase, pose, action units. Emotions are not recognized: correct the labels in the table. Run again, recordings that \
-did not change are kept. See docs/recordings.md.
+did not change are kept, and so is what was written into the table of the same frames. See docs/recordings.md.
 
 Exit status: 0 done, 3 where nothing is proposed for a recording, 1 where that is so for all of them.")]
 pub struct Args {
@@ -56,7 +57,7 @@ pub struct Args {
     #[arg(long)]
     subject: Option<String>,
     /// Emotion label of all proposals
-    #[arg(long, default_value = "unlabelled")]
+    #[arg(long, default_value = UNLABELLED)]
     emotion: String,
     /// Marked points on a neutral frame of the (only) recording; found by themselves if not given
     #[arg(short, long, value_name = "C.csv", requires = "neutral_frame")]
@@ -197,6 +198,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let outputs: Vec<_> = maybe("--output", Some(&args.output)).chain(all("--overlay", &films)).collect();
     check_apart(&outputs, &inputs)?;
     args.general.check_free(&args.output)?;
+    let earlier = EarlierSegments::read(&args.output)
+        .map_err(|error| anyhow::anyhow!("{error}; what it says would be lost: mend it, or move it away"))?;
     anyhow::ensure!(
         args.recordings.len() == 1 || args.correspondences.is_none(),
         "--correspondences marks a frame of one recording; name one"
@@ -246,14 +249,18 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     if done.is_empty() {
         return Ok(Outcome::Failed);
     }
-    let rows: Vec<SegmentRow<'_>> = done
-        .iter()
-        .flat_map(|(of, files)| {
-            files.segments.iter().map(move |segment| SegmentRow { of, fps: (!files.uneven).then_some(files.fps), segment })
-        })
-        .collect();
+    let mut rows: Vec<SegmentRow<'_>> = Vec::new();
+    for (of, files) in &done {
+        let fps = (!files.uneven).then_some(files.fps);
+        rows.extend(files.segments.iter().map(|segment| SegmentRow { of: of.clone(), more: Vec::new(), fps, segment }));
+    }
+    let added = earlier.columns().to_vec();
+    let given = GivenForAll { emotion: args.emotion.trim() != UNLABELLED, subject: args.subject.is_some() };
+    for note in earlier.keep_in(&mut rows, given) {
+        eprintln!("note: {note}");
+    }
     let marks = folder.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-    write_segments(&args.output, &marks, &rows)?;
+    write_segments(&args.output, &marks, &added, &rows)?;
     if !args.general.quiet {
         println!("{} written to {}", count(rows.len(), "sequence", "sequences"), args.output.display());
     }

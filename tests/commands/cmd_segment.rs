@@ -100,6 +100,42 @@ fn expressions_of_a_recording_become_sequences_that_run_takes() {
 }
 
 #[test]
+fn labels_that_a_person_wrote_stay_when_a_recording_is_cut_again() {
+    let work = Work::new();
+    record(&work, "talk", &expression("005"));
+    let segment = |more: &str| work.grimace(&format!("segment talk -o segments.csv --no-faces --force {more}")).exit(0);
+    segment("");
+    let table = work.read("segments.csv");
+    let mut edited = String::new();
+    for (k, line) in table.lines().enumerate() {
+        let line = line.replace("unlabelled", "happiness").replacen("talk,", "P7,", 1);
+        edited += &format!("{line},{}\n", if k == 0 { "publish" } else { "no" });
+    }
+    work.write("segments.csv", &edited);
+    segment("").says(&[
+        "labels kept from the table that was there: of 1 sequence",
+        "columns kept from the table that was there: publish",
+    ]);
+    assert_eq!(work.read("segments.csv"), edited);
+    // Frames that were changed on the page are found again; the label stays.
+    let first = work.rows("segments.csv")[0]["first_frame"].clone();
+    let moved = edited.replace(&format!(",{first},"), &format!(",{},", first.parse::<u32>().unwrap() + 1));
+    assert_ne!(moved, edited);
+    work.write("segments.csv", &format!("{moved}P7,talk-09,fear,talk,900,910,,25,1,yes\n"));
+    segment("").says(&[
+        "the table that was there had other frames: talk-01 (happiness, frames ",
+        "in the table that was there, and not found now: talk-09 (fear, frames 900 to 910)",
+    ]);
+    assert_eq!(work.read("segments.csv"), edited);
+    segment("--emotion joy").says(&["the table that was there had other labels: talk-01 (happiness, now joy)"]);
+    assert_eq!(work.rows("segments.csv")[0]["emotion"], "joy");
+    work.write("segments.csv", &format!("{edited}P7,talk-02\n"));
+    work.grimace("segment talk -o segments.csv --no-faces --force")
+        .exit(1)
+        .says(&["line 3", "would be lost: mend it, or move it away"]);
+}
+
+#[test]
 fn corrected_marks_stay_and_pictures_come_and_go() {
     let work = Work::new();
     record(&work, "talk", &expression("005"));

@@ -364,24 +364,27 @@ fn segment_pictures(
 /// A row of a table of segments.
 #[derive(Clone, Debug)]
 pub struct SegmentRow<'a> {
-    /// What the table says of its recording.
-    pub of: &'a ManifestColumns,
+    /// What the table says of its recording, but for what a person wrote of the segment.
+    pub of: ManifestColumns,
+    /// Fields of the columns that a person added.
+    pub more: Vec<String>,
     /// Frames per second; `None` where frames are not even, and their times stand in the video.
     pub fps: Option<f64>,
     /// The segment.
     pub segment: &'a Segment,
 }
 
-/// Writes a table of segments: a manifest with a confidence. `folder` holds the marks, as the table names it.
+/// Writes a table of segments: a manifest with a confidence, and the columns `more` behind it. `folder` holds the marks, as the table names
+/// it.
 ///
 /// # Errors
 /// [`OutputError`] when it cannot be written.
-pub fn write_segments(path: &Path, folder: &str, rows: &[SegmentRow<'_>]) -> Result<(), OutputError> {
+pub fn write_segments(path: &Path, folder: &str, more: &[String], rows: &[SegmentRow<'_>]) -> Result<(), OutputError> {
     let row = |row: &SegmentRow<'_>| {
-        let SegmentRow { of, fps, segment } = row;
+        let SegmentRow { of, more, fps, segment } = row;
         let confidence = (segment.confidence * 1e3).round() / 1e3;
         let marks = PathBuf::from(folder).join(format!("{}.csv", segment.name)).display().to_string();
-        vec![
+        let fields = [
             of.subject.clone(),
             segment.name.clone(),
             of.emotion.clone(),
@@ -391,7 +394,9 @@ pub fn write_segments(path: &Path, folder: &str, rows: &[SegmentRow<'_>]) -> Res
             marks,
             fps.map(nine_digits).unwrap_or_default(),
             nine_digits(confidence),
-        ]
+        ];
+        fields.iter().chain(more).cloned().collect::<Vec<String>>()
     };
-    write_records(path, SEGMENT_COLUMNS, rows.iter().map(row)).map(|_| ())
+    let header = SEGMENT_COLUMNS.iter().map(|name| (*name).to_owned()).chain(more.iter().cloned());
+    write_records(path, header.collect::<Vec<_>>(), rows.iter().map(row)).map(|_| ())
 }

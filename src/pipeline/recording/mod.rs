@@ -8,6 +8,7 @@ mod expand;
 mod files;
 mod film;
 mod follow;
+mod kept;
 mod likeness;
 mod measure;
 mod persons;
@@ -40,6 +41,7 @@ use crate::{
 pub(super) use expand::{SEGMENTS_FOLDER, expand};
 pub use files::{ManifestColumns, RecordingFiles, SegmentRow, reuse_recording, write_recording, write_segments};
 pub use film::write_recording_film;
+pub use kept::{EarlierSegments, GivenForAll, UNLABELLED};
 
 /// What is being done to a recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
