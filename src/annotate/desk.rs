@@ -28,7 +28,7 @@ use super::{
 use crate::{
     dataset::{Dataset, FrameSource, MANIFEST_NAME, SequenceEntry, is_picture},
     fit::{Correspondence, read_correspondences, write_correspondences},
-    output::{remove_durably, write_durable},
+    output::{count, remove_durably, write_durable},
     pipeline::Workbench,
     sequence::{ImageSize, read_first_frame},
     units::SequenceId,
@@ -307,12 +307,25 @@ impl Desk {
         }
     }
 
-    /// Sequences on the page that have no mark.
-    pub(super) fn unmarked(&self) -> Vec<SequenceId> {
+    /// Sequences on the page without marks, and those with too few or with marks that do not read, each with that reason.
+    pub(super) fn unmarked(&self) -> (Vec<SequenceId>, Vec<(SequenceId, String)>) {
         let items = self.lock();
-        let without =
-            |k: &&usize| items[**k].marks == 0 && self.read_marks(&items[**k].entry).is_ok_and(|marks| marks.is_empty());
-        self.worklist.iter().filter(without).map(|&k| items[k].entry.id.clone()).collect()
+        let (mut without, mut left) = (Vec::new(), Vec::new());
+        for item in self.worklist.iter().map(|&k| &items[k]) {
+            let id = item.entry.id.clone();
+            match self.read_marks(&item.entry).map(|marks| marks.len()) {
+                Ok(0) if item.marks == 0 => without.push(id),
+                Ok(found @ 1..ENOUGH_MARKS) => {
+                    left.push((
+                        id,
+                        format!("it has {}, {ENOUGH_MARKS} are wanted; what is there stays", count(found, "mark", "marks")),
+                    ));
+                }
+                Ok(_) => {}
+                Err(problem) => left.push((id, format!("{problem}; correct the file or move it away"))),
+            }
+        }
+        (without, left)
     }
 
     /// The frames of a sequence from the neutral one on.

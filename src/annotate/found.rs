@@ -41,7 +41,7 @@ fn covered(face: &FoundFace) -> Option<String> {
 pub struct Accepted {
     /// Sequences whose found marks were saved.
     pub accepted: Vec<SequenceId>,
-    /// Sequences without marks that need a look, each with the reason.
+    /// Sequences that need a look, each with the reason.
     pub left: Vec<(SequenceId, String)>,
 }
 
@@ -50,7 +50,7 @@ impl Desk {
     /// distance off and no single one is expected to be more than three times that: those are left out. A mark set by hand always wins,
     /// and of several faces a person has to say which one is meant.
     pub fn accept(&self, limit: f64, progress: impl Fn(usize, usize) + Sync) -> Accepted {
-        let open: Vec<SequenceId> = self.unmarked();
+        let (open, left) = self.unmarked();
         let done = std::sync::atomic::AtomicUsize::new(0);
         let found: Vec<(SequenceId, Result<Vec<Correspondence>, String>)> = open
             .par_iter()
@@ -71,6 +71,7 @@ impl Desk {
                 Err(reason) => outcome.left.push((id, reason)),
             }
         }
+        outcome.left.extend(left);
         outcome
     }
 

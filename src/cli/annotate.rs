@@ -26,13 +26,16 @@ use super::{
 Example:
   grimace annotate faces                      mark the sequences that have fewer than 5 marks
   grimace annotate faces --accept 2.5         take the faces that were found well as they are, look at the others
+  grimace annotate faces --accept 2.5 --no-page       the same in a script: ends, and leaves the others
   grimace annotate anna.jpg                   mark one picture; its marks are saved as anna.csv
   grimace run faces -o results
   grimace annotate faces --tracks results     step through the tracks, correct nodes, track again
 
 The page is served on this machine only. Every mark is saved at once in the dataset's correspondence files, which `fit` and `run` read. \
 ? on the page shows all keys; Ctrl-C here ends the server, nothing is lost by that. Faces are \
-looked for in every neutral frame and proposed, each point with its expected error; A accepts a face.")]
+looked for in every neutral frame and proposed, each point with its expected error; A accepts a face.
+
+Exit status with --no-page: 0 nothing is left, 3 something is.")]
 pub struct Args {
     /// Dataset folder, or its manifest file, or one picture; with --tracks it may be left out where it lies beside OUT
     #[arg(required_unless_present = "tracks")]
@@ -47,6 +50,9 @@ pub struct Args {
     /// left is on the page
     #[arg(long, value_name = "LIMIT", conflicts_with = "tracks", value_parser = positive)]
     accept: Option<f64>,
+    /// With --accept: no page; what is left is said, with exit status 3
+    #[arg(long, requires = "accept", conflicts_with_all = ["tracks", "port", "host"])]
+    no_page: bool,
     /// Port; by default 7113, or any other where that is taken
     #[arg(long, value_name = "N")]
     port: Option<u16>,
@@ -75,9 +81,13 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         tracks: args.tracks.clone(),
         all: args.all,
         host: args.host,
-        port: args.port,
+        // Nobody is told of the port without a page: any will do.
+        port: if args.no_page { Some(0) } else { args.port },
         cascades: args.cascades.clone(),
     };
+    if let Some(folder) = args.cascades.as_ref().filter(|folder| !folder.is_dir()) {
+        anyhow::bail!("{}: --cascades names a folder, and there is none", folder.display());
+    }
     // A picture that does not read would be an empty page.
     if let Some(picture) = args.dataset.as_ref().filter(|path| path.is_file() && is_picture(path)) {
         read_frame(picture)?;
@@ -106,6 +116,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         );
     } else {
         println!("{left} of {} left to mark", count(sequences, "sequence", "sequences"));
+    }
+    if args.no_page {
+        return Ok(if left == 0 && annotator.failures().is_empty() { Outcome::Done } else { Outcome::SomeFailed });
     }
     let stop = stop_flag()?;
     let url = annotator.url();

@@ -516,6 +516,18 @@ fn a_found_face_is_proposed_with_its_expected_errors_and_accepted_by_a_limit() {
     assert_eq!(open(&server, "A_hand")["marks"].as_array().unwrap().len(), 1);
     drop(server);
     work.grimace("annotate faces --accept -1 --no-open").exit(2);
+    // In a script there is no page, and the command ends.
+    work.grimace("annotate faces --accept 5 --no-page")
+        .exit(3)
+        .prints(&["1 of 1 sequence left to mark", "A_hand: it has 1 mark"]);
+    work.write("faces/manifest.csv", "subject,sequence,emotion,frames\nA,found,joy,anna\n");
+    fs::remove_dir_all(work.path("faces/A")).unwrap();
+    work.grimace("annotate faces --accept 0.001 --no-page")
+        .exit(3)
+        .prints(&["to look at: A_found: half", "1 of 1 sequence left"]);
+    work.grimace("annotate faces --accept 5 --no-page").exit(0).prints(&["1 sequence accepted", "0 of 1 sequence left to mark"]);
+    work.grimace("annotate faces --accept 5 --no-page").exit(0).prints(&["nothing is left to mark"]);
+    work.grimace("annotate faces --no-page").exit(2);
 }
 
 #[test]
@@ -554,6 +566,13 @@ fn the_face_of_one_picture_is_proposed_and_accepted() {
     assert_eq!(opened["marks"].as_array().unwrap().len(), work.rows("anna.csv").len());
     drop(server);
     work.grimace("fit anna.jpg -c anna.csv -o fit.csv").exit(0);
+    // What lies in the place of the marks and is none is named, and stays.
+    for text in ["", "eggs\nmilk\n"] {
+        work.write("anna.csv", text);
+        let ran = work.grimace("annotate anna.jpg --accept 5 --no-page").exit(3);
+        ran.prints(&["0 sequences accepted", "to look at: anna_picture: ", "anna.csv", "correct the file or move it away"]);
+        assert_eq!(work.read("anna.csv"), text);
+    }
 }
 
 /// A connection that is kept for many requests, as a browser does.
