@@ -62,6 +62,18 @@ pub fn printable(text: &str) -> Cow<'_, str> {
     Cow::Owned(shown)
 }
 
+/// A name or path as it stands within a line: what would break the line or a terminal obeys is escaped.
+pub fn single_line(text: &str) -> Cow<'_, str> {
+    if !text.contains(|c: char| is_command(c) || c.is_control()) {
+        return Cow::Borrowed(text);
+    }
+    let mut shown = String::with_capacity(text.len() + 16);
+    for c in text.chars() {
+        if is_command(c) || c.is_control() { shown.extend(c.escape_default()) } else { shown.push(c) }
+    }
+    Cow::Owned(shown)
+}
+
 /// A whole message: printable, and of about 2000 characters at most. What is too long loses its middle, since the file stands at the
 /// front and what was expected at the end.
 pub fn message(text: &str) -> Cow<'_, str> {
@@ -87,6 +99,8 @@ mod tests {
         assert_eq!(excerpt("Ärger 😀"), "Ärger 😀");
         assert_eq!(printable("two\nlines\tand \u{1b}[31m\u{9b}31m\r"), "two\nlines\tand \\u{1b}[31m\\u{9b}31m\\r");
         assert!(matches!(printable("plain"), Cow::Borrowed("plain")));
+        assert_eq!(single_line("a\nb\t\u{1b} c"), "a\\nb\\t\\u{1b} c");
+        assert!(matches!(single_line("plain"), Cow::Borrowed("plain")));
     }
 
     #[test]

@@ -9,12 +9,13 @@ use std::{
 use anyhow::{Context as _, bail, ensure};
 use grimace::{
     fap::{
-        FapFile, FapMask, FapReadError, FapSequence, FapSummary, Finding, Profile, SequenceSummary, Severity, ValueFormat,
-        check_fap, check_lips, fap_text, is_for_greta, read_fap_bytes, read_tidy_csv, write_fap_as, write_tidy_csv,
+        FapFile, FapMask, FapReadError, FapSequence, FapSummary, FapWriteError, Finding, Profile, SequenceSummary, Severity,
+        ValueFormat, check_fap, check_lips, fap_text, is_for_greta, read_fap_bytes, read_tidy_csv, write_fap_as, write_tidy_csv,
     },
     input::is_stdin,
     interpolation::FPS,
     output::nine_digits,
+    text::single_line,
 };
 use serde::Serialize;
 
@@ -172,7 +173,7 @@ fn bytes_of(path: &Path) -> Result<Vec<u8>, FapReadError> {
 fn summary_text(path: &Path, summary: &SequenceSummary, findings: &[Finding]) -> String {
     let SequenceSummary { name, version, fps, frames, seconds, faps } = summary;
     let set = FapMask::List(faps.iter().filter_map(|f| f.fap.try_into().ok()).collect());
-    let mut text = format!("{}: `{name}`, version {version}\n", path.display());
+    let mut text = format!("{}: `{name}`, version {version}\n", single_line(&path.display().to_string()));
     let _ = writeln!(text, "  {}, {} fps, {seconds:.2} s", count(*frames, "frame"), nine_digits(*fps));
     let _ = writeln!(text, "  {} set: {set}", count(faps.len(), "FAP"));
     if !findings.is_empty() {
@@ -244,6 +245,7 @@ fn check(args: &CheckArgs) -> anyhow::Result<Outcome> {
     } else {
         let mut text = String::new();
         for FileCheck { file, unreadable, findings, .. } in &files {
+            let file = single_line(file);
             if let Some(reason) = unreadable {
                 let _ = writeln!(text, "{file}: error: cannot be read: {reason}");
             }
@@ -308,7 +310,11 @@ fn convert(args: &ConvertArgs) -> anyhow::Result<Outcome> {
     if is_stdin(output) {
         print(&fap_text(&sequence, profile, format).context("standard output")?)?;
     } else {
-        write_fap_as(output, &sequence, profile, format).with_context(|| output.display().to_string())?;
+        write_fap_as(output, &sequence, profile, format).map_err(|error| match error {
+            // It names the file.
+            FapWriteError::Output(error) => anyhow::Error::from(error),
+            error @ FapWriteError::Content(_) => anyhow::Error::from(error).context(output.display().to_string()),
+        })?;
     }
     Ok(Outcome::Done)
 }

@@ -8,6 +8,7 @@ use grimace::{
         propose_manifest,
     },
     output::{count, listed},
+    text::single_line,
 };
 
 use super::{
@@ -70,7 +71,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     if !args.quiet {
         say_kept(&kept);
         let open = manifest.rows.iter().filter(|row| row.emotion == UNKNOWN_EMOTION).count();
-        println!("{}: {}", path.display(), count(manifest.rows.len(), "sequence", "sequences"));
+        println!("{}: {}", single_line(&path.display().to_string()), count(manifest.rows.len(), "sequence", "sequences"));
         if !manifest.skipped.is_empty() {
             println!("note: not taken: {}", shortened(&manifest.skipped));
         }
@@ -133,6 +134,6 @@ fn say_kept(kept: &Kept) {
 fn shortened(names: &[String]) -> String {
     const SHOWN: usize = 12;
     let more = names.len().saturating_sub(SHOWN);
-    let shown = names.iter().take(SHOWN).cloned().collect::<Vec<_>>().join(", ");
+    let shown = names.iter().take(SHOWN).map(|name| single_line(name)).collect::<Vec<_>>().join(", ");
     if more > 0 { format!("{shown} and {more} more") } else { shown }
 }

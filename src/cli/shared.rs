@@ -11,13 +11,14 @@ use anyhow::Context;
 use grimace::{
     clone::SourceMotion,
     dataset::{LandmarkSelection, read_marks},
+    input::is_stdin,
     output::target_of,
     pipeline::{FoundMarks, PipelineOptions, ReportFace, Workbench, file_blake3, found_marks_and_remark, showcase_remarks},
     sequence::{DEFAULT_MAX_PIXELS, Frame, set_max_pixels},
 };
 
 pub use super::{
-    numbers::{alpha, count, emphasis, frame_rate, gain, memory, not_negative, positive, thread_count},
+    numbers::{alpha, count, emphasis, frame_rate, gain, memory, not_negative, positive, share, thread_count},
     options::{AnalysisArgs, CheckArgs, FitArgs, MarksArgs, MethodArgs, ModelArgs, ProfileArgs, TrackArgs, words},
 };
 
@@ -97,6 +98,7 @@ impl GeneralArgs {
 
 /// Refuses to write over a file unless forced.
 pub fn check_free(path: &std::path::Path, force: bool) -> anyhow::Result<()> {
+    anyhow::ensure!(!is_stdin(path), "-: files are written, and nothing to standard output; for a file of that name give ./-");
     anyhow::ensure!(force || !path.exists(), "{} is there already; --force writes over it", path.display());
     Ok(())
 }

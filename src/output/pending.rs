@@ -22,14 +22,17 @@ pub fn target_of(path: &Path) -> Result<PathBuf, OutputError> {
     if !found.is_symlink() {
         return special(found.file_type()).map_or_else(|| Ok(path.to_owned()), |what| Err(refuse(what)));
     }
-    let target = match fs::canonicalize(path) {
+    // Before the path behind it: what /dev/stdout leads to may have none.
+    let behind = match fs::metadata(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => {
             return Err(refuse("it is a link to a file that is not there; remove the link or make the file"));
         }
-        target => target.map_err(OutputError::at(path))?,
+        behind => behind.map_err(OutputError::at(path))?,
     };
-    let behind = fs::metadata(&target).map_err(OutputError::at(path))?;
-    special(behind.file_type()).map_or(Ok(target), |what| Err(refuse(what)))
+    match special(behind.file_type()) {
+        Some(what) => Err(refuse(what)),
+        None => fs::canonicalize(path).map_err(OutputError::at(path)),
+    }
 }
 
 /// What a file is that is no regular file, and what to do.
@@ -207,6 +210,12 @@ mod tests {
         assert!(message("socket").contains("it is a socket"));
         symlink(at("nothing"), at("dead")).unwrap();
         assert!(message("dead").contains("link to a file that is not there"));
+        let (_reader, writer) = std::io::pipe().unwrap();
+        let fd = std::os::fd::AsRawFd::as_raw_fd(&writer);
+        symlink(format!("/proc/self/fd/{fd}"), at("stdout")).unwrap();
+        if Path::new("/proc/self/fd").exists() {
+            assert!(message("stdout").contains("it is a pipe, and only regular files are written"), "{}", message("stdout"));
+        }
         symlink("/dev/null", at("null")).unwrap();
         assert!(message("null").contains("it is a device"));
         fs::create_dir(at("folder")).unwrap();

@@ -378,8 +378,8 @@ pub fn parse_track_info(csv_path: &Path, bytes: &[u8]) -> Result<TrackInfo, Trac
         return refused(format!("`fps` is {fps}; frames per second above 0 and up to {HIGHEST_RATE} were expected"));
     }
     let times = info.times.as_deref().unwrap_or_default();
-    if let Some(pair) = times.windows(2).find(|pair| pair[0] >= pair[1]) {
-        return refused(format!("`times` has {} behind {}; seconds that ascend were expected", pair[1], pair[0]));
+    if let Some([before, after, ..]) = times.windows(2).find(|pair| pair[0] >= pair[1]) {
+        return refused(format!("`times` has {after} behind {before}; seconds that ascend were expected"));
     }
     if info.times.is_some() && times.len() < info.summary.frames {
         return refused(times_said(times.len(), info.summary.frames));

@@ -110,6 +110,7 @@ fn a_run_gives_figures_as_svg_and_pdf_with_captions() {
         ("0", "`fps` is 0"),
         ("1e9", "`fps` is 1000000000"),
         ("25, \"times\": [0, 1]", "`times` has 2 times"),
+        ("25, \"times\": [0, 2, 1, 3, 4, 5]", "`times` has 1 behind 2"),
     ] {
         work.write("results/tracks/S001_005.json", format!("{} {fps}{}", &info[..number], &info[end..]));
         work.grimace("features results/tracks/S001_005.csv -o f").exit(1).says(&[

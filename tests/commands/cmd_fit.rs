@@ -250,6 +250,12 @@ fn only_regular_files_are_written_and_links_stay_links() {
     fit("pipe").exit(1).says(&["cannot write pipe: it is a pipe"]);
     fit("dead.csv").exit(1).says(&["dead.csv: it is a link to a file that is not there"]);
     fit("/dev/null").exit(1).says(&["cannot write /dev/null: it is a device"]);
+    // Standard output of the tests is a pipe, and none of these is a link to remove.
+    if std::path::Path::new("/dev/stdout").exists() {
+        fit("/dev/stdout").exit(1).says(&["cannot write /dev/stdout: it is a pipe, and only regular files are written"]);
+    }
+    fit("-").exit(1).says(&["-: files are written, and nothing to standard output; for a file of that name give ./-"]);
+    fit("./-").exit(0);
     assert!(!work.path("nowhere").exists() && !work.path("pipe").is_file());
     work.grimace("run faces -o out -j 100000").exit(2).says(&["expected a whole number from 0 to 1024"]);
 }
