@@ -360,7 +360,7 @@ mod tests {
     const FOLD: (f64, f64) = (96.0, 104.0);
 
     fn sample(layout: &SkinLayout, scale: f64, fold: f64) -> SkinSample {
-        let view = Similarity { scale, angle: 0.05, translation: nalgebra::Vector2::new(20.0, 15.0) };
+        let view = Similarity { scale, angle: 0.05, translation: Vector2::new(20.0, 15.0) };
         let ((neutral, nodes), (apex, _)) = (face(&view, 0.0, 0.0), face(&view, fold, 0.15));
         layout.measure((&neutral, &nodes), (&apex, &nodes)).unwrap()
     }
