@@ -121,7 +121,7 @@ fn labels_that_a_person_wrote_stay_when_a_recording_is_cut_again() {
     let first = work.rows("segments.csv")[0]["first_frame"].clone();
     let moved = edited.replace(&format!(",{first},"), &format!(",{},", first.parse::<u32>().unwrap() + 1));
     assert_ne!(moved, edited);
-    work.write("segments.csv", &format!("{moved}P7,talk-09,fear,talk,900,910,,25,1,yes\n"));
+    work.write("segments.csv", format!("{moved}P7,talk-09,fear,talk,900,910,,25,1,yes\n"));
     segment("").says(&[
         "the table that was there had other frames: talk-01 (happiness, frames ",
         "in the table that was there, and not found now: talk-09 (fear, frames 900 to 910)",
@@ -129,7 +129,7 @@ fn labels_that_a_person_wrote_stay_when_a_recording_is_cut_again() {
     assert_eq!(work.read("segments.csv"), edited);
     segment("--emotion joy").says(&["the table that was there had other labels: talk-01 (happiness, now joy)"]);
     assert_eq!(work.rows("segments.csv")[0]["emotion"], "joy");
-    work.write("segments.csv", &format!("{edited}P7,talk-02\n"));
+    work.write("segments.csv", format!("{edited}P7,talk-02\n"));
     work.grimace("segment talk -o segments.csv --no-faces --force")
         .exit(1)
         .says(&["line 3", "would be lost: mend it, or move it away"]);
