@@ -169,6 +169,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         let motion = Played::new(path, args, &synthesizer)?;
         let twin = played.iter().find(|p| p.name == motion.name);
         if let Some(twin) = twin {
+            anyhow::ensure!(twin.path != *path, "{}: this motion is given twice", path.display());
             anyhow::bail!(
                 "{} and {}: both animations would be called {}; rename one of the files",
                 twin.path.display(),

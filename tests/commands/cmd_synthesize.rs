@@ -258,7 +258,9 @@ fn several_motions_are_animations_of_one_file_in_metres_and_loop() {
         );
         assert_eq!(report(&work, &format!("out/{name}"))["frames"], 62);
     }
-    work.grimace(&format!("synthesize -b candide -m smile.csv smile.csv {options} -o twice")).exit(1).says(&["rename the file"]);
+    work.grimace(&format!("synthesize -b candide -m smile.csv smile.csv {options} -o twice"))
+        .exit(1)
+        .says(&["smile.csv: this motion is given twice"]);
 }
 
 #[test]
