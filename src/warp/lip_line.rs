@@ -55,13 +55,14 @@ impl Shift {
     }
 }
 
-/// Moves the line in which closed lips meet to where the picture has it; a corner of which `is_set` says that a person placed it stays, and so does the
-/// whole line where a node between the corners was placed.
+/// Moves the line in which closed lips meet to where the picture has it; it stays where `is_set` says that a person placed a corner or a node between
+/// them: bent between ends that stay, it would press the skin at the corners into folds.
 pub fn place_lip_line(nodes: &mut [Point2<f64>], photograph: &Texture, is_set: impl Fn(u16) -> bool, frame: &Frame) {
     let unit = frame.eye_distance;
     let height = |n: usize| frame.height(&nodes[n]);
     let is_open = PAIRS.iter().any(|&[upper, lower, ..]| height(lower) - height(upper) >= CLOSED_GAP * unit);
-    if is_open || PAIRS.iter().flat_map(|pair| &pair[..2]).any(|&n| is_set(n as u16)) {
+    let mut line_nodes = PAIRS.iter().flat_map(|pair| &pair[..2]).chain(CORNERS.as_flattened());
+    if is_open || line_nodes.any(|&n| is_set(n as u16)) {
         return;
     }
     let [left, right] = CORNERS.map(|corner| nodes[corner[0]]);
@@ -83,9 +84,8 @@ pub fn place_lip_line(nodes: &mut [Point2<f64>], photograph: &Texture, is_set: i
             (*at, [(height(above) - line) / unit * INTO_LIP, (height(below) - line) / unit * INTO_LIP])
         })
         .collect();
-    let stays = CORNERS.map(|corner| corner.iter().any(|&n| is_set(n as u16)));
     let table = Table::new(&knots, photograph, frame);
-    let Some(shift) = best(&table, &room, stays) else { return };
+    let Some(shift) = best(&table, &room) else { return };
     let down = frame.down.into_inner() * unit;
     for ([inner, outer], end) in CORNERS.into_iter().zip(shift.ends) {
         nodes[inner] += down * end;
@@ -156,14 +156,14 @@ fn on_line(knots: &[(f64, Point2<f64>)], share: f64) -> Point2<f64> {
     a + (b - a) * ((share - from) / (to - from))
 }
 
-/// The best shift that leaves the line between the outer edges of the lips, an end where it `stays`; `None` where the line is best where it is.
-fn best(table: &Table, room: &[(f64, [f64; 2])], stays: [bool; 2]) -> Option<Shift> {
+/// The best shift that leaves the line between the outer edges of the lips; `None` where the line is best where it is.
+fn best(table: &Table, room: &[(f64, [f64; 2])]) -> Option<Shift> {
     let count = |reach: f64| (reach / TRIED).round() as i32;
-    let range = |stays: bool| if stays { 0..=0 } else { -count(REACH)..=count(REACH) };
+    let range = |reach: f64| -count(reach)..=count(reach);
     let mut best = (table.score(Shift::default())?, Shift::default());
-    for from in range(stays[0]) {
-        for to in range(stays[1]) {
-            for middle in -count(BEND)..=count(BEND) {
+    for from in range(REACH) {
+        for to in range(REACH) {
+            for middle in range(BEND) {
                 let [from, to, middle] = [from, to, middle].map(|steps| f64::from(steps) * TRIED);
                 let tried = Shift { ends: [from, to], middle };
                 let fits = |&(at, [above, below]): &(f64, [f64; 2])| (above..=below).contains(&tried.at(at));
@@ -223,13 +223,12 @@ mod tests {
             place_lip_line(&mut placed, &picture, |_| false, &frame);
             assert!(error(&wrong) > 1.5 && error(&placed) < 0.8, "{left} {right}: {} of {}", error(&placed), error(&wrong));
             assert!((0..placed.len()).all(|n| line.contains(&n) || [83, 40, 84].contains(&n) || placed[n] == wrong[n]));
-            // A corner that a person placed stays, and nothing moves where they placed the middle.
-            let mut set = wrong.clone();
-            place_lip_line(&mut set, &picture, |n| n == 31, &frame);
-            assert!(set[31] == wrong[31] && set[88] == wrong[88]);
-            let mut set = wrong.clone();
-            place_lip_line(&mut set, &picture, |n| n == 40, &frame);
-            assert_eq!(set, wrong);
+            // Nothing moves where a person placed a corner or the middle.
+            for placed in [31, 89, 40] {
+                let mut set = wrong.clone();
+                place_lip_line(&mut set, &picture, |n| n == placed, &frame);
+                assert_eq!(set, wrong);
+            }
         }
     }
 
