@@ -21,11 +21,11 @@ const PLACES: usize = 25;
 const STEP: f64 = 0.004;
 /// How far ends and any place of the line go, and the middle beyond them, over the eye distance; and the step of both.
 const REACH: f64 = 0.060;
-const BEND: f64 = 0.036;
+const BEND: f64 = 0.024;
 const TRIED: f64 = 0.006;
 /// How far the line is expected to be off at its ends and in its middle, over the eye distance, and what that costs, as a share of the skin's
 /// brightness. On 30 faces whose lines were moved by so much it comes back to within 0.003 of where it goes from its own place.
-const EXPECTED: (f64, f64) = (0.026, 0.016);
+const EXPECTED: (f64, f64) = (0.026, 0.012);
 const PRIOR: f64 = 0.007;
 /// Half the height of the dark line, and where the lips above and below it are looked at, over the eye distance.
 const DARK: f64 = 0.006;
