@@ -108,17 +108,17 @@ impl ClonedSkin {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{correspondence::read_correspondences, fit::Fitter, wireframe::Face};
+    use crate::{
+        clone::test_target::{portrait, target},
+        wireframe::Face,
+    };
 
     #[test]
     fn folds_are_as_soft_as_the_photograph() {
         let face = Face::candide3();
-        let marks = read_correspondences("fixtures/portraits/P01_correspondences.csv".as_ref(), &face.tables, 113).unwrap();
-        let fitter = Fitter::new(&face.wireframe, crate::fit::FitOptions::default());
-        let sharp = image::open("fixtures/portraits/P01.jpg").unwrap().into_rgb8();
+        let sharp = portrait();
         let soft = image::imageops::blur(&sharp, 2.0);
-        let on = |picture: RgbImage| Target::new("P01", picture, &marks, &fitter, &face).unwrap();
-        let (sharp, soft) = (on(sharp), on(soft));
+        let (sharp, soft) = (target(sharp), target(soft));
         let [before, after] = [&sharp, &soft].map(fold_softening);
         // The root of what the squares differ by, of 2 px and the photograph's own, on a layout with 60 px between the eyes.
         let unit = 60.0 / soft.warp().eye_distance();

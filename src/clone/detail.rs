@@ -356,15 +356,13 @@ pub(super) fn smooth(values: &[f32], width: u32, height: u32, sigma_px: f64) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::clone::test_target::{portrait, target};
 
     #[test]
     fn pictures_of_the_source_are_held_once_and_its_mouth_is_shown_on_its_own_face() {
         let face = crate::wireframe::Face::candide3();
-        let marks =
-            crate::correspondence::read_correspondences("fixtures/portraits/P01_correspondences.csv".as_ref(), &face.tables, 113);
-        let fitter = crate::fit::Fitter::new(&face.wireframe, crate::fit::FitOptions::default());
-        let picture = image::open("fixtures/portraits/P01.jpg").unwrap().into_rgb8();
-        let target = Target::new("P01", picture.clone(), &marks.unwrap(), &fitter, &face).unwrap();
+        let picture = portrait();
+        let target = target(picture.clone());
         let nodes = target.fitted.model.nodes().to_vec();
         let source = SourceMotion::read("fixtures/golden/representatives/happiness.csv".as_ref(), &face).unwrap();
         let source = SourceMotion { frames: vec![(1, nodes.clone()), (2, nodes)], ..source };

@@ -19,6 +19,8 @@ mod render;
 mod skin;
 mod source;
 mod target;
+#[cfg(test)]
+pub(crate) mod test_target;
 mod timing;
 
 use std::path::PathBuf;

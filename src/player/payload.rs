@@ -362,15 +362,11 @@ mod tests {
     use base64::{Engine, prelude::BASE64_STANDARD};
 
     use super::*;
-    use crate::{correspondence::read_correspondences, fit::Fitter};
+    use crate::clone::test_target::{portrait, target};
 
     #[test]
     fn the_skin_of_lids_is_that_of_the_library() {
-        let wire = Wire::candide3();
-        let marks = read_correspondences("fixtures/portraits/P01_correspondences.csv".as_ref(), &wire.tables, 113).unwrap();
-        let picture = image::open("fixtures/portraits/P01.jpg").unwrap().into_rgb8();
-        let fitter = Fitter::new(&wire.wireframe, crate::fit::FitOptions::default());
-        let target = Target::new("P01", picture, &marks, &fitter, &wire).unwrap();
+        let target = target(portrait());
         let (left, top, _, height) = target.surroundings();
         let numbers = |packed: &Value| -> Vec<f64> {
             let bytes = BASE64_STANDARD.decode(packed.as_str().unwrap()).unwrap();
