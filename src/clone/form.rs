@@ -1,12 +1,27 @@
-//! Folds of a motion for which no pictures are at hand: those that its form makes ([`crate::synthesis`]' embedded head, bent as the nodes go).
+//! Folds of a motion for which no pictures are at hand: those that its form makes ([`crate::synthesis`]' embedded head, bent as the nodes go), and
+//! where it raises the upper lip the fold of the cheek that people have who do so. A coarse head bulges there and does not fold: its shading is an arc
+//! around the wing of the nose.
+
+use std::sync::OnceLock;
 
 use nalgebra::{Point2, Vector2};
 
 use super::{
     CloneError, Skin, SourceMotion, detail,
-    skin::{NOSTRILS, ORIGIN, SCALE, SIZE, SKIN_LOG_LIMIT, eye_distance, layout_nodes},
+    skin::{NOSTRILS, ORIGIN, SCALE, SIZE, SKIN_LOG_LIMIT, eye_distance, layout_nodes, log_of},
 };
-use crate::{geometry::polygon::inside_depth, synthesis::Relief, warp::fill_triangle};
+use crate::{geometry::polygon::inside_depth, interpolation::smooth_step, synthesis::Relief, warp::fill_triangle};
+
+/// What 90 people's smiles do to their skin, on the layout (`scripts/smile_skin`).
+const SMILE: &[u8] = include_bytes!("../../candide/smile_skin.png");
+/// Nodes above the corners of the mouth, and how far they rise on the mean, over the eye distance, where cheeks begin to fold and do as in a smile.
+const RAISED: [usize; 4] = [79, 80, 90, 91];
+const FOLDS: (f64, f64) = (0.02, 0.09);
+/// The cheeks, in units of the wireframe: from the nose outwards and from above the wings of the nose downwards, each with where it is wholly cheek.
+const BESIDE_NOSE: (f64, f64) = (0.12, 0.22);
+const OUTWARDS: (f64, f64) = (0.85, 0.70);
+const BELOW_EYES: (f64, f64) = (0.06, -0.06);
+const ABOVE_CHIN: (f64, f64) = (-1.00, -0.80);
 
 /// Share of what grows lighter that a clone shows: half of what 90 people's smiling cheeks do, for there it is one soft light, and here a wedge.
 const LIGHTER: f32 = 0.25;
@@ -47,8 +62,35 @@ impl Skin {
             let darker = if *log < 0.0 { DARKER } else { 1.0 };
             *log = (*log * darker * share * off).clamp(-SKIN_LOG_LIMIT, SKIN_LOG_LIMIT);
         }
+        let raised = RAISED.iter().map(|&n| offsets[n].y).sum::<f64>() / RAISED.len() as f64;
+        let folded = smooth_step(FOLDS.0, FOLDS.1, raised) as f32;
+        if folded > 0.0
+            && let Some(smile) = smile()
+        {
+            for (k, (log, smiling)) in logs.iter_mut().zip(smile).enumerate() {
+                *log += (smiling - *log) * folded * cheek(k);
+            }
+        }
         Ok(Self { logs, people: 0, lighter: LIGHTER })
     }
+}
+
+/// Logarithms of what smiles do; `None` if the picture could not be decoded.
+fn smile() -> Option<&'static [f32]> {
+    static LOGS: OnceLock<Option<Vec<f32>>> = OnceLock::new();
+    let read = || {
+        let picture = image::load_from_memory_with_format(SMILE, image::ImageFormat::Png).ok()?.to_luma8();
+        (picture.dimensions() == SIZE).then(|| picture.as_raw().iter().map(|&level| log_of(level)).collect())
+    };
+    LOGS.get_or_init(read).as_deref()
+}
+
+/// How far a pixel of the layout is cheek, 0 to 1.
+fn cheek(k: usize) -> f32 {
+    let (x, y) = (f64::from(k as u32 % SIZE.0), f64::from(k as u32 / SIZE.0));
+    let (x, y) = (((x - ORIGIN.0) / SCALE).abs(), (ORIGIN.1 - y) / SCALE);
+    let share = |(from, to): (f64, f64), at: f64| smooth_step(0.0, 1.0, (at - from) / (to - from));
+    (share(BESIDE_NOSE, x) * share(OUTWARDS, x) * share(BELOW_EYES, y) * share(ABOVE_CHIN, y)) as f32
 }
 
 #[cfg(test)]
@@ -72,5 +114,23 @@ mod tests {
         assert!(fold < -0.03, "{fold}");
         smile.offsets.iter_mut().flatten().for_each(|offset| *offset = Vector2::zeros());
         assert!(Skin::of_form(&smile).unwrap().logs.iter().all(|log| *log == 0.0));
+    }
+
+    #[test]
+    fn a_raised_lip_has_the_fold_of_a_smile_and_a_lowered_one_has_not() {
+        let mut motion = SourceMotion::read("fixtures/golden/representatives/happiness.csv".as_ref(), &Face::candide3()).unwrap();
+        let fold = 112 * SIZE.0 as usize + 91;
+        let mut of_lip = |rise: f64| {
+            let es = motion.fapus.es;
+            motion.offsets.iter_mut().flatten().for_each(|offset| *offset = Vector2::zeros());
+            let apex = motion.offsets.len() - 1;
+            RAISED.iter().for_each(|&n| motion.offsets[apex][n].y = rise * es);
+            Skin::of_form(&motion).unwrap().logs[fold]
+        };
+        let (raised, half, lowered) = (of_lip(0.10), of_lip(0.055), of_lip(-0.10));
+        assert_eq!(raised, smile().unwrap()[fold]);
+        assert!(raised < -0.12 && (raised + 0.01..-0.02).contains(&half) && lowered > -0.05, "{raised} {half} {lowered}");
+        // Not on the nose, on the forehead or on the chin.
+        assert!([(63, 105), (63, 40), (63, 200)].iter().all(|(x, y)| cheek(y * SIZE.0 as usize + x) == 0.0));
     }
 }

@@ -78,9 +78,8 @@ void main() {
   float throat = (depth - 0.40) / 0.34, dropped = 1.0 - lit, gapes = dropped * smoothstep(0.10, 0.24, gap);
   float light0 = 0.27 + (0.20 * depth - 0.12) * open * side - 0.16 * exp(-throat * throat) * side * sqrt(open) + 0.13 * (1.0 - side) * open;
   // A jaw that drops opens it so far that light falls in, and goes out softly towards the depth.
-  vec2 off = vec2((x - 0.5 * (ends.x + ends.y)) / max(0.5 * (ends.y - ends.x), 1e-6), (depth - 0.40) / 0.55);
-  light0 = mix(light0 + 0.08 * dropped * (1.0 - open), 0.38 + 0.14 * smoothstep(0.25, 1.25, dot(off, off)), gapes);
-  vec3 colour = tinted(vec3(1.0, vec2(0.60, 0.57) + 0.14 * (1.0 - side) * (1.0 - gapes)) - vec3(0.08, 0.06, 0.08) * gapes, light0);
+  light0 = mix(light0 + 0.08 * dropped * (1.0 - open), 0.45 * (1.0 - 0.42 * (1.0 - side)), gapes);
+  vec3 colour = tinted(vec3(1.0, vec2(0.60, 0.57) + 0.14 * (1.0 - side) * (1.0 - gapes)) - vec3(0.10, 0.0, 0.02) * gapes, light0);
   float across = x / max(mix(0.38, 0.50, gapes) * (ends.y - ends.x), 1e-6), within = 1.0 - across * across;
   if (within > 0.0) {
     float height = (tongue + 0.19 * gapes) * gap * pow(within, mix(0.5, 0.7, gapes)), top = floorY - height;
