@@ -86,12 +86,12 @@ impl Turned {
             for pair in edge.windows(2) {
                 let (a, along) = (pair[0].0, pair[1].0 - pair[0].0);
                 let t = ((p - a).dot(&along) / along.norm_squared().max(1e-12)).clamp(0.0, 1.0);
-                let distance = (p - a - along * t).norm();
+                let distance = (p - a - along * t).norm_squared();
                 if distance < nearest.0 {
                     nearest = (distance, pair[0].1 + (pair[1].1 - pair[0].1) * t);
                 }
             }
-            let (distance, opened) = nearest;
+            let (distance, opened) = (nearest.0.sqrt(), nearest.1);
             if opened <= 0.0 {
                 return 1.0;
             }

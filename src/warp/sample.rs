@@ -241,10 +241,13 @@ impl<'a> Pixels<'a> {
         let (x, y) = (&self.x[..count], &self.y[..count]);
         let (colours, bytes) = (&mut self.colours[..count], &mut self.bytes[..count]);
         self.texture.sample_all((x, y), colours);
-        if !boxes.is_empty() {
+        // Places that are drawn together are near each other: most boxes hold none of them.
+        let around = (span(x), span(y));
+        let near: Vec<(usize, &Bounds)> = boxes.iter().enumerate().filter(|(_, b)| b.meets(around)).collect();
+        if !near.is_empty() {
             for ((x, y), colour) in x.iter().zip(y).zip(&mut *colours) {
                 let at = Point2::new(*x, *y);
-                for (number, _) in boxes.iter().enumerate().filter(|(_, b)| b.holds(&at)) {
+                for &(number, _) in near.iter().filter(|(_, b)| b.holds(&at)) {
                     let [red, green, blue, _] = *colour;
                     colour[..3].copy_from_slice(&change(number, at, [red, green, blue]));
                 }
@@ -284,6 +287,18 @@ impl Bounds {
         let [low, high] = &self.0;
         p.x >= low.x && p.x <= high.x && p.y >= low.y && p.y <= high.y
     }
+
+    /// Whether it may hold places between these x and y.
+    fn meets(&self, (x, y): ((f64, f64), (f64, f64))) -> bool {
+        let [low, high] = &self.0;
+        low.x <= x.1 && high.x >= x.0 && low.y <= y.1 && high.y >= y.0
+    }
+}
+
+/// The least and the greatest of some numbers.
+fn span(values: &[f64]) -> (f64, f64) {
+    let wider = |(low, high): (f64, f64), &v: &f64| (if v < low { v } else { low }, if v > high { v } else { high });
+    values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), wider)
 }
 
 /// Added to a number it leaves no room for what is behind the point; the last bits of the sum are the whole number, if that is not negative.
