@@ -300,7 +300,7 @@ fn what_a_fap_file_does_not_set_rests() {
     work.write("lids.fap", format!("2.1 blink 25 3\n{mask}\n0 0 0\n{mask}\n1 450 450\n{mask}\n2 900 900\n"));
     work.grimace("fap convert lids.fap --mask all -o all.fap").exit(0);
     for name in ["lids", "all"] {
-        work.grimace(&format!("synthesize -b head -m {name}.fap -o {name} --bound-starts 0")).exit(0);
+        work.grimace(&format!("synthesize -b head -m {name}.fap -o {name} --bound-starts 0 --format glb")).exit(0);
     }
     assert_eq!(work.read("lids/weights.csv"), work.read("all/weights.csv"));
     let rows = work.rows("lids/weights.csv");
@@ -320,7 +320,7 @@ fn faps_that_only_some_frames_set_are_0_in_the_others() {
     work.write("some.fap", format!("2.1 some 25 3\n{none}\n0\n{smile}\n1 100 100 80 80\n{smile}\n2 200 200 160 160\n"));
     work.write("all.fap", format!("2.1 all 25 3\n{smile}\n0 0 0 0 0\n{smile}\n1 100 100 80 80\n{smile}\n2 200 200 160 160\n"));
     for name in ["some", "all"] {
-        work.grimace(&format!("synthesize -b candide -m {name}.fap -o {name} --bound-starts 0 --between 3")).exit(0);
+        work.grimace(&format!("synthesize -b candide -m {name}.fap -o {name} --bound-starts 0 --between 3 --format glb")).exit(0);
         let portrait = root().join("fixtures/portraits/P01.jpg");
         let clone = format!("clone --source {name}.fap --target {} -o {name}-clone --teeth dark -q", portrait.display());
         work.grimace(&clone).exit(0);
@@ -339,7 +339,7 @@ fn faps_that_only_some_frames_set_are_0_in_the_others() {
 fn key_frames_of_feature_points_have_frames_between() {
     let work = Work::new();
     work.write("keys.csv", "frame,fp,dx,dy\n0,8.3,0,0\n10,8.3,0.1,0\n20,8.3,0.2,0\n");
-    work.grimace("synthesize -b candide -m keys.csv -o out --bound-starts 0").exit(0);
+    work.grimace("synthesize -b candide -m keys.csv -o out --bound-starts 0 --format glb").exit(0);
     assert_eq!(report(&work, "out")["frames"], 21);
 }
 
