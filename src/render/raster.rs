@@ -75,10 +75,11 @@ impl Canvas {
             ((low - 0.5).ceil().max(0.0) as u32, ((high - 0.5).floor() + 1.0).clamp(0.0, limit as f32) as u32)
         };
         let ((left, right), (top, bottom)) = (span(0, self.width), span(1, self.height));
+        let per_area = 1.0 / area;
         for y in top..bottom {
             for x in left..right {
                 let (px, py) = (x as f32 + 0.5, y as f32 + 0.5);
-                let edge = |p: [f32; 3], q: [f32; 3]| ((q[0] - p[0]) * (py - p[1]) - (q[1] - p[1]) * (px - p[0])) / area;
+                let edge = |p: [f32; 3], q: [f32; 3]| ((q[0] - p[0]) * (py - p[1]) - (q[1] - p[1]) * (px - p[0])) * per_area;
                 let shares = [edge(b, c), edge(c, a), edge(a, b)];
                 if shares.iter().any(|&s| s < 0.0) {
                     continue;

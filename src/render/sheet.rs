@@ -1,10 +1,11 @@
 //! Contact sheets, labels and GIF animations.
 
 use image::{
-    Frame, Rgb, RgbImage,
+    Frame, Rgb, RgbImage, RgbaImage,
     codecs::gif::{GifEncoder, Repeat},
     imageops,
 };
+use rayon::prelude::*;
 
 use super::palette::in_few_colours;
 
@@ -64,13 +65,15 @@ pub fn write_label(picture: &mut RgbImage, text: &str, x: u32, y: u32, width: u3
 /// # Errors
 /// When the encoder fails, which it does for pictures beyond 65535 px a side.
 pub fn gif_bytes(pictures: &[RgbImage], centiseconds: u32) -> Result<Vec<u8>, image::ImageError> {
+    let delay = image::Delay::from_numer_denom_ms(10 * centiseconds, 1);
+    // Colours are most of the work, and every picture has its own.
+    let pictures: Vec<RgbaImage> = pictures.par_iter().map(in_few_colours).collect();
     let mut bytes = Vec::new();
     {
         let mut encoder = GifEncoder::new(&mut bytes);
         encoder.set_repeat(Repeat::Infinite)?;
         for picture in pictures {
-            let delay = image::Delay::from_numer_denom_ms(10 * centiseconds, 1);
-            encoder.encode_frame(Frame::from_parts(in_few_colours(picture), 0, 0, delay))?;
+            encoder.encode_frame(Frame::from_parts(picture, 0, 0, delay))?;
         }
     }
     Ok(bytes)
