@@ -52,7 +52,7 @@ impl Workbench {
     ///
     /// # Errors
     /// As [`Workbench::fit`].
-    pub(crate) fn fit_in(&self, picture: &GrayImage, marks: &[Correspondence]) -> Result<NeutralFit, FitError> {
+    pub fn fit_in(&self, picture: &GrayImage, marks: &[Correspondence]) -> Result<NeutralFit, FitError> {
         let is_said = !self.options.unchecked_marks;
         let find = |locator: &Locator| locator.locate(picture, &LocateOptions::default());
         let mut fit = self.fit_and_hold(picture, marks, is_said, find)?;

@@ -92,7 +92,8 @@ fn no_proposals(browser: &Browser) {
 #[test]
 fn a_whole_session_by_clicks_and_keys() {
     let work = unmarked(&["S001_005", "S002_007"]);
-    let server = Server::start(&work, "faces");
+    // Its port is not the usual one, which another test's server might take while this one is down.
+    let server = Server::start(&work, "faces --port 0");
     let browser = Browser::start();
     open(&browser, &server, (1280, 720));
     no_proposals(&browser);

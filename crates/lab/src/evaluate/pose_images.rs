@@ -91,7 +91,9 @@ fn one_sequence(
     let sequence = SimulatedSequence::new(&subject, emotion, &simulated)?;
     let neutral = sequence.nodes(0);
     let marks = marks_of_picture(&neutral, sequence.image(0), &options.marks, full)?;
-    let fitted = full.fit(&marks).map_err(|e| failed(&SequenceFailure::at(Stage::Fit)(e)))?;
+    // As the tracker of a sequence does it: with what is read in the picture at nodes without a mark.
+    let first = DynamicImage::ImageRgb8(sequence.image(0)).to_luma8();
+    let fitted = full.fit_in(&first, &marks).map_err(|e| failed(&SequenceFailure::at(Stage::Fit)(e)))?.fitted;
     let images = (1..)
         .zip(0..options.frames)
         .map(|(number, k)| Ok(Frame::new(number, DynamicImage::ImageRgb8(sequence.image(k)).to_luma8())));
