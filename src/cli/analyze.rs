@@ -1,27 +1,25 @@
 //! `grimace analyze`.
 
-use std::{
-    collections::BTreeMap,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use grimace::{
     columnar::ColumnarModels,
     dataset::Dataset,
-    output::{FolderRecord, count},
+    output::count,
     pipeline::{
-        Analysis, AnalyzedModel, PipelineOptions, Workbench, analyze, analyze_columnar, load_columnar, load_tracks, track_files,
-        write_analysis, write_columnar, write_model,
+        Analysis, AnalyzedModel, PipelineOptions, Workbench, analysis_files, analyze, analyze_columnar, load_columnar,
+        load_tracks, track_files, write_analysis, write_columnar, write_model,
     },
     report::Failure,
+    units::SequenceId,
 };
 
 use super::{
     Outcome,
     apart::check_outside,
-    failures::say_failures,
-    own_folder::check_is_folder,
+    failures::{say_failures, say_unlisted},
+    own_folder::{OwnFolder, check_is_folder},
     run::print_results,
     shared::{AnalysisArgs, GeneralArgs, MethodArgs, memory, set_threads, thread_count},
 };
@@ -61,11 +59,11 @@ pub struct Args {
     general: GeneralArgs,
 }
 
-/// Names and hashes of the results in a folder, by which a later analysis knows what it may remove.
+/// The command's name, which its record of results in a folder has, too: by it a later analysis knows what it may remove.
+const COMMAND: &str = "analyze";
 const RECORD_NAME: &str = "analyze.b3";
-
-/// Files written, by name relative to the output folder, with their BLAKE3.
-type Written = BTreeMap<String, String>;
+/// The models in one file.
+const COLUMNAR: &str = "models.parquet";
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
@@ -98,6 +96,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let files = track_files(&args.tracks)?;
     anyhow::ensure!(!files.is_empty(), "no .csv file in {}", args.tracks[0].display());
     let (models, failures) = load_tracks(&files, dataset.as_ref(), &bench);
+    say_unlisted(&models, dataset.as_ref());
     if models.is_empty() {
         say_failures(&failures, None);
         anyhow::bail!("none of the {} tracks can be used", files.len());
@@ -111,23 +110,23 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 
 /// Statistics of tracks, with their models beside them.
 fn of_tracks(args: &Args, models: Vec<AnalyzedModel>, failures: Vec<Failure>, bench: &Workbench) -> anyhow::Result<Analysis> {
-    let record = FolderRecord::open(&args.output, RECORD_NAME, true)?;
+    let folder = OwnFolder::open(&args.output, COMMAND)?;
     let normalized: Vec<_> = models.iter().map(|m| m.model.clone()).collect();
-    let mut written = Written::new();
-    let mut wrote = |name: String, hash: blake3::Hash| written.insert(name, hash.to_hex().to_string());
+    let name_of = |id: &SequenceId| format!("models/{id}.csv");
+    folder.check_own(normalized.iter().map(|m| name_of(&m.id)))?;
     if bench.options.columnar {
-        record.begin()?;
-        wrote("models.parquet".to_owned(), write_columnar(&args.output.join("models.parquet"), &models)?);
+        folder.check_own([COLUMNAR])?;
+        folder.begin()?;
+        folder.wrote_as(COLUMNAR, write_columnar(&args.output.join(COLUMNAR), &models)?)?;
     }
     let analysis = analyze(models, failures, bench)?;
     // Two at once would mix their results.
-    record.begin()?;
+    begin(&folder, &analysis)?;
     for model in &normalized {
-        let name = format!("models/{}.csv", model.id);
-        let hash = write_model(&args.output.join(&name), &model.model)?;
-        wrote(name, hash);
+        let name = name_of(&model.id);
+        folder.wrote_as(&name, write_model(&args.output.join(&name), &model.model)?)?;
     }
-    write(args, record, &analysis, bench, written)?;
+    write(args, folder, &analysis, bench)?;
     Ok(analysis)
 }
 
@@ -152,24 +151,25 @@ fn from_models(args: &Args, path: &Path, bench: &Workbench) -> anyhow::Result<Ou
     } else {
         analyze_columnar(&file, bench, args.memory)?
     };
-    let record = FolderRecord::open(&args.output, RECORD_NAME, true)?;
-    record.begin()?;
-    write(args, record, &analysis, bench, Written::new())?;
+    let folder = OwnFolder::open(&args.output, COMMAND)?;
+    begin(&folder, &analysis)?;
+    write(args, folder, &analysis, bench)?;
     print(args, &analysis, &format!("{} models", file.row_count()));
     Ok(Outcome::Done)
 }
 
-/// Writes the results, and removes those of an earlier analysis that this one did not make.
-fn write(args: &Args, record: FolderRecord, analysis: &Analysis, bench: &Workbench, mut written: Written) -> anyhow::Result<()> {
+/// Takes the folder for an analysis, where it would write over nothing of others.
+fn begin(folder: &OwnFolder, analysis: &Analysis) -> anyhow::Result<()> {
+    folder.check_own(analysis_files(analysis))?;
+    Ok(folder.begin()?)
+}
+
+/// Writes the results, each entered as soon as it stands there, and removes those of an earlier analysis that this one did not make.
+fn write(args: &Args, folder: OwnFolder, analysis: &Analysis, bench: &Workbench) -> anyhow::Result<()> {
     let title = args.output.file_name().map_or_else(|| "tracks".to_owned(), |n| n.to_string_lossy().into_owned());
-    written.extend(write_analysis(analysis, &args.output, &title, bench).context("writing the results")?);
-    for (name, hash) in written {
-        record.wrote(&name, hash)?;
-    }
-    for name in record.remove_stale()? {
-        eprintln!("note: {name} is of an earlier analysis and was changed since; it is kept");
-    }
-    Ok(record.close()?)
+    write_analysis(analysis, &args.output, &title, bench, |name, hash| folder.wrote_as(name, hash))
+        .context("writing the results")?;
+    Ok(folder.end()?)
 }
 
 fn print(args: &Args, analysis: &Analysis, what: &str) {

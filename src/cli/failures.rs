@@ -2,11 +2,17 @@
 //! reason, are in a table where there is one.
 
 use std::{
-    collections::{BTreeMap, btree_map::Entry},
+    collections::{BTreeMap, BTreeSet, btree_map::Entry},
     path::Path,
 };
 
-use grimace::{output::listed, report::Failure};
+use grimace::{
+    dataset::Dataset,
+    output::{count, listed},
+    pipeline::AnalyzedModel,
+    report::Failure,
+    units::SequenceId,
+};
 
 /// Sequences that are named of those that failed in the same way.
 const NAMED: usize = 6;
@@ -83,6 +89,22 @@ impl Repeated {
 /// Says of sequences that failed why, with the table that has all reasons, if it was written.
 pub fn say_failures<'a>(failures: impl IntoIterator<Item = &'a Failure>, table: Option<&Path>) {
     lines_of(failures, table).iter().for_each(|line| eprintln!("{line}"));
+}
+
+/// Says of how many tracks a dataset knows nothing: their labels are those beside them.
+pub fn say_unlisted(models: &[AnalyzedModel], dataset: Option<&Dataset>) {
+    let Some(dataset) = dataset else { return };
+    let known: BTreeSet<&SequenceId> = dataset.sequences.iter().map(|s| &s.id).collect();
+    let unlisted: Vec<String> =
+        models.iter().map(|m| &m.model.id).filter(|id| !known.contains(id)).map(ToString::to_string).collect();
+    if !unlisted.is_empty() {
+        eprintln!(
+            "note: {} of {} are not in the manifest of --dataset, and have the emotion and the columns that the .json beside them names: {}",
+            unlisted.len(),
+            count(models.len(), "track", "tracks"),
+            listed(&unlisted, NAMED)
+        );
+    }
 }
 
 fn lines_of<'a>(failures: impl IntoIterator<Item = &'a Failure>, table: Option<&Path>) -> Vec<String> {

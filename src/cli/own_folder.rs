@@ -44,6 +44,11 @@ impl OwnFolder {
         self.record.enter_written(name)
     }
 
+    /// Enters a file of the folder that was written just now, with its BLAKE3.
+    pub fn wrote_as(&self, name: &str, hash: impl std::fmt::Display) -> Result<(), OutputError> {
+        self.record.wrote(name, hash.to_string())
+    }
+
     /// Removes what earlier commands left there and this one did not write, and lets the folder go. What was changed since is kept, and said.
     pub fn end(self) -> Result<(), OutputError> {
         for name in self.record.remove_stale()? {

@@ -7,7 +7,7 @@ use anyhow::Context;
 use super::{
     Outcome,
     apart::{all, check_apart},
-    failures::say_failures,
+    failures::{say_failures, say_unlisted},
     shared::{GeneralArgs, set_threads, share},
 };
 use crate::{
@@ -74,6 +74,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         tracks_folder(&args.with).display()
     );
     let (known, known_failures) = load_tracks(&known_files, dataset.as_ref(), &bench);
+    say_unlisted(&known, dataset.as_ref());
     let files = track_files(&args.tracks)?;
     anyhow::ensure!(!files.is_empty(), "no .csv file in {}", args.tracks[0].display());
     if let Some(output) = &args.output {

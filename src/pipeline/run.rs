@@ -5,7 +5,7 @@
 //! that sequence. Results are collected in the order of the sequences, so that the number of threads changes no byte.
 
 use std::{
-    collections::BTreeSet,
+    collections::{BTreeMap, BTreeSet},
     fs,
     path::{Path, PathBuf},
     sync::atomic::{AtomicBool, Ordering},
@@ -367,7 +367,11 @@ pub fn run(
         return Err(RunError::Interrupted);
     }
     said.extend(ledger.claim(&analysis.classes.iter().flat_map(|class| class_files(&class.stem)).collect::<Vec<_>>())?);
-    let written = write_analysis(&analysis, out, &record.dataset, bench)?;
+    let mut written = BTreeMap::new();
+    write_analysis(&analysis, out, &record.dataset, bench, |name, hash| {
+        written.insert(name.to_owned(), hash);
+        Ok(())
+    })?;
     ledger.wrote(&written)?;
     outputs.extend(written);
     // All results are on the disk before the record says so.

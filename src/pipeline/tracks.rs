@@ -15,6 +15,7 @@ use crate::{
     dataset::Dataset,
     features::Course,
     statistics::SequenceModel,
+    text::message,
     track::{TrackInfo, TrackQuality, neutral_first, read_track, read_track_info, summarize},
     units::SequenceId,
 };
@@ -54,7 +55,7 @@ pub fn track_files(paths: &[PathBuf]) -> std::io::Result<Vec<PathBuf>> {
 }
 
 /// Reads and normalizes tracks. Emotion and metadata come from the dataset where given and known there, else from the `.json` beside
-/// the track. Whatever fails costs that track only.
+/// the track. Whatever fails costs that track only; rows of the dataset that are damaged are failures, too.
 pub fn load_tracks(files: &[PathBuf], dataset: Option<&Dataset>, bench: &Workbench) -> (Vec<AnalyzedModel>, Vec<Failure>) {
     load_all(files, dataset, bench, false)
 }
@@ -87,6 +88,18 @@ fn load_all(
             Err(failure) => fail(id, failure.stage, failure.reason),
         }
     }
+    // Damaged rows that no track was refused for: doubles, and those whose names do not read.
+    for row in dataset.iter().flat_map(|d| &d.failures) {
+        let reason = message(&row.error.to_string()).into_owned();
+        if !failures.iter().any(|f| f.stage == Stage::Dataset && f.reason == reason) {
+            failures.push(Failure {
+                subject: row.subject.clone(),
+                sequence: row.sequence.clone(),
+                stage: Stage::Dataset,
+                reason,
+            });
+        }
+    }
     (models, failures)
 }
 
@@ -115,6 +128,17 @@ fn load(
         return Err(SequenceFailure { stage: Stage::Dataset, reason, fatal: false });
     }
     let listed = dataset.and_then(|d| d.sequences.iter().find(|s| s.id == id));
+    if listed.is_none()
+        && let Some(row) =
+            dataset.and_then(|d| d.failures.iter().find(|row| (&row.subject, &row.sequence) == (&id.subject, &id.sequence)))
+    {
+        // What a damaged row meant is not what an earlier one said.
+        return Err(SequenceFailure {
+            stage: Stage::Dataset,
+            reason: message(&row.error.to_string()).into_owned(),
+            fatal: false,
+        });
+    }
     // Without the file beside it, only the manifest knows that a sequence goes back in time.
     let frames = match listed.and_then(|entry| entry.first_frame) {
         Some(neutral) if info.is_none() => neutral_first(frames, Some(neutral)),

@@ -74,57 +74,69 @@ struct Trimmed {
     distance: f64,
 }
 
-/// Writes `representatives/`, `fap/`, the tables, `units.json` and `report.html`; returns the BLAKE3 of every file by its path relative
-/// to `out`.
+/// Writes `representatives/`, `fap/`, the tables, `units.json` and `report.html`; `wrote` is told the path of every file relative to `out` and its
+/// BLAKE3 as soon as it stands there.
 ///
 /// # Errors
-/// `AnalysisError` when a file cannot be written.
+/// `AnalysisError` when a file cannot be written, and what `wrote` fails with.
 pub fn write_analysis(
     analysis: &Analysis,
     out: &Path,
     title: &str,
     bench: &Workbench,
-) -> Result<BTreeMap<String, String>, AnalysisError> {
-    let mut files = BTreeMap::new();
-    let mut wrote = |name: &str, hash: blake3::Hash| files.insert(name.to_owned(), hash.to_hex().to_string());
+    mut wrote: impl FnMut(&str, String) -> Result<(), OutputError>,
+) -> Result<(), AnalysisError> {
+    let mut wrote = |name: &str, hash: blake3::Hash| wrote(name, hash.to_hex().to_string());
     for class in &analysis.classes {
         let [csv, json, fap, picture, skin_file] = class_files(&class.stem);
-        wrote(&csv, write_model(&out.join(&csv), &class.representative.model)?);
+        wrote(&csv, write_model(&out.join(&csv), &class.representative.model)?)?;
         let value = representative_json(class, bench);
-        wrote(&json, output::write_hashed(&out.join(&json), |writer| output::json_into(writer, &value))?);
+        wrote(&json, output::write_hashed(&out.join(&json), |writer| output::json_into(writer, &value))?)?;
         let profile = bench.options.fap.profile;
         let written = class.fap.for_profile(profile).map_err(ConvertError::from)?;
-        wrote(&fap, fap::write_fap_as(&out.join(&fap), &written, profile, ValueFormat::Integer)?);
+        wrote(&fap, fap::write_fap_as(&out.join(&fap), &written, profile, ValueFormat::Integer)?)?;
         if let Some(svg) = mean_course_svg(&class.representative, &analysis.courses) {
-            wrote(&picture, output::write_hashed(&out.join(&picture), |writer| writer.write_all(svg.as_bytes()))?);
+            wrote(&picture, output::write_hashed(&out.join(&picture), |writer| writer.write_all(svg.as_bytes()))?)?;
         }
         if let Ok(skin) = &class.skin {
-            wrote(&skin_file, output::write_hashed(&out.join(&skin_file), |writer| skin.write(writer))?);
+            wrote(&skin_file, output::write_hashed(&out.join(&skin_file), |writer| skin.write(writer))?)?;
         }
     }
-    wrote("statistics.csv", write_statistics(&out.join("statistics.csv"), analysis, bench)?);
-    wrote("trimming.csv", write_trimming(&out.join("trimming.csv"), analysis, bench)?);
-    wrote("failures.csv", write_failures(&out.join("failures.csv"), &analysis.failures)?);
-    wrote("verdicts.csv", write_verdicts(&out.join("verdicts.csv"), &analysis.tracks)?);
+    wrote("statistics.csv", write_statistics(&out.join("statistics.csv"), analysis, bench)?)?;
+    wrote("trimming.csv", write_trimming(&out.join("trimming.csv"), analysis, bench)?)?;
+    wrote("failures.csv", write_failures(&out.join("failures.csv"), &analysis.failures)?)?;
+    wrote("verdicts.csv", write_verdicts(&out.join("verdicts.csv"), &analysis.tracks)?)?;
     let html = report_html(analysis, title, bench)?;
-    wrote("report.html", output::write_hashed(&out.join("report.html"), |writer| writer.write_all(html.as_bytes()))?);
+    wrote("report.html", output::write_hashed(&out.join("report.html"), |writer| writer.write_all(html.as_bytes()))?)?;
     if let Some(comparisons) = &analysis.comparisons {
         for (name, hash) in write_groups(out, &analysis.classes, comparisons, &bench.wireframe, &bench.options.by)? {
-            wrote(name, hash);
+            wrote(name, hash)?;
         }
     }
     for (name, hash) in write_amplitudes(out, &analysis.amplitudes, bench)? {
-        wrote(name, hash);
+        wrote(name, hash)?;
     }
     for (name, hash) in write_variations(out, &analysis.variations, bench)? {
-        wrote(&name, hash);
+        wrote(&name, hash)?;
     }
     if let Some(recognition) = &analysis.recognition {
-        wrote("recognition.csv", write_recognition(&out.join("recognition.csv"), recognition, NONE_LEVEL)?);
+        wrote("recognition.csv", write_recognition(&out.join("recognition.csv"), recognition, NONE_LEVEL)?)?;
     }
     let units = output::write_hashed(&out.join("units.json"), |writer| output::json_into(writer, &units_json()))?;
-    wrote("units.json", units);
-    Ok(files)
+    wrote("units.json", units)?;
+    Ok(())
+}
+
+/// Names of what [`write_analysis`] writes of any analysis with these classes, of those that stand beside an analysis of other tracks.
+pub fn analysis_files(analysis: &Analysis) -> Vec<String> {
+    let of_classes = analysis.classes.iter().flat_map(|class| class_files(&class.stem).into_iter().take(3));
+    let of_groups = analysis.comparisons.is_some().then_some("intervals.csv");
+    let tables =
+        ["statistics.csv", "trimming.csv", "failures.csv", "verdicts.csv", "report.html", "amplitudes.csv", "units.json"];
+    let of_people = ["variation.csv", "variation_scores.csv", "bands.csv"];
+    let of_labels = analysis.recognition.is_some().then_some("recognition.csv");
+    let tables = tables.into_iter().chain(of_people).chain(of_groups).chain(of_labels);
+    of_classes.chain(tables.map(str::to_owned)).collect()
 }
 
 /// Names of what [`write_analysis`] writes beside the tables of [`TABLES`].

@@ -117,7 +117,7 @@ fn what_an_earlier_analysis_made_goes_and_nothing_else() {
     assert!(stale.iter().all(|name| work.path(&format!("again/{name}")).exists()));
     work.write("again/representatives/mine.txt", "mine").write("again/intervals.csv", "edited");
     let ran = work.grimace("analyze out/tracks -o again --alpha 0 --force").exit(0);
-    ran.says(&["note: intervals.csv is of an earlier analysis and was changed since; it is kept"]);
+    ran.says(&["intervals.csv: of an earlier `analyze` and changed since; it is kept"]);
     assert!(stale.iter().all(|name| !work.path(&format!("again/{name}")).exists()));
     work.grimace("figures again -o figures -q").exit(0);
     assert!(!work.read("figures/captions.md").contains("cohort"));
@@ -133,6 +133,46 @@ fn what_an_earlier_analysis_made_goes_and_nothing_else() {
     let ran = work.grimace("analyze out/tracks -o foreign --force").exit(0);
     ran.says(&["note: foreign has no analyze.b3, the record of an earlier analysis"]);
     assert!(work.path("foreign/representatives/joy.json").exists());
+    // Nothing is written over that it did not write itself, or that was edited since.
+    let whole = work.files("foreign");
+    work.write("mine/statistics.csv", "mine");
+    for folder in ["mine", "foreign"] {
+        let text = work.read(&format!("{folder}/statistics.csv"));
+        work.write(&format!("{folder}/statistics.csv"), text + "\n# checked");
+        let ran = work.grimace(&format!("analyze out/tracks -o {folder} --force")).exit(1);
+        ran.says(&["statistics.csv: it is there already, and is not as an earlier `analyze` wrote it"]);
+        assert!(work.read(&format!("{folder}/statistics.csv")).ends_with("# checked"));
+    }
+    // One that was killed has entered what it wrote: the next one knows it.
+    std::fs::write(work.path("foreign/statistics.csv"), &whole["statistics.csv"]).unwrap();
+    let record = work.read("foreign/analyze.b3");
+    work.write("foreign/representatives/stale.csv", "stale");
+    let hash = blake3::hash(b"stale").to_hex();
+    work.write("foreign/analyze.b3", format!("{record}{hash}  representatives/stale.csv\n"));
+    work.grimace("analyze out/tracks -o foreign --force").exit(0);
+    assert!(!work.path("foreign/representatives/stale.csv").exists());
+}
+
+#[test]
+fn rows_of_a_manifest_that_are_damaged_and_tracks_that_it_does_not_list_are_said() {
+    let work = Work::after_run(&SEQUENCES, "out");
+    let row = |id: &str, emotion: &str| {
+        let (subject, sequence) = id.split_once('_').unwrap();
+        format!("{subject},{sequence},{emotion},faces/{subject}/{sequence}\n")
+    };
+    let tracks: Vec<String> =
+        work.files("out/tracks").into_keys().filter_map(|n| n.strip_suffix(".csv").map(str::to_owned)).collect();
+    let [first, second, third, ..] = tracks.as_slice() else { panic!("{tracks:?}") };
+    let rows = [row(first, "joy"), row(first, "anger"), row(second, "")].concat();
+    work.write("relabelled.csv", format!("subject,sequence,emotion,frames\n{rows}"));
+    let ran = work.grimace("analyze out/tracks -o labels --dataset relabelled.csv").exit(3);
+    ran.says(&["emotion is empty", "are not in the manifest of --dataset", third]);
+    let statistics = work.read("labels/statistics.csv");
+    assert!(statistics.contains("joy"), "{statistics}");
+    // The one whose row is damaged has no label any more, and the double is named.
+    let reasons: Vec<String> = work.rows("labels/failures.csv").iter().map(|r| r["reason"].clone()).collect();
+    assert!(reasons.len() == 2 && reasons.iter().any(|r| r.contains("line 3")), "{reasons:?}");
+    assert!(!work.path(&format!("labels/models/{second}.csv")).exists());
 }
 
 #[test]
