@@ -128,7 +128,36 @@ pub enum BlendshapesError {
         /// Frames of the track.
         expected: usize,
     },
+    /// Results whose frame numbers are not those of the track: as many, or none in common.
+    #[error(
+        "{}: results of frames {} to {}, where the track has {} to {}: they are not the same frames, or are counted from another number; \
+         number them as the track does",
+        path.display(), found.0, found.1, expected.0, expected.1
+    )]
+    Numbers {
+        /// The file.
+        path: PathBuf,
+        /// First and last frame there.
+        found: (u32, u32),
+        /// First and last frame of the track.
+        expected: (u32, u32),
+    },
+    /// A score that is none.
+    #[error("{}: {name} is {score} in {}; scores are 0 to 1", path.display(), frame.map_or_else(|| "a result".to_owned(), |f| format!("frame {f}")))]
+    Score {
+        /// The file.
+        path: PathBuf,
+        /// The blendshape.
+        name: String,
+        /// Frame number, where there is one.
+        frame: Option<u32>,
+        /// The number there.
+        score: f64,
+    },
 }
+
+/// How far rounding may take a score beyond 0 and 1.
+const SCORE_ROUNDING: f64 = 1e-3;
 
 /// Number of a frame, where it is said, and scores by name.
 type Row = (Option<u32>, BTreeMap<String, f64>);
@@ -192,6 +221,12 @@ pub fn read_blendshapes(path: &Path) -> Result<Blendshapes, BlendshapesError> {
     if names.is_empty() {
         let what = if is_json { "`faceBlendshapes` with scores such as jawOpen" } else { "columns such as jawOpen" };
         return Err(BlendshapesError::None { path: path.to_owned(), what });
+    }
+    for (frame, scores) in &frames {
+        if let Some((name, &score)) = scores.iter().find(|(_, score)| !(-SCORE_ROUNDING..=1.0 + SCORE_ROUNDING).contains(*score))
+        {
+            return Err(BlendshapesError::Score { path: path.to_owned(), name: name.clone(), frame: *frame, score });
+        }
     }
     let numbered = frames.iter().filter(|(number, _)| number.is_some()).count();
     if numbered > 0 && numbered < frames.len() {
@@ -265,7 +300,8 @@ impl Blendshapes {
     /// Scores in the frames of these numbers, one row a frame in the order of [`Blendshapes::names`]; `None` where nothing was measured.
     ///
     /// # Errors
-    /// [`BlendshapesError::Count`] for results without numbers that are more or fewer than the frames.
+    /// [`BlendshapesError::Count`] for results without numbers that are more or fewer than the frames, [`BlendshapesError::Numbers`] for numbers that are
+    /// not those of the frames.
     pub fn scores(&self, numbers: &[u32]) -> Result<Vec<Vec<Option<f64>>>, BlendshapesError> {
         let row = |scores: Option<&BTreeMap<String, f64>>| {
             self.names.iter().map(|name| scores.and_then(|s| s.get(name)).copied()).collect::<Vec<_>>()
@@ -281,6 +317,16 @@ impl Blendshapes {
             return Ok(self.frames.iter().map(|(_, scores)| row(Some(scores))).collect());
         }
         let by_number: BTreeMap<u32, _> = self.frames.iter().filter_map(|(number, scores)| Some(((*number)?, scores))).collect();
+        let common = numbers.iter().filter(|number| by_number.contains_key(number)).count();
+        let ends = |numbers: &mut dyn Iterator<Item = u32>| {
+            numbers.fold(None, |ends: Option<(u32, u32)>, n| Some(ends.map_or((n, n), |(low, high)| (low.min(n), high.max(n)))))
+        };
+        // As many, but not the same: counted from another number. Fewer and more are those of a part, and of the whole recording.
+        if (common == 0 || by_number.len() == numbers.len() && common < numbers.len())
+            && let (Some(found), Some(expected)) = (ends(&mut by_number.keys().copied()), ends(&mut numbers.iter().copied()))
+        {
+            return Err(BlendshapesError::Numbers { path: self.path.clone(), found, expected });
+        }
         Ok(numbers.iter().map(|number| row(by_number.get(number).copied())).collect())
     }
 }
@@ -294,6 +340,23 @@ mod tests {
         let path = folder.path().join(name);
         std::fs::write(&path, text).unwrap();
         read_blendshapes(&path)
+    }
+
+    #[test]
+    fn frames_that_are_counted_otherwise_and_scores_that_are_none_are_refused() {
+        let table = |frames: &[u32]| {
+            let rows: String = frames.iter().map(|frame| format!("{frame},0.5\n")).collect();
+            read("a.csv", &format!("frame,jawOpen\n{rows}")).unwrap()
+        };
+        let said = |frames: &[u32], of: &[u32]| table(frames).scores(of).unwrap_err().to_string();
+        assert!(said(&[0, 1, 2], &[1, 2, 3]).contains("results of frames 0 to 2, where the track has 1 to 3"));
+        assert!(said(&[100, 200], &[1, 2, 3]).contains("frames 100 to 200"));
+        // A frame without a face, and a recording of which the track is a part.
+        assert_eq!(table(&[1, 3]).scores(&[1, 2, 3]).unwrap()[1], [None]);
+        assert_eq!(table(&[1, 2, 3, 4, 5]).scores(&[2, 3]).unwrap(), [[Some(0.5)], [Some(0.5)]]);
+        let said = |score: &str| read("a.csv", &format!("frame,jawOpen\n4,{score}\n")).map_err(|e| e.to_string());
+        assert!(said("7").unwrap_err().contains("jawOpen is 7 in frame 4; scores are 0 to 1"));
+        assert!(said("-0.01").is_err() && said("1.0000001").is_ok());
     }
 
     #[test]
