@@ -48,7 +48,8 @@ pub struct NeutralFit {
 impl Workbench {
     /// The wireframe fitted to marks that somebody gave for a picture, and to what is read in it at nodes that have none; by the marks alone
     /// where [`FitOptions::read_unmarked`](crate::fit::FitOptions::read_unmarked) says so, where the picture shows no face that is trusted, where
-    /// marks and face do not agree, where they are fewer than seven, and where they tell expected errors of their own.
+    /// marks and face do not agree, where they are fewer than seven, where they say that the head is turned, and where they tell expected errors of
+    /// their own.
     ///
     /// # Errors
     /// As [`Workbench::fit`].
@@ -77,7 +78,9 @@ impl Workbench {
 
     /// How much what is read in a picture may count beside marks, 0 to 1.
     pub(crate) fn reads_beside(&self, marks: &[Correspondence]) -> f64 {
-        if self.options.fit.read_unmarked { by_hand(&self.fitter, &self.wireframe, marks) } else { 0.0 }
+        let by_hand = if self.options.fit.read_unmarked { by_hand(&self.fitter, &self.wireframe, marks) } else { 0.0 };
+        // What reads was learned from faces that look into the camera, and the marks of a turned one do not tell whose they are.
+        if by_hand > 0.0 { by_hand * (1.0 - self.head_fitter().turned_share(marks)) } else { 0.0 }
     }
 
     fn fit_and_hold(

@@ -2,7 +2,7 @@
 
 use nalgebra::Point2;
 
-use super::{HeadFit, HeadModel, HeadPose, PoseError, fit_head, fit_turned, follow_head, frontalized};
+use super::{HeadFit, HeadModel, HeadPose, PoseError, fit_head, fit_turned, follow_head, frontalized, turned_share};
 use crate::{
     fit::{Correspondence, FitError, FittedWireframe, Fitter, Springs},
     model::{DynamicExpressionModel, FrameExpressionModel},
@@ -59,6 +59,11 @@ impl HeadFitter {
         marks: &[Correspondence],
     ) -> Result<FittedWireframe, FitError> {
         fit_turned(&self.model, fitter, wireframe, marks)
+    }
+
+    /// How far marks say that a head is turned to one side, 0 to 1: `turned_share`.
+    pub fn turned_share(&self, marks: &[Correspondence]) -> f64 {
+        turned_share(&self.model, marks)
     }
 
     /// Head, poses and expressions of tracked frames, the neutral one first, with the marks on it.

@@ -35,5 +35,5 @@ pub use fitter::HeadFitter;
 pub use frontal::frontalized;
 pub use head::{HeadModel, NamedOffsets};
 pub use learn::{DenseFaces, IDENTITY_MODES, learn_head};
-pub use turned::fit_turned;
+pub use turned::{fit_turned, turned_share};
 pub(crate) use turns::without_turns;

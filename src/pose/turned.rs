@@ -59,25 +59,42 @@ struct Turned {
     front: HeadPose,
 }
 
+/// How far marks say that a head is turned to one side, 0 (they may be those of a frontal one, or are too few to tell) to 1.
+pub fn turned_share(model: &HeadModel, marks: &[Correspondence]) -> f64 {
+    let told = marks.len() >= FEWEST_MARKS && marks.iter().all(|m| m.node.index() < model.node_count());
+    let solved = if told { solved(model, marks) } else { None };
+    solved.map_or(0.0, |solved| share_of(solved.pose.degrees()[0]))
+}
+
+/// How far a turn by a yaw counts, 0 to 1.
+fn share_of(yaw: f64) -> f64 {
+    ((yaw.abs() - TURNED[0]) / (TURNED[1] - TURNED[0])).clamp(0.0, 1.0)
+}
+
+/// Pose and identity that marks tell.
+fn solved(model: &HeadModel, marks: &[Correspondence]) -> Option<Solved> {
+    let face: Vec<Point2<f64>> = marks.iter().map(|m| frontal(model, m.node.index())).collect();
+    let at: Vec<Point2<f64>> = marks.iter().map(|m| m.position).collect();
+    let start = pose_of(&Similarity::fit(&face, &at, None).ok()?);
+    let eye_distance = start.scale * HEAD_ES;
+    let seen = |m: &Correspondence| Seen {
+        node: m.node.index(),
+        at: m.position,
+        deviation: OWN_MARKED.hypot(mark_deviation(m, eye_distance).unwrap_or(SHARP * eye_distance) / start.scale),
+    };
+    let seen: Vec<Seen> = marks.iter().map(seen).collect();
+    let identity = Directions::new(&model.identity, model.node_count());
+    let start = Solved { pose: start, coefficients: DVector::zeros(model.identity.len()) };
+    let limit = Limit { steps: 60, at_rest: 1e-4 };
+    solve(&model.mean, &identity, &seen, start, limit, &mut Matrix::default())
+}
+
 impl Turned {
     /// What marks say of the head; `None` when they may be those of a frontal one.
     fn of(model: &HeadModel, marks: &[Correspondence]) -> Option<Self> {
-        let face: Vec<Point2<f64>> = marks.iter().map(|m| frontal(model, m.node.index())).collect();
-        let at: Vec<Point2<f64>> = marks.iter().map(|m| m.position).collect();
-        let start = pose_of(&Similarity::fit(&face, &at, None).ok()?);
-        let eye_distance = start.scale * HEAD_ES;
-        let seen = |m: &Correspondence| Seen {
-            node: m.node.index(),
-            at: m.position,
-            deviation: OWN_MARKED.hypot(mark_deviation(m, eye_distance).unwrap_or(SHARP * eye_distance) / start.scale),
-        };
-        let seen: Vec<Seen> = marks.iter().map(seen).collect();
-        let identity = Directions::new(&model.identity, model.node_count());
-        let start = Solved { pose: start, coefficients: DVector::zeros(model.identity.len()) };
-        let limit = Limit { steps: 60, at_rest: 1e-4 };
-        let solved = solve(&model.mean, &identity, &seen, start, limit, &mut Matrix::default())?;
+        let solved = solved(model, marks)?;
         let [yaw, pitch, roll] = solved.pose.degrees();
-        let share = ((yaw.abs() - TURNED[0]) / (TURNED[1] - TURNED[0])).clamp(0.0, 1.0);
+        let share = share_of(yaw);
         let shape = shape_with(&model.mean, &model.identity, &solved.coefficients);
         let rotation = HeadPose::rotation_of(yaw * (1.0 - share), pitch, roll);
         (share > 0.0).then_some(Self { shape, seen: solved.pose, front: HeadPose { rotation, ..solved.pose } })
