@@ -12,6 +12,7 @@
 //! it makes the marks ([`Explanation::log_evidence`]).
 
 mod faces;
+mod far;
 mod file;
 mod learn;
 
