@@ -87,7 +87,7 @@ fn robust_similarity(seen: &[Point2<f64>], target: &[Point2<f64>]) -> Option<Sim
     let median = |onto: &Similarity| {
         let mut all = distances(onto, seen, target);
         all.sort_by(f64::total_cmp);
-        all[(count + 2) / 2]
+        all[count / 2 + 1]
     };
     let mut best: Option<(f64, Similarity)> = None;
     for step in [count / 2, count / 3] {
