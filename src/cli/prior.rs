@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use grimace::{
-    fit::{DEFAULT_MODES, FaceSource, PriorFile, PriorOrigin, learn_prior, read_neutral_faces, write_prior},
+    fit::{DEFAULT_MODES, FaceSource, PriorFile, PriorOrigin, check_faces_once, learn_prior, read_neutral_faces, write_prior},
     output::MADE_BY,
     wireframe::{Tables, Wireframe},
 };
@@ -49,8 +49,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     check_free(&args.output, args.file.force)?;
     let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
     let (mut faces, mut sources, mut skipped) = (Vec::new(), Vec::new(), Vec::new());
+    let mut inputs = Vec::new();
     for path in &args.landmarks {
-        let read = read_neutral_faces(path, &args.state)?;
+        inputs.push((path, read_neutral_faces(path, &args.state)?));
+    }
+    check_faces_once(&inputs.iter().map(|(path, read)| (path.display().to_string(), read)).collect::<Vec<_>>())?;
+    for (path, read) in inputs {
         sources.push(FaceSource { name: name_of(path), faces: read.faces.len(), blake3: read.blake3 });
         faces.extend(read.faces);
         skipped.extend(read.skipped);

@@ -36,7 +36,7 @@ pub use options::{FitOptions, LoadedPrior, PriorKind};
 pub(crate) use prior::mirror_nodes;
 pub use prior::{
     DEFAULT_MODES, FacePoints, FaceSource, LearnError, NeutralFace, PriorFile, PriorFileError, PriorOrigin, ShapePrior,
-    learn_prior, read_neutral_faces, read_prior, write_prior,
+    check_faces_once, learn_prior, read_neutral_faces, read_prior, write_prior,
 };
 pub(crate) use skyline::{BlockPlaces, Layout, Skyline};
 pub use spring::{DrivenNode, Pull, SpringError, Springs};

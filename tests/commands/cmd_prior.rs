@@ -127,6 +127,17 @@ fn what_makes_no_prior_is_refused_with_the_reason() {
     error(&["none.csv"], "cannot be read");
     write(&folder, "many.csv", &people(12));
     error(&["many.csv", "--modes", "12"], "12 modes from 12 faces; 1 to 11 can be learned");
+    error(&["many.csv", "many.csv"], "P0 stands in many.csv and in many.csv; a face counts once");
+    let of_one = landmarks(4);
+    let mut values: Vec<&str> = of_one.split(',').collect();
+    // The row starts with a comma: x48 is the value behind 96 others.
+    values[97] = "5000";
+    write(
+        &folder,
+        "wild.csv",
+        &people(12).replacen(&format!("P4,neutral{of_one}"), &format!("P4,neutral{}", values.join(",")), 1),
+    );
+    error(&["wild.csv"], "P4: point 48 is at (5000.0, ");
     grimace(&folder, &["prior", "-o", "p.json"]).failure().code(2);
 }
 

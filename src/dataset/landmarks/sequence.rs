@@ -80,6 +80,24 @@ fn greatest_common_divisor(a: u64, b: u64) -> u64 {
 }
 
 impl LandmarkTrack {
+    /// The landmarks of the neutral frame: of `first`, by default of the first frame of the file.
+    ///
+    /// # Errors
+    /// [`LandmarksError`] when that frame is not there or the face was lost in it.
+    pub(crate) fn neutral_frame(&self, first: Option<u32>) -> Result<&[Point2<f64>], LandmarksError> {
+        let (found_first, found_last) = self.ends();
+        if self.frames.is_empty() {
+            let (path, frames) = (self.path.clone(), self.lost.len());
+            return Err(LandmarksError::AllLost { path, frames, least: self.least_confidence });
+        }
+        let frame = first.unwrap_or_else(|| self.lost.iter().copied().fold(found_first, u32::min));
+        if self.lost.contains(&frame) {
+            let (path, first, last) = (self.path.clone(), found_first, found_last);
+            return Err(LandmarksError::EndLost { path, frame, what: "neutral", column: "first_frame", first, last });
+        }
+        self.frame(frame)
+    }
+
     /// The frames from `first` to `last`, both included; by default the first and the last of the file.
     ///
     /// Frames are taken to be as far apart as the largest number that divides all distances between those there are; numbers that

@@ -8,10 +8,14 @@ use std::{
 use nalgebra::Point2;
 
 use crate::{
-    dataset::{Dataset, DatasetError, LANDMARK_COUNT, SequenceEntry},
+    dataset::{Dataset, DatasetError, LANDMARK_COUNT, LEAST_CONFIDENCE, SequenceEntry, name_key, read_face},
     input::{CsvFile, InputError},
     units::NodeId,
 };
+
+/// Columns that tell what a table is, and whether semicolons or commas separate it.
+const KNOWN_COLUMNS: [&str; 12] =
+    ["person", "subject", "frame", "image", "state", "node", "x", "y", "x0", "y0", "sequence", "emotion"];
 
 /// What is known of one neutral face.
 #[derive(Clone, Debug, PartialEq)]
@@ -40,6 +44,39 @@ pub struct NeutralFaces {
     pub skipped: Vec<(String, String)>,
     /// BLAKE3 of what was read, in hexadecimal.
     pub blake3: String,
+    /// Whether the names are those of persons, and not of frames or pictures: one name is one person then, wherever it stands.
+    pub of_persons: bool,
+}
+
+/// Checks that nobody is counted twice where faces of several inputs, each with its name, are put together: a person of one name, or,
+/// where names are not those of persons, a face whose points are all the same.
+///
+/// # Errors
+/// [`FacesError::InTwoInputs`] or [`FacesError::SameFace`] with the first such face.
+pub fn check_faces_once(inputs: &[(String, &NeutralFaces)]) -> Result<(), FacesError> {
+    let mut persons: BTreeMap<String, &str> = BTreeMap::new();
+    let mut hashes: BTreeMap<[u8; 32], (&str, &str)> = BTreeMap::new();
+    for (input, read) in inputs {
+        let key = |face: &NeutralFace| name_key(&face.name);
+        let points = |face: &NeutralFace| hash_of_points(&face.points);
+        for face in &read.faces {
+            let (name, second) = (face.name.clone(), input.clone());
+            if let Some(&first) = persons.get(&key(face)).filter(|_| read.of_persons) {
+                return Err(FacesError::InTwoInputs { name, first: first.to_owned(), second });
+            }
+            if let Some(&(other, first)) = hashes.get(&points(face)) {
+                return Err(FacesError::SameFace { name, second, other: other.to_owned(), first: first.to_owned() });
+            }
+        }
+        // Only now: what stands twice in one input was judged when that was read.
+        for face in &read.faces {
+            if read.of_persons {
+                persons.insert(key(face), input);
+            }
+            hashes.insert(points(face), (&face.name, input));
+        }
+    }
+    Ok(())
 }
 
 /// Landmarks of faces that do not read.
@@ -77,6 +114,30 @@ pub enum FacesError {
         /// Line of the first.
         first_line: usize,
     },
+    /// A face in two inputs.
+    #[error(
+        "{name} stands in {first} and in {second}; a face counts once, so leave it out of one, or give another person another name"
+    )]
+    InTwoInputs {
+        /// Whose face, as the second input has it.
+        name: String,
+        /// The first input.
+        first: String,
+        /// The second.
+        second: String,
+    },
+    /// A face in two inputs, by its points.
+    #[error("{name} in {second} has the very points of {other} in {first}; a face counts once, so leave it out of one")]
+    SameFace {
+        /// Whose face, as the second input has it.
+        name: String,
+        /// The second input.
+        second: String,
+        /// Whose face, as the first input has it.
+        other: String,
+        /// The first input.
+        first: String,
+    },
     /// A node twice in one face.
     #[error("{}, line {line}: node {node} of {name} stands in line {first_line} already", path.display())]
     NodeTwice {
@@ -113,7 +174,10 @@ fn list(states: &BTreeSet<String>) -> String {
 ///   face. With a column `state`, only the rows of the state `state`.
 /// - A CSV file with the columns `node,x,y`, one of `person`, `subject` and `image`, and perhaps `face`, as `grimace locate` writes it:
 ///   every row is one node of a face.
-/// - A dataset (a folder, or its `manifest.csv`) with landmarks: the neutral frame of each subject's first sequence that has one.
+/// - A dataset (a folder, or its `manifest.csv`) with landmarks: the neutral frame of each subject's first sequence that has one. The
+///   landmarks are those that drive a sequence ([`SequenceEntry::driving_landmarks`]); without images the neutral frame is their first.
+///
+/// Columns may be separated by semicolons, and decimals have commas then.
 ///
 /// # Errors
 /// `FacesError`. In a dataset a subject without landmarks is no error but skipped.
@@ -121,7 +185,7 @@ pub fn read_neutral_faces(path: &Path, state: &str) -> Result<NeutralFaces, Face
     if path.is_dir() {
         return read_dataset(path);
     }
-    let csv = CsvFile::open(path)?;
+    let csv = CsvFile::open(path)?.or_semicolons(&KNOWN_COLUMNS)?;
     let is_manifest = ["subject", "sequence", "emotion"].iter().all(|name| csv.column(name).is_some());
     if is_manifest {
         read_dataset(path)
@@ -167,7 +231,8 @@ fn read_csv(csv: &CsvFile, state: &str) -> Result<NeutralFaces, FacesError> {
     if faces.is_empty() && state_column.is_some() {
         return Err(FacesError::NoSuchState { path: csv.path().to_owned(), state: state.to_owned(), found: states });
     }
-    Ok(with_hash(faces, Vec::new()))
+    let of_persons = csv.header().get(name_column).is_some_and(|name| name != "frame");
+    Ok(with_hash(faces, Vec::new(), of_persons))
 }
 
 fn read_nodes(csv: &CsvFile) -> Result<NeutralFaces, FacesError> {
@@ -198,7 +263,8 @@ fn read_nodes(csv: &CsvFile) -> Result<NeutralFaces, FacesError> {
         of_face.push((node, Point2::new(row.number(x)?, row.number(y)?)));
     }
     let face = |name: String| points.remove(&name).map(|nodes| NeutralFace { name, points: FacePoints::Nodes(nodes) });
-    Ok(with_hash(order.into_iter().filter_map(face).collect(), Vec::new()))
+    let of_persons = face_column.is_none() && csv.header().get(name_column).is_some_and(|name| name != "image");
+    Ok(with_hash(order.into_iter().filter_map(face).collect(), Vec::new(), of_persons))
 }
 
 fn read_dataset(path: &Path) -> Result<NeutralFaces, FacesError> {
@@ -220,35 +286,53 @@ fn read_dataset(path: &Path) -> Result<NeutralFaces, FacesError> {
             Err(reason) => skipped.push((subject.to_owned(), reason)),
         }
     }
-    Ok(with_hash(faces, skipped))
+    Ok(with_hash(faces, skipped, true))
 }
 
 fn neutral_face(entry: &SequenceEntry) -> Result<NeutralFace, String> {
-    let track = entry.landmarks().map_err(|e| e.to_string())?.ok_or("the manifest names no landmarks")?;
-    let frames = entry.frames().map_err(|e| e.to_string())?;
-    let landmarks = track.frame(frames.neutral_number()).map_err(|e| e.to_string())?.to_vec();
+    let driving = |prefer| entry.driving_landmarks(prefer).map_err(|e| e.to_string());
+    let path = driving(true)?.ok_or("the manifest names no landmarks")?;
+    let track = read_face(&path, LEAST_CONFIDENCE, entry.face_id()).map_err(|e| e.to_string())?;
+    // Landmarks that drive a sequence even where nobody prefers them are all there is of it.
+    let neutral = if driving(false)?.is_some() {
+        track.neutral_frame(entry.first_frame)
+    } else {
+        track.frame(entry.frames().map_err(|e| e.to_string())?.neutral_number())
+    };
+    let landmarks = neutral.map_err(|e| e.to_string())?.to_vec();
     Ok(NeutralFace { name: entry.id.subject.clone(), points: FacePoints::Landmarks(landmarks) })
 }
 
 /// Faces with the hash of their names and numbers: the same faces have the same hash, wherever they were read from.
-fn with_hash(faces: Vec<NeutralFace>, skipped: Vec<(String, String)>) -> NeutralFaces {
+fn with_hash(faces: Vec<NeutralFace>, skipped: Vec<(String, String)>, of_persons: bool) -> NeutralFaces {
     let mut hasher = blake3::Hasher::new();
     for face in &faces {
         hasher.update(&(face.name.len() as u64).to_le_bytes());
         hasher.update(face.name.as_bytes());
-        let mut add = |p: &Point2<f64>| {
-            hasher.update(&p.x.to_le_bytes());
-            hasher.update(&p.y.to_le_bytes());
-        };
-        match &face.points {
-            FacePoints::Landmarks(landmarks) => landmarks.iter().for_each(add),
-            FacePoints::Nodes(nodes) => nodes.iter().for_each(|(node, p)| {
-                add(&Point2::new(f64::from(node.0), f64::NAN));
-                add(p);
-            }),
-        }
+        add_points(&mut hasher, &face.points);
     }
-    NeutralFaces { faces, skipped, blake3: hasher.finalize().to_hex().to_string() }
+    NeutralFaces { faces, skipped, blake3: hasher.finalize().to_hex().to_string(), of_persons }
+}
+
+/// What one face is known by without its name.
+fn hash_of_points(points: &FacePoints) -> [u8; 32] {
+    let mut hasher = blake3::Hasher::new();
+    add_points(&mut hasher, points);
+    hasher.finalize().into()
+}
+
+fn add_points(hasher: &mut blake3::Hasher, points: &FacePoints) {
+    let mut add = |p: &Point2<f64>| {
+        hasher.update(&p.x.to_le_bytes());
+        hasher.update(&p.y.to_le_bytes());
+    };
+    match points {
+        FacePoints::Landmarks(landmarks) => landmarks.iter().for_each(add),
+        FacePoints::Nodes(nodes) => nodes.iter().for_each(|(node, p)| {
+            add(&Point2::new(f64::from(node.0), f64::NAN));
+            add(p);
+        }),
+    }
 }
 
 #[cfg(test)]
@@ -291,6 +375,99 @@ mod tests {
         assert!(twice.ends_with("line 3: node 20 of A stands in line 2 already"), "{twice}");
         assert!(read("who,node,x,y\nA,20,5,6\n").unwrap_err().contains("no column `person`, `subject` or"));
         assert!(read("person,node,x,y\nA,70000,5,6\n").unwrap_err().contains("70000"));
+    }
+
+    /// The faces of some files and folders, put together.
+    fn once(inputs: &[(&str, &Path)]) -> Result<(), String> {
+        let read: Vec<_> =
+            inputs.iter().map(|(name, path)| ((*name).to_owned(), read_neutral_faces(path, "neutral").unwrap())).collect();
+        let inputs: Vec<_> = read.iter().map(|(name, read)| (name.clone(), read)).collect();
+        check_faces_once(&inputs).map_err(|e| e.to_string())
+    }
+
+    fn columns() -> String {
+        (0..68).map(|k| format!(",x{k},y{k}")).collect()
+    }
+
+    /// A row whose points are `by` further on than those of `row(0)`.
+    fn row(by: usize) -> String {
+        (0..68).map(|k| format!(",{}.5,{}", k + by, 2 * k)).collect()
+    }
+
+    #[test]
+    fn a_person_counts_once_in_all_inputs_together() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = |name: &str, text: String| {
+            let path = folder.path().join(name);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(&path, text).unwrap();
+            path
+        };
+        let table = |name: &str, first: &str, rows: &[(&str, usize)]| {
+            let rows: String = rows.iter().map(|(name, by)| format!("{name}{}\n", row(*by))).collect();
+            file(name, format!("{first}{}\n{rows}", columns()))
+        };
+        let a = table("a.csv", "person", &[("A", 0), ("B", 1)]);
+        let b = table("b.csv", "subject", &[("C", 2), ("b", 3)]);
+        let c = table("c.csv", "person", &[("D", 4)]);
+        let said =
+            "A stands in a.csv and in again.csv; a face counts once, so leave it out of one, or give another person another name";
+        assert_eq!(once(&[("a.csv", &a), ("c.csv", &c), ("again.csv", &a)]).unwrap_err(), said);
+        assert!(once(&[("a.csv", &a), ("b.csv", &b)]).unwrap_err().starts_with("b stands in a.csv and in b.csv;"));
+        once(&[("b.csv", &b), ("c.csv", &c)]).unwrap();
+        // A dataset and a table.
+        table("data/l.csv", "frame", &[("1", 5), ("2", 6)]);
+        file("data/manifest.csv", "subject,sequence,emotion,frames\nD,1,fear,l.csv\n".to_owned());
+        let data = folder.path().join("data");
+        assert!(once(&[("c.csv", &c), ("data", &data)]).unwrap_err().starts_with("D stands in c.csv and in data;"));
+        once(&[("a.csv", &a), ("data", &data)]).unwrap();
+        // The number of a frame is no person's name; the same points are the same face.
+        let d = table("d.csv", "frame", &[("1", 7), ("2", 8)]);
+        let e = table("e.csv", "frame", &[("1", 9), ("2", 10)]);
+        let f = table("f.csv", "frame", &[("11", 8)]);
+        once(&[("d.csv", &d), ("e.csv", &e)]).unwrap();
+        assert!(once(&[("d.csv", &d), ("f.csv", &f)]).unwrap_err().starts_with("11 in f.csv has the very points of 2 in d.csv;"));
+    }
+
+    #[test]
+    fn tables_of_semicolons_may_have_decimal_commas() {
+        let folder = tempfile::tempdir().unwrap();
+        let read = |text: &str| {
+            let path = folder.path().join("faces.csv");
+            std::fs::write(&path, text).unwrap();
+            read_neutral_faces(&path, "neutral").map_err(|e| e.to_string())
+        };
+        let semicolons = |commas: &str| commas.replace(',', ";").replace('.', ",");
+        let commas = format!("person,state{}\nA,neutral{}\nA,sad{}\n", columns(), row(0), row(1));
+        assert!(semicolons(&commas).contains("\nA;neutral;0,5;0;1,5;2;"));
+        assert_eq!(read(&semicolons(&commas)), read(&commas));
+        let commas = "person,node,x,y\nA,20,5.5,6\nA,53,1.25,2\n";
+        assert_eq!(read(&semicolons(commas)), read(commas));
+        let error = read("person;node;x;y\nA;20;1.000,5;6\n").unwrap_err();
+        assert!(error.ends_with("line 2: x is `1.000,5`; a finite number was expected"), "{error}");
+    }
+
+    #[test]
+    fn landmarks_without_images_have_their_first_frame_as_the_neutral_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str, text: String| std::fs::write(folder.path().join(name), text).unwrap();
+        write("l.csv", format!("frame{}\n4{}\n9{}\n", columns(), row(4), row(9)));
+        write("lost.csv", format!("frame,success{}\n4,0{}\n9,1{}\n", columns(), row(4), row(9)));
+        let first_x = |manifest: &str| {
+            write("manifest.csv", format!("subject,sequence,emotion,first_frame,frames,landmarks\n{manifest}\n"));
+            let read = read_neutral_faces(folder.path(), "neutral").unwrap();
+            match read.faces.first().map(|face| &face.points) {
+                Some(FacePoints::Landmarks(points)) => Ok(points[0].x),
+                _ => Err(read.skipped[0].1.clone()),
+            }
+        };
+        assert_eq!(first_x("A,1,fear,,l.csv,"), Ok(4.5));
+        assert_eq!(first_x("A,1,fear,,,l.csv"), Ok(4.5));
+        assert_eq!(first_x("A,1,fear,9,l.csv,"), Ok(9.5));
+        assert_eq!(first_x("A,1,fear,9,,l.csv"), Ok(9.5));
+        assert!(first_x("A,1,fear,5,l.csv,").unwrap_err().contains('5'));
+        assert!(first_x("A,1,fear,,lost.csv,").unwrap_err().contains("the face is lost in frame 4, the neutral frame"));
+        assert_eq!(first_x("A,1,fear,,,").unwrap_err(), "the manifest names no landmarks");
     }
 
     #[test]

@@ -12,6 +12,7 @@
 //! it makes the marks ([`Explanation::log_evidence`]).
 
 mod faces;
+mod far;
 mod file;
 mod learn;
 
@@ -23,7 +24,7 @@ use crate::{
     wireframe::Wireframe,
 };
 
-pub use faces::{FacePoints, NeutralFace, read_neutral_faces};
+pub use faces::{FacePoints, NeutralFace, check_faces_once, read_neutral_faces};
 pub use file::{FaceSource, PriorFile, PriorFileError, PriorOrigin, read_prior, write_prior};
 pub(crate) use learn::mirror_nodes;
 pub use learn::{DEFAULT_MODES, LearnError, learn_prior};
