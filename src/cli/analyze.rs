@@ -8,8 +8,8 @@ use grimace::{
     dataset::Dataset,
     output::count,
     pipeline::{
-        Analysis, AnalyzedModel, PipelineOptions, Workbench, analysis_files, analyze, analyze_columnar, load_columnar,
-        load_tracks, track_files, write_analysis, write_columnar, write_model,
+        ANALYSIS_TABLES, Analysis, AnalyzedModel, PipelineOptions, Workbench, analysis_files, analyze, analyze_columnar,
+        load_columnar, load_tracks, track_files, write_analysis, write_columnar, write_model,
     },
     report::Failure,
     units::SequenceId,
@@ -101,10 +101,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         say_failures(&failures, None);
         anyhow::bail!("none of the {} tracks can be used", files.len());
     }
+    let failed = files.len() - models.len();
     let results = of_tracks(args, models, failures.clone(), &bench);
     // The table that has them all is one of the results.
     say_failures(&failures, results.is_ok().then(|| args.output.join("failures.csv")).as_deref());
-    print(args, &results?, &format!("{}, {} failed", count(files.len(), "track", "tracks"), failures.len()));
+    print(args, &results?, &format!("{}, {failed} failed", count(files.len(), "track", "tracks")));
     Ok(if failures.is_empty() { Outcome::Done } else { Outcome::SomeFailed })
 }
 
@@ -113,7 +114,7 @@ fn of_tracks(args: &Args, models: Vec<AnalyzedModel>, failures: Vec<Failure>, be
     let folder = OwnFolder::open(&args.output, COMMAND)?;
     let normalized: Vec<_> = models.iter().map(|m| m.model.clone()).collect();
     let name_of = |id: &SequenceId| format!("models/{id}.csv");
-    folder.check_own(normalized.iter().map(|m| name_of(&m.id)))?;
+    folder.check_own(normalized.iter().map(|m| name_of(&m.id)).chain(ANALYSIS_TABLES.map(str::to_owned)))?;
     if bench.options.columnar {
         folder.check_own([COLUMNAR])?;
         folder.begin()?;
@@ -121,7 +122,7 @@ fn of_tracks(args: &Args, models: Vec<AnalyzedModel>, failures: Vec<Failure>, be
     }
     let analysis = analyze(models, failures, bench)?;
     // Two at once would mix their results.
-    begin(&folder, &analysis)?;
+    begin(&folder, &analysis, bench)?;
     for model in &normalized {
         let name = name_of(&model.id);
         folder.wrote_as(&name, write_model(&args.output.join(&name), &model.model)?)?;
@@ -152,15 +153,15 @@ fn from_models(args: &Args, path: &Path, bench: &Workbench) -> anyhow::Result<Ou
         analyze_columnar(&file, bench, args.memory)?
     };
     let folder = OwnFolder::open(&args.output, COMMAND)?;
-    begin(&folder, &analysis)?;
+    begin(&folder, &analysis, bench)?;
     write(args, folder, &analysis, bench)?;
     print(args, &analysis, &format!("{} models", file.row_count()));
     Ok(Outcome::Done)
 }
 
 /// Takes the folder for an analysis, where it would write over nothing of others.
-fn begin(folder: &OwnFolder, analysis: &Analysis) -> anyhow::Result<()> {
-    folder.check_own(analysis_files(analysis))?;
+fn begin(folder: &OwnFolder, analysis: &Analysis, bench: &Workbench) -> anyhow::Result<()> {
+    folder.check_own(analysis_files(analysis, bench))?;
     Ok(folder.begin()?)
 }
 

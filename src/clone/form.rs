@@ -16,14 +16,14 @@ use crate::{geometry::polygon::inside_depth, interpolation::smooth_step, synthes
 const SMILE: &[u8] = include_bytes!("../../candide/smile_skin.png");
 /// How deep that fold is without a smile's wide mouth, which draws it out to below the corners: as deep as in a smile, and as long, it was a stain.
 const OF_SMILE: f32 = 0.55;
-/// Nodes above the corners of the mouth, and how far they rise on the mean, over the eye distance, where cheeks begin to fold and do as in a smile.
+/// Nodes of the upper lip and beside the corners of the mouth, and how far they rise on the mean, over the eye distance, where cheeks begin to fold and do as in a smile.
 const RAISED: [usize; 4] = [79, 80, 90, 91];
 const FOLDS: (f64, f64) = (0.02, 0.09);
 /// The cheeks, in units of the wireframe: from the nose outwards and from above the wings of the nose downwards, each with where it is wholly cheek.
 const BESIDE_NOSE: (f64, f64) = (0.12, 0.22);
 const OUTWARDS: (f64, f64) = (0.85, 0.70);
 const BELOW_EYES: (f64, f64) = (0.06, -0.06);
-const ABOVE_CHIN: (f64, f64) = (-1.00, -0.80);
+const ABOVE_CHIN: (f64, f64) = (-0.80, -0.62);
 const ABOVE_MOUTH: (f64, f64) = (-0.40, -0.22);
 
 /// Share of what grows lighter that a clone shows: half of what 90 people's smiling cheeks do, for there it is one soft light, and here a wedge.
@@ -149,6 +149,6 @@ mod tests {
         assert!((raised - expected).abs() < 1e-6, "{raised} {expected}");
         assert!(raised < -0.04 && (raised + 0.005..-0.01).contains(&half) && lowered > -0.05, "{raised} {half} {lowered}");
         // Not on the nose, on the forehead or on the chin.
-        assert!([(63, 105), (63, 40), (63, 200)].iter().all(|(x, y)| cheek(y * SIZE.0 as usize + x) == 0.0));
+        assert!([(63, 105), (89, 40), (89, 168)].iter().all(|(x, y)| cheek(y * SIZE.0 as usize + x) == 0.0));
     }
 }

@@ -5,7 +5,7 @@ use std::{
     path::Path,
 };
 
-use super::{Workbench, analysis::EmotionGroups};
+use super::{Workbench, analysis::EmotionGroups, write::Wrote};
 use crate::{
     output::{OutputError, beside_ours, listed, nine_digits, write_records},
     statistics::{
@@ -132,12 +132,13 @@ fn people_of(models: &[&SequenceModel], of_id: &BTreeMap<&SequenceId, [Option<f6
 const BEFORE: [&str; 3] = ["subject", "sequence", "emotion"];
 const AFTER: [&str; 4] = ["region", "amplitude", "id", "no_amplitude"];
 
-/// Writes `amplitudes.csv` and, where there are groups, `amplitude_comparisons.csv`; returns their names and BLAKE3.
+/// Writes `amplitudes.csv` and, where there are groups, `amplitude_comparisons.csv`, each told to `wrote` as soon as it stands there.
 pub(super) fn write_amplitudes(
     out: &Path,
     results: &AmplitudeResults,
     bench: &Workbench,
-) -> Result<Vec<(&'static str, blake3::Hash)>, OutputError> {
+    wrote: &mut Wrote<'_>,
+) -> Result<(), OutputError> {
     let columns: BTreeSet<&String> = results.sequences.iter().flat_map(|s| s.metadata.keys()).collect();
     let columns: Vec<&String> = columns.into_iter().collect();
     let named = beside_ours(&columns, |name| BEFORE.contains(&name) || AFTER.contains(&name));
@@ -152,9 +153,9 @@ pub(super) fn write_amplitudes(
             row
         })
     });
-    let mut files = vec![("amplitudes.csv", write_records(&out.join("amplitudes.csv"), header, rows)?)];
+    wrote("amplitudes.csv", write_records(&out.join("amplitudes.csv"), header, rows)?)?;
     if bench.options.by.is_empty() {
-        return Ok(files);
+        return Ok(());
     }
     let header = [
         "emotion",
@@ -203,6 +204,5 @@ pub(super) fn write_amplitudes(
         }
         row
     });
-    files.push(("amplitude_comparisons.csv", write_records(&out.join("amplitude_comparisons.csv"), header, rows)?));
-    Ok(files)
+    wrote("amplitude_comparisons.csv", write_records(&out.join("amplitude_comparisons.csv"), header, rows)?)
 }

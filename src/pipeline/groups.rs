@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::AnalyzedClass;
+use super::{AnalyzedClass, write::Wrote};
 use crate::{
     output::{OutputError, nine_digits, write_records},
     statistics::{
@@ -16,14 +16,18 @@ use crate::{
 const INTERVAL_COLUMNS: [&str; 9] =
     ["emotion", "subjects", "sequences", "dispersion", "low", "high", "level", "replicates", "method"];
 
-/// Writes `intervals.csv`, `comparisons.csv`, `group_tests.csv` and `comparison_nodes.csv` into `out`; returns their names and BLAKE3.
+/// What [`write_groups`] writes.
+pub(super) const GROUP_TABLES: [&str; 4] = ["intervals.csv", "comparisons.csv", "group_tests.csv", "comparison_nodes.csv"];
+
+/// Writes [`GROUP_TABLES`] into `out`, each told to `wrote` as soon as it stands there.
 pub(super) fn write_groups(
     out: &Path,
     classes: &[AnalyzedClass],
     comparisons: &Comparisons,
     wireframe: &Wireframe,
     by: &[String],
-) -> Result<[(&'static str, blake3::Hash); 4], OutputError> {
+    wrote: &mut Wrote<'_>,
+) -> Result<(), OutputError> {
     let group_names = || by.iter().map(|name| format!("group_{name}"));
     let optional = |value: Option<f64>| value.map(nine_digits).unwrap_or_default();
 
@@ -55,7 +59,7 @@ pub(super) fn write_groups(
         row.extend(by.iter().filter(|name| !INTERVAL_COLUMNS.contains(&name.as_str())).map(value));
         row
     });
-    let intervals = write_records(&out.join("intervals.csv"), &header, rows)?;
+    wrote("intervals.csv", write_records(&out.join("intervals.csv"), &header, rows)?)?;
 
     let header: Vec<String> = ["emotion", "group_a", "group_b", "subjects_a", "subjects_b", "sequences_a", "sequences_b"]
         .into_iter()
@@ -98,9 +102,8 @@ pub(super) fn write_groups(
         }
         row
     });
-    let pairs = write_records(&out.join("comparisons.csv"), &header, rows)?;
-
-    let omnibus = write_omnibus(&out.join("group_tests.csv"), &comparisons.omnibus)?;
+    wrote("comparisons.csv", write_records(&out.join("comparisons.csv"), &header, rows)?)?;
+    wrote("group_tests.csv", write_omnibus(&out.join("group_tests.csv"), &comparisons.omnibus)?)?;
 
     let header = ["emotion", "group_a", "group_b", "node", "energy", "p"].map(str::to_owned);
     let rows = comparisons.pairs.iter().filter_map(|pair| Some((pair, pair.outcome.as_ref().ok()?))).flat_map(|(pair, t)| {
@@ -111,8 +114,7 @@ pub(super) fn write_groups(
             [names, vec![nine_digits(energy), nine_digits(p)]].concat()
         })
     });
-    let nodes = write_records(&out.join("comparison_nodes.csv"), &header, rows)?;
-    Ok([("intervals.csv", intervals), ("comparisons.csv", pairs), ("group_tests.csv", omnibus), ("comparison_nodes.csv", nodes)])
+    wrote("comparison_nodes.csv", write_records(&out.join("comparison_nodes.csv"), &header, rows)?)
 }
 
 /// Writes `group_tests.csv`: all groups of an emotion at once, a row per emotion; values of groups are joined by `; `.

@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, path::Path};
 
-use super::{AnalyzedClass, Workbench, analysis::EmotionGroups, model_file::write_model};
+use super::{AnalyzedClass, Workbench, analysis::EmotionGroups, model_file::write_model, write::Wrote};
 use crate::{
     fap::{FapCatalog, FapMotion, measure_faps},
     output::{OutputError, nine_digits, write_records},
@@ -139,13 +139,13 @@ pub(super) fn model_names(stem: &str) -> Vec<String> {
     [format!("variation/{stem}_mean.csv")].into_iter().chain((1..=SHOWN_COMPONENTS).flat_map(of_component)).collect()
 }
 
-/// Writes `variation.csv`, `variation_scores.csv`, `bands.csv` and the models of `variation/`; returns their names and BLAKE3.
+/// Writes `variation.csv`, `variation_scores.csv`, `bands.csv` and the models of `variation/`, each told to `wrote` as soon as it stands there.
 pub(super) fn write_variations(
     out: &Path,
     variations: &[EmotionVariation],
     bench: &Workbench,
-) -> Result<Vec<(String, blake3::Hash)>, super::AnalysisError> {
-    let mut files = Vec::new();
+    wrote: &mut Wrote<'_>,
+) -> Result<(), super::AnalysisError> {
     let header = ["emotion", "component", "share", "cumulative_share", "sd", "subjects", "sequences", "not_made"];
     let rows = variations.iter().flat_map(|v| match &v.outcome {
         Err(why) => {
@@ -165,20 +165,19 @@ pub(super) fn write_variations(
         }
     });
     let rows: Vec<Vec<String>> = rows.collect();
-    files.push(("variation.csv".to_owned(), write_records(&out.join("variation.csv"), header, rows)?));
-    files.push(("variation_scores.csv".to_owned(), write_scores(&out.join("variation_scores.csv"), variations)?));
-    files.push(("bands.csv".to_owned(), write_bands(&out.join("bands.csv"), variations)?));
+    wrote("variation.csv", write_records(&out.join("variation.csv"), header, rows)?)?;
+    wrote("variation_scores.csv", write_scores(&out.join("variation_scores.csv"), variations)?)?;
+    wrote("bands.csv", write_bands(&out.join("bands.csv"), variations)?)?;
     for v in variations {
         let Ok(found) = &v.outcome else { continue };
         let deviations = [-SHOWN_DEVIATIONS, SHOWN_DEVIATIONS];
         let shown = found.components.len().min(SHOWN_COMPONENTS);
         let of_components = (0..shown).flat_map(|k| deviations.map(|d| found.at(k, d, &bench.wireframe)));
         for (name, model) in model_names(&v.stem).into_iter().zip([Ok(found.mean.clone())].into_iter().chain(of_components)) {
-            let hash = write_model(&out.join(&name), &model?)?;
-            files.push((name, hash));
+            wrote(&name, write_model(&out.join(&name), &model?)?)?;
         }
     }
-    Ok(files)
+    Ok(())
 }
 
 fn write_scores(path: &Path, variations: &[EmotionVariation]) -> Result<blake3::Hash, OutputError> {

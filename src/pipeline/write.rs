@@ -8,12 +8,12 @@ use super::{
     Analysis, AnalysisError, AnalyzedClass, Failure, MADE_BY, NONE_LEVEL, SCHEMA_VERSION, Workbench,
     amplitudes::write_amplitudes,
     analysis::too_short,
-    groups::write_groups,
+    groups::{GROUP_TABLES, write_groups},
     model_file::write_model,
     recognition::write_recognition,
     showcase,
     units::units_json,
-    variation::{shown_bands, write_variations},
+    variation::{EmotionVariation, model_names, shown_bands, write_variations},
 };
 use crate::{
     clone::{NoSkin, SKIN_SUFFIX},
@@ -74,6 +74,9 @@ struct Trimmed {
     distance: f64,
 }
 
+/// Is told the name of a file, relative to the folder of results, and its BLAKE3 as soon as it stands there.
+pub(super) type Wrote<'a> = dyn FnMut(&str, blake3::Hash) -> Result<(), OutputError> + 'a;
+
 /// Writes `representatives/`, `fap/`, the tables, `units.json` and `report.html`; `wrote` is told the path of every file relative to `out` and its
 /// BLAKE3 as soon as it stands there.
 ///
@@ -109,16 +112,10 @@ pub fn write_analysis(
     let html = report_html(analysis, title, bench)?;
     wrote("report.html", output::write_hashed(&out.join("report.html"), |writer| writer.write_all(html.as_bytes()))?)?;
     if let Some(comparisons) = &analysis.comparisons {
-        for (name, hash) in write_groups(out, &analysis.classes, comparisons, &bench.wireframe, &bench.options.by)? {
-            wrote(name, hash)?;
-        }
+        write_groups(out, &analysis.classes, comparisons, &bench.wireframe, &bench.options.by, &mut wrote)?;
     }
-    for (name, hash) in write_amplitudes(out, &analysis.amplitudes, bench)? {
-        wrote(name, hash)?;
-    }
-    for (name, hash) in write_variations(out, &analysis.variations, bench)? {
-        wrote(&name, hash)?;
-    }
+    write_amplitudes(out, &analysis.amplitudes, bench, &mut wrote)?;
+    write_variations(out, &analysis.variations, bench, &mut wrote)?;
     if let Some(recognition) = &analysis.recognition {
         wrote("recognition.csv", write_recognition(&out.join("recognition.csv"), recognition, NONE_LEVEL)?)?;
     }
@@ -127,16 +124,35 @@ pub fn write_analysis(
     Ok(())
 }
 
-/// Names of what [`write_analysis`] writes of any analysis with these classes, of those that stand beside an analysis of other tracks.
-pub fn analysis_files(analysis: &Analysis) -> Vec<String> {
-    let of_classes = analysis.classes.iter().flat_map(|class| class_files(&class.stem).into_iter().take(3));
-    let of_groups = analysis.comparisons.is_some().then_some("intervals.csv");
-    let tables =
-        ["statistics.csv", "trimming.csv", "failures.csv", "verdicts.csv", "report.html", "amplitudes.csv", "units.json"];
-    let of_people = ["variation.csv", "variation_scores.csv", "bands.csv"];
+/// What [`write_analysis`] writes of every analysis.
+pub const ANALYSIS_TABLES: [&str; 10] = [
+    "statistics.csv",
+    "trimming.csv",
+    "failures.csv",
+    "verdicts.csv",
+    "report.html",
+    "amplitudes.csv",
+    "units.json",
+    "variation.csv",
+    "variation_scores.csv",
+    "bands.csv",
+];
+
+/// Names of the files that [`write_analysis`] will write, by which a caller looks first whether they are free.
+pub fn analysis_files(analysis: &Analysis, bench: &Workbench) -> Vec<String> {
+    let of_class = |class: &AnalyzedClass| {
+        let files = class_files(&class.stem);
+        // The skin is the last of them.
+        let count = files.len() - usize::from(class.skin.is_err());
+        files.into_iter().take(count)
+    };
+    let of_emotion = |v: &EmotionVariation| v.outcome.is_ok().then(|| model_names(&v.stem)).into_iter().flatten();
+    let of_groups = analysis.comparisons.iter().flat_map(|_| GROUP_TABLES);
+    let of_amplitudes = (!bench.options.by.is_empty()).then_some("amplitude_comparisons.csv");
     let of_labels = analysis.recognition.is_some().then_some("recognition.csv");
-    let tables = tables.into_iter().chain(of_people).chain(of_groups).chain(of_labels);
-    of_classes.chain(tables.map(str::to_owned)).collect()
+    let tables = ANALYSIS_TABLES.into_iter().chain(of_groups).chain(of_amplitudes).chain(of_labels).map(str::to_owned);
+    let of_classes = analysis.classes.iter().flat_map(of_class);
+    of_classes.chain(analysis.variations.iter().flat_map(of_emotion)).chain(tables).collect()
 }
 
 /// Names of what [`write_analysis`] writes beside the tables of [`TABLES`].

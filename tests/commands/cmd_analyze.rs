@@ -143,14 +143,18 @@ fn what_an_earlier_analysis_made_goes_and_nothing_else() {
         ran.says(&["statistics.csv: it is there already, and is not as an earlier `analyze` wrote it"]);
         assert!(work.read(&format!("{folder}/statistics.csv")).ends_with("# checked"));
     }
-    // One that was killed has entered what it wrote: the next one knows it.
     std::fs::write(work.path("foreign/statistics.csv"), &whole["statistics.csv"]).unwrap();
-    let record = work.read("foreign/analyze.b3");
-    work.write("foreign/representatives/stale.csv", "stale");
-    let hash = blake3::hash(b"stale").to_hex();
-    work.write("foreign/analyze.b3", format!("{record}{hash}  representatives/stale.csv\n"));
-    work.grimace("analyze out/tracks -o foreign --force").exit(0);
-    assert!(!work.path("foreign/representatives/stale.csv").exists());
+    work.grimace("analyze out/tracks -o foreign --by cohort --force").exit(0);
+    work.write("foreign/comparisons.csv", "edited");
+    work.grimace("analyze out/tracks -o foreign --by cohort --force").exit(1).says(&["comparisons.csv: it is there already"]);
+    assert_eq!(work.read("foreign/comparisons.csv"), "edited");
+    // One that stopped in the middle has entered what it wrote: the next one knows it.
+    work.write("stopped/fap", "no folder");
+    work.grimace("analyze out/tracks -o stopped --force").exit(1);
+    let written = work.read("stopped/analyze.b3");
+    assert!(written.contains("  models/S001_005.csv\n") && written.contains("  representatives/"), "{written}");
+    std::fs::remove_file(work.path("stopped/fap")).unwrap();
+    work.grimace("analyze out/tracks -o stopped --force").exit(0);
 }
 
 #[test]

@@ -74,7 +74,7 @@ fn made() -> Files {
     });
     let analysis = analyze(models.collect(), Vec::new(), &bench).unwrap();
     let folder = tempfile::tempdir().unwrap();
-    write_analysis(&analysis, folder.path(), "golden", &bench).unwrap();
+    write_analysis(&analysis, folder.path(), "golden", &bench, |_, _| Ok(())).unwrap();
     let mut files = files_in(folder.path());
     // The report has tests of its own, the JSON repeats what the tables say, and bands and what people vary to are long.
     files.retain(|name, _| {

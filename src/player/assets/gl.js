@@ -77,7 +77,7 @@ void main() {
   float depth = clamp(belowUpper / max(lower - upper, 1e-6), 0.0, 1.0);
   float throat = (depth - 0.40) / 0.34, dropped = 1.0 - lit, gapes = dropped * smoothstep(0.10, 0.24, gap);
   float light0 = 0.27 + (0.20 * depth - 0.12) * open * side - 0.16 * exp(-throat * throat) * side * sqrt(open) + 0.13 * (1.0 - side) * open;
-  // A jaw that drops opens it so far that light falls in, and goes out softly towards the depth.
+  // A jaw that drops opens it so far that light falls in, less of it into the corners.
   light0 = mix(light0 + 0.08 * dropped * (1.0 - open), 0.45 * (1.0 - 0.42 * (1.0 - side)), gapes);
   vec3 colour = tinted(vec3(1.0, vec2(0.60, 0.57) + 0.14 * (1.0 - side) * (1.0 - gapes)) - vec3(0.10, 0.0, 0.02) * gapes, light0);
   float across = x / max(mix(0.38, 0.50, gapes) * (ends.y - ends.x), 1e-6), within = 1.0 - across * across;

@@ -164,7 +164,7 @@ impl Interior<'_> {
         // Darkest in the middle, where the throat is.
         let throat = (-((depth - THROAT.0) / THROAT.1).powi(2)).exp() * side;
         let light = 0.27 + (0.20 * depth - 0.12) * open * side - THROAT.2 * throat * open.sqrt() + CHEEKS * (1.0 - side) * open;
-        // A jaw that drops opens it so far that light falls in, and goes out softly towards the depth.
+        // A jaw that drops opens it so far that light falls in, less of it into the corners.
         let (dropped, gapes) = (1.0 - self.lit, gapes(self.gap, self.lit));
         let uneven = 1.0 + UNEVEN * grain((x + self.proportions.own()) / 0.07, y / 0.05);
         let deep = DEPTH.0 * (1.0 - DEPTH.1 * (1.0 - side)) * uneven;
