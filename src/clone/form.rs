@@ -65,7 +65,7 @@ impl Skin {
             let darker = if *log < 0.0 { DARKER } else { 1.0 };
             *log = (*log * darker * share * off).clamp(-SKIN_LOG_LIMIT, SKIN_LOG_LIMIT);
         }
-        let raised = RAISED.iter().map(|&n| offsets[n].y).sum::<f64>() / RAISED.len() as f64;
+        let raised = RAISED.iter().filter_map(|&n| offsets.get(n)).map(|off| off.y).sum::<f64>() / RAISED.len() as f64;
         let folded = smooth_step(FOLDS.0, FOLDS.1, raised) as f32;
         if folded > 0.0
             && let Some(smile) = smile()
