@@ -137,7 +137,7 @@ fn what_makes_no_prior_is_refused_with_the_reason() {
         "wild.csv",
         &people(12).replacen(&format!("P4,neutral{of_one}"), &format!("P4,neutral{}", values.join(",")), 1),
     );
-    error(&["wild.csv"], "P4: point 48 is at (5000.0, ");
+    error(&["wild.csv", "--modes", "3"], "P4: point 48 is at (5000.0, ");
     grimace(&folder, &["prior", "-o", "p.json"]).failure().code(2);
 }
 
