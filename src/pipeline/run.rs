@@ -24,7 +24,7 @@ use super::{
     skins::{collect_skins, picture_sources},
     variation::model_names,
     work::{Collected, Planned, Worked, collect, corrections_hash, plan_all, process_all, sequence_files},
-    write::{TABLES, class_files, write_failures},
+    write::{class_files, table_names, write_failures},
 };
 use crate::{
     dataset::SequenceEntry,
@@ -319,7 +319,7 @@ pub fn run(
     (record.outputs, record.kept) = earlier.as_ref().map(|e| (e.outputs.clone(), e.kept.clone())).unwrap_or_default();
     let ledger = Ledger::open(out, earlier.as_ref(), force)?;
     let emotions: BTreeSet<&str> = opened.sequences.iter().map(|s| s.emotion.as_str()).collect();
-    let names = opened.sequences.iter().flat_map(|s| sequence_files(&s.id)).chain(TABLES.map(str::to_owned));
+    let names = opened.sequences.iter().flat_map(|s| sequence_files(&s.id)).chain(table_names().map(str::to_owned));
     let mut said = ledger.claim(
         &names.chain(emotions.iter().flat_map(|e| class_files(e).into_iter().chain(model_names(e)))).collect::<Vec<_>>(),
     )?;

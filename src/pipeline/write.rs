@@ -155,33 +155,17 @@ pub fn analysis_files(analysis: &Analysis, bench: &Workbench) -> Vec<String> {
     of_classes.chain(analysis.variations.iter().flat_map(of_emotion)).chain(tables).collect()
 }
 
-/// Names of what [`write_analysis`] writes beside the tables of [`TABLES`].
+/// Names of what [`write_analysis`] writes beside the tables of [`table_names`].
 pub(super) fn class_files(stem: &str) -> [String; 5] {
     let (model, about) = (format!("representatives/{stem}.csv"), format!("representatives/{stem}.json"));
     let skin = format!("representatives/{stem}{SKIN_SUFFIX}");
     [model, about, format!("fap/{stem}.fap"), format!("features/{stem}.svg"), skin]
 }
 
-/// Names of the tables and the report.
-pub(super) const TABLES: [&str; 17] = [
-    "statistics.csv",
-    "trimming.csv",
-    "failures.csv",
-    "verdicts.csv",
-    "report.html",
-    "models.parquet",
-    "intervals.csv",
-    "comparisons.csv",
-    "comparison_nodes.csv",
-    "group_tests.csv",
-    "amplitudes.csv",
-    "amplitude_comparisons.csv",
-    "recognition.csv",
-    "variation.csv",
-    "variation_scores.csv",
-    "bands.csv",
-    "units.json",
-];
+/// Names of the tables and the report, of all that there may be.
+pub(super) fn table_names() -> impl Iterator<Item = &'static str> {
+    ANALYSIS_TABLES.into_iter().chain(GROUP_TABLES).chain(["models.parquet", "amplitude_comparisons.csv", "recognition.csv"])
+}
 
 fn representative_json<'a>(class: &'a AnalyzedClass, bench: &Workbench) -> RepresentativeJson<'a> {
     let r = &class.representative;
