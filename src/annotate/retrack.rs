@@ -22,7 +22,7 @@ use super::{
 use crate::{
     dataset::{Dataset, FrameSource, SequenceEntry},
     fit::Springs,
-    pipeline::{Workbench, read_run_json, track_files, tracks_folder},
+    pipeline::{Workbench, read_run_json, results_folder, track_files, tracks_folder},
     sequence::SequenceReader,
     track::{
         Confidence, Corrections, NodeState, TrackCorrections, TrackInfo, TrackSummary, TrackedFrame, TrackedNode, correct_nodes,
@@ -348,7 +348,7 @@ fn beside(out: &Path) -> Result<Dataset, AnnotateError> {
     struct Named {
         dataset: String,
     }
-    let Some(Named { dataset: name }) = read_run_json(out)? else {
+    let Some(Named { dataset: name }) = read_run_json(&results_folder(out))? else {
         return Err(AnnotateError::NoRun { path: out.to_owned() });
     };
     let resolved = fs::canonicalize(out).unwrap_or_else(|_| out.to_owned());

@@ -15,7 +15,7 @@ use crate::{
     output::write_records,
     pipeline::{
         NONE_LEVEL, PipelineOptions, RecognitionResults, RecognizedRow, left_out_said, load_tracks, read_run_json,
-        recognition_header, recognition_record, track_files, tracks_folder, write_recognition,
+        recognition_header, recognition_record, results_folder, track_files, tracks_folder, write_recognition,
     },
     statistics::recognize::{Recognizer, shown_by_several},
 };
@@ -60,7 +60,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     let mut options = PipelineOptions::default();
     // Sequences are normalized as those that are learned from.
-    if let Some(run) = read_run_json::<serde_json::Value>(&args.with)?
+    if let Some(run) = read_run_json::<serde_json::Value>(&results_folder(&args.with))?
         && let Ok(normalize) = serde_json::from_value(run["options"]["normalize"].clone())
     {
         options.normalize = normalize;

@@ -26,6 +26,7 @@ pub(super) fn write_groups(
     comparisons: &Comparisons,
     wireframe: &Wireframe,
     by: &[String],
+    replicates: usize,
     wrote: &mut Wrote<'_>,
 ) -> Result<(), OutputError> {
     let group_names = || by.iter().map(|name| format!("group_{name}"));
@@ -55,7 +56,7 @@ pub(super) fn write_groups(
         ];
         let value = |column: &String| r.label.group.get(column).cloned().unwrap_or_default();
         row.extend(by.iter().map(value));
-        row.push(if interval.is_some() { String::new() } else { no_interval(class.subjects).unwrap_or_default() });
+        row.push(if interval.is_some() { String::new() } else { no_interval(class.subjects, replicates).unwrap_or_default() });
         row.extend(by.iter().filter(|name| !INTERVAL_COLUMNS.contains(&name.as_str())).map(value));
         row
     });

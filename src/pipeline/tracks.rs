@@ -25,6 +25,12 @@ pub fn tracks_folder(folder: &Path) -> PathBuf {
     Some(folder.join("tracks")).filter(|tracks| tracks.is_dir()).unwrap_or_else(|| folder.to_owned())
 }
 
+/// The folder of results that a folder of tracks is in, or the folder itself: `tracks_folder` the other way round.
+pub fn results_folder(folder: &Path) -> PathBuf {
+    let in_results = folder.file_name().is_some_and(|name| name == "tracks") && !folder.join("tracks").is_dir();
+    if in_results { folder.join("..") } else { folder.to_owned() }
+}
+
 /// Track files named by the user: files as they are, folders (see `tracks_folder`) by the `.csv` files in them, sorted by path, each
 /// once.
 ///
@@ -188,5 +194,16 @@ mod tests {
         assert_eq!(id("out/S005_001.csv"), "S005_001");
         assert_eq!(id_of(Path::new("a_b_7.csv")).subject, "a_b");
         assert_eq!(id_of(Path::new("alone.csv")).subject, "alone");
+    }
+
+    #[test]
+    fn results_and_their_tracks_lead_to_each_other() {
+        let out = tempfile::tempdir().unwrap();
+        assert_eq!(tracks_folder(out.path()), out.path(), "a folder of tracks alone");
+        assert_eq!(results_folder(out.path()), out.path());
+        let tracks = out.path().join("tracks");
+        std::fs::create_dir(&tracks).unwrap();
+        assert_eq!(tracks_folder(out.path()), tracks);
+        assert_eq!(results_folder(&tracks).canonicalize().unwrap(), out.path().canonicalize().unwrap());
     }
 }

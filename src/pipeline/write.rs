@@ -112,7 +112,8 @@ pub fn write_analysis(
     let html = report_html(analysis, title, bench)?;
     wrote("report.html", output::write_hashed(&out.join("report.html"), |writer| writer.write_all(html.as_bytes()))?)?;
     if let Some(comparisons) = &analysis.comparisons {
-        write_groups(out, &analysis.classes, comparisons, &bench.wireframe, &bench.options.by, &mut wrote)?;
+        let options = &bench.options;
+        write_groups(out, &analysis.classes, comparisons, &bench.wireframe, &options.by, options.groups.bootstrap, &mut wrote)?;
     }
     write_amplitudes(out, &analysis.amplitudes, bench, &mut wrote)?;
     write_variations(out, &analysis.variations, bench, &mut wrote)?;

@@ -47,10 +47,16 @@ const LEVEL: f64 = 0.95;
 /// Standard deviations of a normal distribution between which this share lies.
 const QUANTILE: f64 = 1.959_963_985;
 
-/// Why a class has no interval; `None` where it has enough people.
-pub fn no_interval(people: usize) -> Option<String> {
-    (people < LEAST_PEOPLE)
-        .then(|| format!("{} too few for an interval; {LEAST_PEOPLE} are needed", count(people, "person is", "people are")))
+/// Why a class has no interval; `None` where it has enough people and draws of them.
+pub fn no_interval(people: usize, replicates: usize) -> Option<String> {
+    match (people, replicates) {
+        (..LEAST_PEOPLE, _) => {
+            Some(format!("{} too few for an interval; {LEAST_PEOPLE} are needed", count(people, "person is", "people are")))
+        }
+        (_, 0) => Some("no draws were asked for".to_owned()),
+        (_, 1) => Some("1 draw is too few for an interval; 2 are needed".to_owned()),
+        _ => None,
+    }
 }
 
 /// An interval for the dispersion of a class.
@@ -418,6 +424,7 @@ mod tests {
         approx::assert_relative_eq!(r.interval().low, 4.5 - half, max_relative = 1e-6);
         approx::assert_relative_eq!(r.interval().high, 4.5 + half, max_relative = 1e-6);
         approx::assert_relative_eq!(r.around_left_out().high, 5.0 + half, max_relative = 1e-6);
-        assert!(no_interval(7).unwrap().starts_with("7 people are too few") && no_interval(8).is_none());
+        assert!(no_interval(7, 100).unwrap().starts_with("7 people are too few") && no_interval(8, 2).is_none());
+        assert_eq!([0, 1].map(|n| no_interval(8, n).is_some()), [true; 2]);
     }
 }
