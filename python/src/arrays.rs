@@ -109,7 +109,7 @@ impl Marks {
 pub fn marks_or_found(marks: Option<&Marks>, frame: &Frame, bench: &Workbench) -> PyResult<(FoundMarks, &'static str)> {
     match marks {
         Some(marks) => Ok((FoundMarks { marks: marks.read(bench)?, ..FoundMarks::default() }, "command line")),
-        None => Ok((found_marks_and_remark(frame, bench).map_err(to::<LocateError>)?, "found")),
+        None => Ok((found_marks_and_remark(frame, None, bench).map_err(to::<LocateError>)?, "found")),
     }
 }
 

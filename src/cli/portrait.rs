@@ -10,7 +10,7 @@ use grimace::{
     sequence::{Frame, Portrait},
 };
 
-use super::shared::marks_or_found;
+use super::shared::marks_found;
 
 /// A photograph with the marks of a file, or those that are found in it; it is called as its file is. Where marks of a file lie beside the
 /// face of the photograph, that is said.
@@ -32,7 +32,7 @@ pub fn target(path: &Path, marks: Option<&Path>, selection: &LandmarkSelection, 
                  to have marks found",
                 path.display()
             );
-            let points = marks_or_found(None, bench, path, || Ok(Frame::new(0, grey)))?.marks;
+            let points = marks_found(bench, path, &Frame::new(0, grey), Some(&picture))?.marks;
             let with_found = || format!("{} with marks that were found", path.display());
             (bench.target(&name, picture, &points).with_context(with_found)?, Vec::new())
         }

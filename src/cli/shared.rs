@@ -115,14 +115,22 @@ pub fn marks_or_found(
             let marks = read_marks(path, &LandmarkSelection::HighAndMedium, &bench.tables, bench.wireframe.node_count())?;
             Ok(FoundMarks { marks, ..FoundMarks::default() })
         }
-        None => {
-            let found = found_marks_and_remark(&frame()?, bench).map_err(|error| about(picture)(&error))?;
-            if let Some(said) = &found.remark {
-                eprintln!("note: {}: {said}", picture.display());
-            }
-            Ok(found)
-        }
+        None => marks_found(bench, picture, &frame()?, None),
     }
+}
+
+/// The marks that are found in a frame of `picture`, in colour where it is given; what is to be said of that is said.
+pub fn marks_found(
+    bench: &Workbench,
+    picture: &Path,
+    frame: &Frame,
+    colour: Option<&image::RgbImage>,
+) -> anyhow::Result<FoundMarks> {
+    let found = found_marks_and_remark(frame, colour, bench).map_err(|error| about(picture)(&error))?;
+    if let Some(said) = &found.remark {
+        eprintln!("note: {}: {said}", picture.display());
+    }
+    Ok(found)
 }
 
 /// Says that a motion is none.

@@ -19,6 +19,7 @@ mod picture;
 mod points;
 mod shape;
 mod stages;
+mod teeth;
 mod template;
 
 use std::sync::OnceLock;

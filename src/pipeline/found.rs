@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use image::RgbImage;
 use nalgebra::{Point2, Vector2};
 
 use super::Workbench;
@@ -142,16 +143,19 @@ pub(super) fn middle_of(marks: &[Correspondence]) -> Point2<f64> {
 /// # Errors
 /// [`FoundMarksError::Model`].
 pub fn found_face(frame: &Frame) -> Result<Option<FoundFace>, FoundMarksError> {
-    Ok(found_faces(frame)?.into_iter().next())
+    Ok(found_faces(frame, None)?.into_iter().next())
 }
 
-/// Finds the faces of a frame, the largest first.
+/// Finds the faces of a frame, the largest first. In `colour` a lower lip is told from teeth ([`LocatedFace::look_for_teeth`]).
 ///
 /// # Errors
 /// [`FoundMarksError::Model`].
-pub(super) fn found_faces(frame: &Frame) -> Result<Vec<FoundFace>, FoundMarksError> {
+pub(super) fn found_faces(frame: &Frame, colour: Option<&RgbImage>) -> Result<Vec<FoundFace>, FoundMarksError> {
     let size = frame.size();
-    let faces = Locator::shipped()?.locate(frame.image(), &LocateOptions::default());
+    let mut faces = Locator::shipped()?.locate(frame.image(), &LocateOptions::default());
+    if let Some(picture) = colour {
+        faces.iter_mut().for_each(|face| _ = face.look_for_teeth(picture));
+    }
     let all_trusted = faces.iter().filter(|face| face.trusted()).count();
     let found = |face: &LocatedFace| FoundFace {
         marks: marks_of(face, |p| size.contains(p)),
@@ -169,7 +173,7 @@ pub(super) fn found_faces(frame: &Frame) -> Result<Vec<FoundFace>, FoundMarksErr
 /// # Errors
 /// `FoundMarksError` where there is no face, or none that is trusted ([`LocatedFace::trusted`]).
 pub fn found_marks(frame: &Frame, bench: &Workbench) -> Result<Vec<Correspondence>, FoundMarksError> {
-    found_marks_and_remark(frame, bench).map(|found| found.marks)
+    found_marks_and_remark(frame, None, bench).map(|found| found.marks)
 }
 
 /// Marks that were found in a frame.
@@ -183,12 +187,17 @@ pub struct FoundMarks {
     pub covered: Vec<FacePart>,
 }
 
-/// [`found_marks`], and what is to be said where the frame shows more than one face, or one that is covered in part.
+/// [`found_marks`], and what is to be said where the frame shows more than one face, or one that is covered in part. `colour` is the same picture in
+/// colour, in which teeth that a smile shows are told from a lower lip.
 ///
 /// # Errors
 /// As [`found_marks`].
-pub fn found_marks_and_remark(frame: &Frame, bench: &Workbench) -> Result<FoundMarks, FoundMarksError> {
-    let face = found_face(frame)?.ok_or(FoundMarksError::NoFace)?;
+pub fn found_marks_and_remark(
+    frame: &Frame,
+    colour: Option<&RgbImage>,
+    bench: &Workbench,
+) -> Result<FoundMarks, FoundMarksError> {
+    let face = found_faces(frame, colour)?.into_iter().next().ok_or(FoundMarksError::NoFace)?;
     if let Some(degrees) = face.upside_down() {
         return Err(FoundMarksError::UpsideDown { degrees });
     }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use image::{RgbImage, codecs::jpeg::JpegEncoder};
 use serde::{Deserialize, Serialize};
 
-use super::{AnalyzedClass, SequenceFailure, SequenceSource, Workbench, file_blake3, found_marks};
+use super::{AnalyzedClass, SequenceFailure, SequenceSource, Workbench, file_blake3, found_marks_and_remark};
 use crate::{
     clone::{CloneError, Skin, SourceMotion, Target},
     correspondence::{Correspondence, correspondences_of},
@@ -95,7 +95,8 @@ fn photograph(image: &Path, correspondences: Option<&Path>, bench: &Workbench) -
         said.extend(beside);
         return Ok((target, said));
     }
-    let marks = found_marks(&Frame::new(0, grey), bench).map_err(|e| CloneError::Showcase(e.to_string()))?;
+    let found = found_marks_and_remark(&Frame::new(0, grey), Some(&picture), bench);
+    let marks = found.map_err(|e| CloneError::Showcase(e.to_string()))?.marks;
     Ok((bench.target(&name, picture, &marks)?, said))
 }
 

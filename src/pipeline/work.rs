@@ -280,7 +280,7 @@ fn marks_of(
                 Some(file) => SequenceFailure { reason: format!("{}: {}", file.display(), failure.reason), ..failure },
                 None => failure,
             };
-            let found = found_marks_and_remark(&frame, bench);
+            let found = found_marks_and_remark(&frame, None, bench);
             let found = found.map_err(|error| named(SequenceFailure::at(Stage::Fit)(error)))?;
             return Ok((found, "found"));
         }

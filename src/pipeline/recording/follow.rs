@@ -171,7 +171,7 @@ fn lost(why: &impl std::fmt::Display) -> String {
 
 /// Whether a face is found where it was tracked to.
 fn is_found(frame: &Frame, tracked: &TrackedFrame, eye_distance: f64) -> Result<bool, RecordingError> {
-    let faces = found_faces(frame)?;
+    let faces = found_faces(frame, None)?;
     Ok(faces.iter().filter_map(|face| apart(tracked, &face.marks)).any(|apart| apart <= ASTRAY * eye_distance))
 }
 

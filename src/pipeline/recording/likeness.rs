@@ -69,7 +69,7 @@ fn face_at(frame: &Frame, tracked: &TrackedFrame, eye_distance: f64) -> Result<O
         let sum: nalgebra::Vector2<f64> = moves.iter().sum();
         (sum / moves.len().max(1) as f64).norm()
     };
-    let near = found_faces(frame)?.into_iter().filter(|face| face.trusted).map(|face| (apart(&face), face));
+    let near = found_faces(frame, None)?.into_iter().filter(|face| face.trusted).map(|face| (apart(&face), face));
     let nearest = near.min_by(|a, b| a.0.total_cmp(&b.0));
     Ok(nearest.filter(|(apart, _)| *apart < NEAR * eye_distance).map(|(_, face)| face))
 }
@@ -179,7 +179,7 @@ mod tests {
         let bench = Workbench::new(None, PipelineOptions::default()).unwrap();
         let found = |image: GrayImage| {
             let frame = Frame::new(1, image);
-            let marks = found_faces(&frame).unwrap().remove(0).marks;
+            let marks = found_faces(&frame, None).unwrap().remove(0).marks;
             (frame, marks)
         };
         let like = |a: &(Frame, Vec<Correspondence>), b: &(Frame, Vec<Correspondence>)| {

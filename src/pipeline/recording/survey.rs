@@ -249,7 +249,7 @@ impl Survey {
 
 /// The faces of frames, the largest first.
 fn look_at(frames: Vec<(usize, Frame)>) -> Result<Vec<(usize, Vec<FoundFace>)>, RecordingError> {
-    let look = |(place, frame): (usize, Frame)| Ok((place, found_faces(&frame)?));
+    let look = |(place, frame): (usize, Frame)| Ok((place, found_faces(&frame, None)?));
     frames.into_par_iter().map(look).collect()
 }
 

@@ -1,0 +1,195 @@
+//! Teeth between lips, told by colour.
+//!
+//! The locator reads grey pictures, in which a bright lower lip below a dark upper one looks like a row of teeth. In colour lips are the reddest
+//! and teeth the least red of a face: where what lies below the upper lip's edge is less red than skin and lips on most of five lines
+//! across the mouth, and redder again further down, the lower lip begins there.
+
+use image::{RgbImage, imageops::interpolate_bilinear};
+use nalgebra::{Point2, Vector2};
+
+use super::{
+    FacePart, LocatedFace,
+    lips::{EDGES, LINES, line_points},
+};
+
+/// Lines that are read: those of [`LINES`], and one between each two.
+const READ_LINES: usize = 2 * LINES.len() - 1;
+/// Where a line is read, from the edge of the upper lip, and how finely, over the eye distance.
+const RANGE: (f64, f64, f64) = (-0.35, 0.75, 0.0125);
+/// How far to both sides a place is read, too.
+const BESIDE: f64 = 0.02;
+/// Added to levels before the logarithm: what is darker has no colour.
+const DARK: f64 = 8.0;
+/// How far above the upper lip skin is, how far below the lower one's edge lips may be, and where teeth begin.
+const SKIN_ABOVE: f64 = 0.04;
+const LIP_BELOW: f64 = 0.25;
+const TEETH_FROM: (f64, f64) = (-0.06, 0.08);
+/// By how much less red teeth are than skin, and by how much than lips, as logarithms of red over green; and how much redder the lip below them is.
+const LESS_RED: (f64, f64) = (0.04, 0.19);
+const REDDER_BELOW: f64 = 0.15;
+/// Teeth are lighter than this share of the skin: a mouth that gapes is dark.
+const LEAST_LIGHT: f64 = 0.45;
+/// How far the lip is looked for below teeth, places.
+const LIP_WITHIN: usize = 11;
+/// Least height of teeth, over the eye distance, on the median line. On 120 mouths that are closed, 90 of them neutral, it is 0.0125 at most; on 39 that are
+/// open by 0.06 and more, 35 have more, on the same people (the 90 of the London Set) that this was chosen on.
+const LEAST: f64 = 0.03;
+/// Lips are parted already where their edges are this far apart, over the eye distance.
+const PARTED: f64 = 0.02;
+/// Mouths of smaller faces are not looked at, px between the pupils.
+const LEAST_EYE_DISTANCE: f64 = 30.0;
+/// Half of the edges are further off than this, over the eye distance (the lower lip's upper edge, 36 smiles).
+const EXPECTED_ERROR: f64 = 0.02;
+/// Lines on which no teeth are told, at the corners, have so much of the others'.
+const OTHERWISE: f64 = 0.6;
+
+impl LocatedFace {
+    /// Moves the lower lip to where it begins in colour, if the face was taken for one whose lips are closed and teeth show between them; says whether
+    /// that is so. A picture without colour tells nothing.
+    pub fn look_for_teeth(&mut self, picture: &RgbImage) -> bool {
+        let parted = {
+            let [_, upper, lower, _] = line_points()[1];
+            (self.shape[lower] - self.shape[upper]).norm() > PARTED * self.eye_distance
+        };
+        if parted || self.eye_distance < LEAST_EYE_DISTANCE || self.covered.contains(&FacePart::Mouth) {
+            return false;
+        }
+        let heights: [f64; READ_LINES] = std::array::from_fn(|k| self.teeth_on(k, picture).unwrap_or(0.0));
+        let mut sorted = heights;
+        sorted.sort_by(f64::total_cmp);
+        let median = sorted[READ_LINES / 2];
+        if median < LEAST {
+            return false;
+        }
+        for (k, line) in line_points().into_iter().enumerate() {
+            let height = if heights[2 * k] > 0.0 { heights[2 * k] } else { OTHERWISE * median };
+            let [start, _, lower, end] = line;
+            let down = (self.shape[end] - self.shape[start]).try_normalize(0.0).unwrap_or(Vector2::y());
+            for point in [lower, end] {
+                self.move_point(point, down * (height * self.eye_distance));
+            }
+        }
+        true
+    }
+
+    fn move_point(&mut self, point: usize, way: Vector2<f64>) {
+        self.shape[point] += way;
+        let expected = self.expected_errors[point].max(EXPECTED_ERROR * self.eye_distance);
+        self.expected_errors[point] = expected;
+        if let Some(node) = super::points()[point].node
+            && let Some(found) = self.points.iter_mut().find(|p| p.node == node)
+        {
+            (found.position, found.expected_error) = (self.shape[point], expected);
+        }
+    }
+
+    /// Height of the teeth on a line, over the eye distance.
+    fn teeth_on(&self, k: usize, picture: &RgbImage) -> Option<f64> {
+        let lines = line_points();
+        let (one, two) = (lines[k / 2], lines[k.div_ceil(2)]);
+        let edges: [Point2<f64>; EDGES] =
+            std::array::from_fn(|edge| nalgebra::center(&self.shape[one[edge]], &self.shape[two[edge]]));
+        let unit = self.eye_distance;
+        let down = (edges[3] - edges[0]).try_normalize(f64::EPSILON)?;
+        // All of them from the edge of the upper lip, over the eye distance.
+        let (top, bottom) = ((edges[0] - edges[1]).dot(&down) / unit, (edges[3] - edges[1]).dot(&down) / unit);
+        let count = ((RANGE.1 - RANGE.0) / RANGE.2).round() as usize;
+        let places: Vec<f64> = (0..count).map(|i| RANGE.0 + RANGE.2 * i as f64).collect();
+        let read: Option<Vec<(f64, f64)>> =
+            places.iter().map(|at| red_and_light(picture, edges[1] + down * (at * unit), unit)).collect();
+        let read = read?;
+        let skin: Vec<usize> = (0..count).filter(|&i| places[i] < top - SKIN_ABOVE).collect();
+        let (skin_red, skin_light) = (median(skin.iter().map(|&i| read[i].0))?, median(skin.iter().map(|&i| read[i].1))?);
+        let lips = (0..count).filter(|&i| places[i] > top && places[i] < bottom + LIP_BELOW);
+        let lip_red = lips.map(|i| read[i].0).max_by(f64::total_cmp)?;
+        let is_tooth = |i: usize| {
+            let (red, light) = read[i];
+            red < (skin_red - LESS_RED.0).min(lip_red - LESS_RED.1) && light > LEAST_LIGHT * skin_light
+        };
+        let first = (0..count).find(|&i| (TEETH_FROM.0..=TEETH_FROM.1).contains(&places[i]) && is_tooth(i))?;
+        let end = (first..count).find(|&i| !is_tooth(i))?;
+        let red = read[first..end].iter().map(|(red, _)| red).sum::<f64>() / (end - first) as f64;
+        let below = read[end..count.min(end + LIP_WITHIN)].iter().map(|(red, _)| *red).max_by(f64::total_cmp)?;
+        // The lower edge goes from where the upper lip ends to where teeth do.
+        (below - red > REDDER_BELOW).then(|| (places[end - 1] + 0.5 * RANGE.2).max(0.0))
+    }
+}
+
+/// How red a place is, as the logarithm of red over green, and how light, levels; `None` outside of the picture.
+fn red_and_light(picture: &RgbImage, at: Point2<f64>, unit: f64) -> Option<(f64, f64)> {
+    let mut sum = [0.0; 3];
+    for beside in [-BESIDE, 0.0, BESIDE] {
+        let colour = interpolate_bilinear(picture, (at.x + beside * unit) as f32, at.y as f32)?;
+        (0..3).for_each(|c| sum[c] += f64::from(colour.0[c]) / 3.0);
+    }
+    let [red, green, blue] = sum;
+    Some((((red + DARK) / (green + DARK)).ln(), 0.299 * red + 0.587 * green + 0.114 * blue))
+}
+
+/// Median; `None` of nothing.
+fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(f64::total_cmp);
+    let half = values.len() / 2;
+    if values.len() % 2 == 1 {
+        values.get(half).copied()
+    } else {
+        Some(f64::midpoint(*values.get(half.checked_sub(1)?)?, values[half]))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use image::Rgb;
+
+    use super::*;
+    use crate::modules::locate::{PUPILS, points};
+
+    /// A face of skin, eyes 100 px apart, whose lips are 60 px wide from y 60 to 90 and meet at 75, and what lies at 75 to `until`.
+    fn face(between: [u8; 3], until: u32) -> (LocatedFace, RgbImage) {
+        let picture = RgbImage::from_fn(200, 200, |x, y| {
+            let mouth = (60..140).contains(&x);
+            Rgb(match y {
+                75.. if mouth && y < until => between,
+                60..75 if mouth => [150, 80, 80],
+                75.. if mouth && y < until.max(75) + 15 => [150, 80, 80],
+                _ => [180, 140, 120],
+            })
+        });
+        let mut shape = vec![Point2::new(100.0, 20.0); points().len()];
+        (shape[PUPILS[0]], shape[PUPILS[1]]) = (Point2::new(150.0, 10.0), Point2::new(50.0, 10.0));
+        for ([start, upper, lower, end], x) in line_points().into_iter().zip([120.0, 100.0, 80.0]) {
+            for (point, y) in [(start, 60.0), (upper, 75.0), (lower, 75.0), (end, 90.0)] {
+                shape[point] = Point2::new(x, y);
+            }
+        }
+        let expected_errors = vec![1.0; shape.len()];
+        let face =
+            LocatedFace { points: Vec::new(), shape, expected_errors, eye_distance: 100.0, score: 1.0, covered: Vec::new() };
+        (face, picture)
+    }
+
+    #[test]
+    fn a_lower_lip_is_below_the_teeth_and_closed_lips_stay() {
+        let [_, upper, lower, end] = line_points()[1];
+        let (mut smile, picture) = face([190, 185, 170], 87);
+        let was = smile.shape.clone();
+        assert!(smile.look_for_teeth(&picture));
+        // 12 px of teeth, read each 1.25 px.
+        assert!((smile.shape[lower].y - was[lower].y - 12.0).abs() < 1.3, "{}", smile.shape[lower]);
+        assert!((smile.shape[end].y - was[end].y - 12.0).abs() < 1.3 && smile.shape[upper] == was[upper]);
+        assert_eq!(smile.expected_errors[lower], 2.0);
+        // Once they are parted there is nothing more to do; nor where lips are closed, where it is dark between them, and without colour.
+        assert!(!smile.look_for_teeth(&picture));
+        for (between, until) in [([190, 185, 170], 75), ([190, 185, 170], 77), ([40, 25, 25], 87)] {
+            let (mut closed, picture) = face(between, until);
+            let was = closed.clone();
+            assert!(!closed.look_for_teeth(&picture) && closed == was, "{between:?} {until}");
+        }
+        let grey = image::DynamicImage::ImageRgb8(picture).into_luma8();
+        let (mut other, _) = face([190, 185, 170], 87);
+        assert!(!other.look_for_teeth(&image::DynamicImage::ImageLuma8(grey).into_rgb8()));
+        // A picture that ends at the chin does not end the program.
+        assert!(!other.look_for_teeth(&RgbImage::new(100, 80)));
+    }
+}
