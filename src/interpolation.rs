@@ -28,6 +28,22 @@ impl Moment {
     pub fn of_frame(k: usize, last: usize, steps: usize) -> Self {
         Self { key: k * steps / last, share: (k * steps % last) as f64 / last as f64 }
     }
+
+    /// A time among those of the keys, ascending and at least two; before the first and after the last it is theirs. Within rounding of a
+    /// key it is the key.
+    ///
+    /// # Panics
+    /// If there are less than two keys (a programmer's error).
+    pub fn at_time(times: &[f64], time: f64) -> Self {
+        const ROUNDING: f64 = 1e-9;
+        let next = times.partition_point(|t| *t <= time).clamp(1, times.len() - 1);
+        let (from, to) = (times[next - 1], times[next]);
+        match ((time - from) / (to - from)).clamp(0.0, 1.0) {
+            share if share < ROUNDING => Self { key: next - 1, share: 0.0 },
+            share if share > 1.0 - ROUNDING => Self { key: next, share: 0.0 },
+            share => Self { key: next - 1, share },
+        }
+    }
 }
 
 /// Slopes at the keys, in value per key step, that make the cubic monotone between keys.
@@ -145,6 +161,16 @@ mod tests {
         assert_relative_eq!(slopes[0].hypot(slopes[1]), 3.0, epsilon = 1e-12);
         assert_relative_eq!(slopes[1] / slopes[0], 10.5, epsilon = 1e-12);
         assert_eq!(slopes[2], 20.0);
+    }
+
+    #[test]
+    fn times_lie_between_those_of_the_keys() {
+        let at = |time: f64| Moment::at_time(&[0.0, 0.1, 0.5], time);
+        assert_eq!(at(0.05), Moment { key: 0, share: 0.5 });
+        assert_relative_eq!(at(0.2).share, 0.25, epsilon = 1e-12);
+        // On a key it is the key, 0.30000000000000004 / 3 too, and outside the nearest.
+        assert_eq!([at(-1.0), at((0.1 + 0.2) / 3.0), at(0.5), at(2.0)].map(|m| m.key), [0, 1, 2, 2]);
+        assert!([at(-1.0), at((0.1 + 0.2) / 3.0), at(0.5), at(2.0)].iter().all(|m| m.share == 0.0));
     }
 
     #[test]

@@ -15,7 +15,7 @@ use super::{
     shared::{about, named_folder, set_threads, thread_count},
     synthesize_options::{FRAME_RATES, SearchArgs, TimeArgs},
     synthesize_report::Report,
-    synthesize_warnings::{note_other_rate, warn_of_answers, warn_of_not_shown},
+    synthesize_warnings::{note_frames_between, note_other_rate, warn_of_answers, warn_of_not_shown},
     unfinished::Unfinished,
 };
 use anyhow::Context;
@@ -321,6 +321,7 @@ impl<'a> Played<'a> {
             about(path)(&format!("{error}{to_do}"))
         })?;
         warn_of_not_shown(path, &motion)?;
+        note_frames_between(path, &motion);
         let noise = args.time.noise.unwrap_or_else(|| motion.default_noise());
         anyhow::ensure!((0.0..1.0).contains(&noise), "--noise {noise}: a share of at least 0 and less than 1 was expected");
         let between = args.time.between.map(usize::from);

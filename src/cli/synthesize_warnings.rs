@@ -37,6 +37,18 @@ pub fn warn_of_not_shown(path: &Path, motion: &Motion) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// Says that a motion has frames that its file does not have.
+pub fn note_frames_between(path: &Path, motion: &Motion) {
+    if let Some(found) = motion.uneven {
+        eprintln!(
+            "note: {}: {} in the file, shown as {} that are evenly apart: some are missing by their numbers, or have times of their own",
+            path.display(),
+            count(found, "frame", "frames"),
+            motion.frames.len()
+        );
+    }
+}
+
 /// Says that frames are shown at another rate than their own.
 pub fn note_other_rate(path: &Path, kind: MotionKind, own: Option<f64>, fps: f64) {
     let Some(own) = own.filter(|own| (fps / own - 1.0).abs() > 1e-9) else { return };

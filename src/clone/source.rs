@@ -13,32 +13,10 @@ use crate::{
     plausible::{FaceSize, Implausible, check_face_units},
     pose::without_turns,
     positions::PositionTable,
-    sequence::Clock,
-    track::{TrackFileError, TrackInfo, TrackedFrame, read_track, read_track_info, track_model},
+    track::{TrackFileError, TrackInfo, TrackedFrame, clock_of_frames, read_track, read_track_info, track_model},
     units::{FaceUnit, NodeId, Px},
     wireframe::{Face, Fapus, LID_LIMIT, LidUnits},
 };
-
-/// When the frames of a track are shown, s from the first; `None` where they are evenly apart, are in no order of time, or nobody knows.
-fn times_of(frames: &[TrackedFrame], clock: &Clock) -> Option<Vec<f64>> {
-    let mut numbers: Vec<u32> = frames.iter().map(|frame| frame.number).collect();
-    let goes_back = numbers.first() > numbers.last();
-    if goes_back {
-        numbers.reverse();
-    }
-    if !numbers.is_sorted_by(|a, b| a < b) {
-        return None;
-    }
-    let first = *numbers.first()?;
-    let mut times: Vec<f64> = numbers.iter().map(|number| clock.seconds(number - first)).collect::<Option<_>>()?;
-    if goes_back {
-        let last = *times.last()?;
-        times = times.into_iter().rev().map(|time| last - time).collect();
-    }
-    let step = *times.get(1)?;
-    let is_even = times.windows(2).all(|pair| (pair[1] - pair[0] - step).abs() < 1e-3 * step);
-    (!is_even && times.is_sorted_by(|a, b| a < b)).then_some(times)
-}
 
 /// What a motion was read from.
 ///
@@ -126,11 +104,10 @@ impl SourceMotion {
                     let info = read_track_info(path)?;
                     let marks = info.as_ref().map(TrackInfo::mark_places).unwrap_or_default();
                     let mut motion = Self::from_track(&name, &frames, &marks, face)?;
-                    if let Some(info) = info {
-                        motion.fps = info.fps;
-                        motion.times = times_of(&frames, &info.clock_of_numbers(frames.iter().map(|frame| frame.number)));
-                        motion.emotion = Some(info.emotion);
-                    }
+                    let numbers: Vec<u32> = frames.iter().map(|frame| frame.number).collect();
+                    let clock = clock_of_frames(&numbers, info.as_ref());
+                    (motion.fps, motion.times) = (clock.fps, clock.times);
+                    motion.emotion = info.map(|info| info.emotion);
                     motion
                 } else {
                     let model = table.model().map_err(TrackFileError::from)?;

@@ -6,8 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::{CloneError, SourceKind, SourceMotion};
 use crate::{
     geometry::Similarity,
-    interpolation::smooth_step,
-    interpolation::{FPS, cubic, slopes},
+    interpolation::{self, FPS, cubic, slopes, smooth_step},
     wireframe::Wireframe,
 };
 
@@ -197,10 +196,8 @@ impl SourceMotion {
     fn place(&self, share: f64) -> f64 {
         let last = (self.frame_count() - 1) as f64;
         let Some((times, end)) = self.times.as_ref().and_then(|times| Some((times, times.last()?))) else { return share * last };
-        let time = share.clamp(0.0, 1.0) * end;
-        let next = times.partition_point(|t| *t <= time).clamp(1, times.len() - 1);
-        let (from, to) = (times[next - 1], times[next]);
-        (next - 1) as f64 + ((time - from) / (to - from)).clamp(0.0, 1.0)
+        let moment = interpolation::Moment::at_time(times, share.clamp(0.0, 1.0) * end);
+        moment.key as f64 + moment.share
     }
 
     /// The motion at all times.

@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use super::FpMotion;
 use crate::{
     fap::FapNumber,
-    interpolation::{Curve, FRAMES_BETWEEN, Moment},
+    interpolation::{Curve, FPS, FRAMES_BETWEEN, Moment},
     units::FeaturePoint,
 };
 
@@ -65,7 +65,12 @@ pub struct Motion {
     pub not_shown: Vec<FapNumber>,
     /// Bank units per face unit along x and y for the five FAPUs in the order of the standard; `None` for motion in the bank's unit.
     pub scale: Option<[f64; 5]>,
+    /// Frames of the source, where some are missing by their numbers, or they have times of their own: `frames` are evenly apart.
+    pub uneven: Option<usize>,
 }
+
+/// Most frames that are put between those of a source.
+const MOST_EVEN: f64 = 100_000.0;
 
 /// Share of the farthest motion that tracking may give a point at rest.
 pub const NOISE: f64 = 0.05;
@@ -91,20 +96,41 @@ impl Motion {
         if last == 0 || between == 0 {
             return self.clone();
         }
+        Self { frames: self.at((0..=last).map(|k| Moment::of_frame(k, last, steps))), ..self.clone() }
+    }
+
+    /// The motion with frames that are evenly apart, of frames that are shown at `times`, seconds from the first, ascending: at its own rate,
+    /// and from its first to its last frame, as clones and pages show it.
+    ///
+    /// # Errors
+    /// The number of frames where there would be more than 100,000.
+    pub(crate) fn evenly(&self, times: &[f64]) -> Result<Self, f64> {
+        let (Some(&end), true) = (times.last(), times.len() == self.frames.len()) else { return Ok(self.clone()) };
+        let last = (end * self.fps.unwrap_or(f64::from(FPS))).round().max(1.0);
+        if !(last < MOST_EVEN) {
+            return Err(last + 1.0);
+        }
+        let frames = self.at((0..=last as usize).map(|k| Moment::at_time(times, k as f64 / last * end)));
+        // A rate that the times miss by rounding alone is kept.
+        let fps = self.fps.map(|fps| if (fps * end - last).abs() < 1e-6 { fps } else { last / end });
+        Ok(Self { frames, fps, uneven: Some(self.frames.len()), ..self.clone() })
+    }
+
+    /// Frames at moments between its own.
+    fn at(&self, moments: impl Iterator<Item = Moment>) -> Vec<FpMotion> {
         let count = self.frames.first().map_or(0, |f| f.offsets.len());
         let curve =
             |point: usize, axis: usize| Curve::through(self.frames.iter().map(|f| Some(f.offsets[point]?[axis])).collect());
         let curves: Vec<[Curve; 3]> = (0..count).map(|point| [0, 1, 2].map(|axis| curve(point, axis))).collect();
-        let frames = (0..=last).map(|k| {
-            let moment = Moment::of_frame(k, last, steps);
+        let frame = |moment: Moment| {
             if moment.share == 0.0 {
                 return self.frames[moment.key].clone();
             }
             let point = |[x, y, z]: &[Curve; 3]| Some(Vector3::new(x.at(moment)?, y.at(moment)?, z.at(moment)?));
             let planar = self.frames[moment.key].planar || self.frames[moment.key + 1].planar;
             FpMotion { offsets: curves.iter().map(point).collect(), planar }
-        });
-        Self { frames: frames.collect(), ..self.clone() }
+        };
+        moments.map(frame).collect()
     }
 
     /// The motion with feature points at rest that move less than `share` of the farthest moving one, each judged by its largest offset
@@ -162,7 +188,7 @@ mod tests {
     fn feature_points_are_read_in_space_and_in_the_plane() {
         let motion = read("frame,fp,dx,dy,dz\n3,8.4,1,2,3\n7,8.3,0,0,0\n7,2.1,1,1,1\n").unwrap();
         // Frames 4 to 6 are put between.
-        assert_eq!(motion.frames.len(), 5);
+        assert_eq!((motion.frames.len(), motion.uneven), (5, Some(2)));
         assert_eq!(motion.frames[0].offsets, [Some(Vector3::new(1.0, 2.0, 3.0)), None, None]);
         assert!(!motion.frames[0].planar);
         assert_eq!(motion.ignored, ["2.1".parse().unwrap()]);
@@ -172,6 +198,30 @@ mod tests {
         assert!(read("frame,fp,dx,dy\n0,8.4,0,0\n4000000000,8.4,2,0\n").is_err());
         assert!(read("frame,fp,dx,dy,dz\n3,8.4,1,2,\n").unwrap().frames[0].planar);
         assert!(read("frame,fp,dx,dy\n3,8.4,1,2\n").unwrap().frames[0].planar);
+    }
+
+    #[test]
+    fn missing_frames_of_a_track_take_their_time() {
+        let bank = candide_bank().unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let whole = fs::read_to_string("fixtures/simulated/truth/S001_005.csv").unwrap();
+        let number = |row: &str| row.split(',').next().and_then(|frame| frame.parse::<u32>().ok());
+        let track = |name: &str, missing: std::ops::Range<u32>| {
+            let path = folder.path().join(name);
+            let rows = whole.lines().filter(|row| number(row).is_none_or(|frame| !missing.contains(&frame)));
+            let states = rows.map(|row| row.to_owned() + if number(row).is_some() { ",tracked,\n" } else { ",state,residual\n" });
+            fs::write(&path, states.collect::<String>()).unwrap();
+            read_motion(&path, &bank, None).unwrap()
+        };
+        let (whole, gap) = (track("whole.csv", 0..0), track("gap.csv", 4..8));
+        assert_eq!((whole.frames.len(), whole.uneven, gap.frames.len(), gap.uneven), (10, None, 10, Some(6)));
+        // What is there is what it was, and in the gap a corner of the mouth goes from one side of it to the other.
+        for (frame, is_there) in [(2, true), (3, false), (6, false), (7, true)] {
+            assert_eq!(gap.frames[frame] == whole.frames[frame], is_there, "{frame}");
+        }
+        let corner = bank.feature_point_index("8.3".parse().unwrap()).unwrap();
+        let x: Vec<f64> = gap.frames[2..8].iter().map(|frame| frame.offsets[corner].unwrap().x).collect();
+        assert!(x.is_sorted_by(|a, b| a < b), "{x:?}");
     }
 
     #[test]

@@ -81,7 +81,7 @@ impl<'b> BankFace<'b> {
                 self.frame(|node| offsets.get(node.index()).map(|o| Vector2::new(o.x, o.y * lids.of_node(node))))
             })
             .collect();
-        Ok(Motion { kind, frames, fps, ignored: Vec::new(), not_shown: Vec::new(), scale: Some(self.scale) })
+        Ok(Motion { kind, frames, fps, ignored: Vec::new(), not_shown: Vec::new(), scale: Some(self.scale), uneven: None })
     }
 
     /// Whether a feature point of the bank goes with a node.

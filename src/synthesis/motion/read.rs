@@ -17,7 +17,7 @@ use crate::{
     positions::PositionTable,
     synthesis::{Bank, FpMotion, SynthesisError},
     text::excerpt,
-    track::{TrackInfo, read_track, read_track_info, track_model},
+    track::{TrackInfo, clock_of_frames, read_track, read_track_info, track_model},
     units::FeaturePoint,
     wireframe::LidUnits,
 };
@@ -107,8 +107,19 @@ fn read_points(file: &CsvFile, bank: &Bank) -> Result<Motion, SynthesisError> {
         }
     }
     frames.values_mut().for_each(|f| f.planar = planar);
-    let of = |frames| Motion { kind: MotionKind::FeaturePoints, frames, fps: None, ignored, not_shown: Vec::new(), scale: None };
-    filled(frames, of).map_err(|reason| SynthesisError::Motion { path: file.path().to_owned(), reason })
+    let found = frames.len();
+    let of = |frames| Motion {
+        kind: MotionKind::FeaturePoints,
+        frames,
+        fps: None,
+        ignored,
+        not_shown: Vec::new(),
+        scale: None,
+        uneven: None,
+    };
+    let filled = filled(frames, of);
+    let said = |motion: Motion| Motion { uneven: (motion.frames.len() > found).then_some(found), ..motion };
+    filled.map(said).map_err(|reason| SynthesisError::Motion { path: file.path().to_owned(), reason })
 }
 
 /// Key frames by their numbers with those between that are not there: on the curve of FAP files where they are evenly apart, else on a line.
@@ -157,7 +168,8 @@ fn read_track_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, Synthes
         return Err(SynthesisError::Motion { path: path.to_owned(), reason });
     }
     let marks = info.as_ref().map(TrackInfo::mark_places).unwrap_or_default();
-    let fps = info.and_then(|info| info.fps);
+    let numbers: Vec<u32> = frames.iter().map(|frame| frame.number).collect();
+    let clock = clock_of_frames(&numbers, info.as_ref());
     // A head that turns would be taken for an expression.
     let track = match without_turns(&face.candide, &frames, &marks) {
         Some(track) => track,
@@ -168,7 +180,12 @@ fn read_track_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, Synthes
         normalizer.normalize_every_frame(&track).map_err(|source| SynthesisError::Normalize { path: path.to_owned(), source })?;
     // As in the FAP file of the same track.
     let lids = normalizer.lid_units(track.neutral().nodes());
-    face.motion(MotionKind::Track, (&model, lids), fps, path)
+    let motion = face.motion(MotionKind::Track, (&model, lids), clock.fps, path)?;
+    let Some(times) = clock.times else { return Ok(motion) };
+    motion.evenly(&times).map_err(|frames| {
+        let reason = format!("with the frames that are missing by their numbers it has {frames} frames; at most 100000 are made");
+        SynthesisError::Motion { path: path.to_owned(), reason }
+    })
 }
 
 /// A FAP file's motion. FAPs that no frame sets rest: FAPs are offsets from neutral, and a mixture in which feature points were free
@@ -200,5 +217,5 @@ fn read_fap_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, Synthesis
         frames.push(face.frame(|node| offsets.get(&node).map(|o| Vector2::new(o.x.unwrap_or(0.0), o.y.unwrap_or(0.0)))));
     }
     let fps = Some(sequence.fps);
-    Ok(Motion { kind: MotionKind::Fap, frames, fps, ignored: Vec::new(), not_shown, scale: Some(face.scale) })
+    Ok(Motion { kind: MotionKind::Fap, frames, fps, ignored: Vec::new(), not_shown, scale: Some(face.scale), uneven: None })
 }
