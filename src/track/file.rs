@@ -154,7 +154,7 @@ fn by_number(clock: Clock, pictures: bool, numbers: impl IntoIterator<Item = u32
     let steps = || numbers.windows(2).map(|pair| pair[1] - pair[0]);
     let usual = steps().min().unwrap_or(1).max(1);
     if pictures && usual > 1 && steps().all(|step| step.is_multiple_of(usual)) {
-        return Clock::even(clock.fps.map(|fps| fps / f64::from(usual)));
+        return Clock::even(clock.fps.map(|fps| fps * f64::from(usual)));
     }
     clock
 }
@@ -584,10 +584,14 @@ mod tests {
         };
         // Nobody knows the rate: 25 frames a second. Folders may be numbered in steps.
         near(clock_of_frames(&[1, 2, 5], None), None, &[0.0, 0.04, 0.16]);
+        near(clock_of_frames(&[2, 4, 10], None), None, &[0.0, 0.04, 0.16]);
         near(clock_of_frames(&[9, 8, 5], None), None, &[0.0, 0.04, 0.16]);
         for even in [&[3, 4, 5][..], &[2, 4, 6], &[5, 4, 3], &[7], &[1, 5, 2]] {
             near(clock_of_frames(even, None), None, &[]);
         }
+        // Pictures numbered in steps, of which one is a frame: the rate of numbers is so much higher.
+        assert_eq!(by_number(Clock::even(Some(12.5)), true, [2, 4, 10]), Clock::even(Some(25.0)));
+        assert_eq!(by_number(Clock::even(Some(12.5)), false, [2, 4, 10]), Clock::even(Some(12.5)));
     }
 
     fn read(text: &str) -> Result<Vec<TrackedFrame>, TrackFileError> {
