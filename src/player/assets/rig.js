@@ -77,9 +77,9 @@ class Rig {
     }
     this.keepCorners(at);
     const parted = smoothStep(...PARTED, (this.level(at, 40) - this.level(at, 87)) / this.unit);
-    this.roundLip(at, 40, [83, 84], [88, 89], 1, parted);
-    this.roundLip(at, 87, [81, 82], [88, 89], -1, 0);
-    this.roundLip(at, 8, [85, 86], [31, 64], 1, 0);
+    this.roundLip(at, 40, [83, 84], [88, 89], 1, parted, LIP_ROUND);
+    this.roundLip(at, 87, [81, 82], [88, 89], -1, 0, LIP_ROUND);
+    this.roundLip(at, 8, [85, 86], [31, 64], 1, 0, null);
     this.stretchUpperLip(at);
     this.archLids(at);
     for (let k = 0; k < at.length; k++) wanted[k] = nodes[k] + (at[k] - given[k]);
@@ -108,8 +108,11 @@ class Rig {
       at[2 * inner + 1] = at[2 * outer + 1] - (sin * was[0] + cos * was[1]);
     }
   }
-  /** Lips open round: `sign` 1 for the lower one, -1 for the upper one; `flat` is how much of the closed lip's bow is taken away. */
-  roundLip(at, centre, sides, [first, last], sign, flat) {
+  /**
+   * Lips open round: `sign` 1 for the lower one, -1 for the upper one; `flat` is how much of the closed lip's bow is taken away, `most` what
+   * goes beside the middle at most, over the middle; null sets no limit.
+   */
+  roundLip(at, centre, sides, [first, last], sign, flat, most) {
     const { given } = this;
     const line = (this.level(given, first) + this.level(given, last)) / 2;
     const moved = (n) => sign * (this.level(at, n) - this.level(given, n) + flat * (this.level(given, n) - line));
@@ -120,7 +123,7 @@ class Rig {
     const least = Math.min((1 - place * place) ** LIP_FULLNESS, LIP_ROUND);
     let share;
     if (middle > 0 && beside < least * middle) share = least;
-    else if (beside > 0 && beside > LIP_ROUND * middle) share = LIP_ROUND;
+    else if (most !== null && beside > 0 && beside > most * middle) share = most;
     else return;
     const round = (middle + 2 * share * beside) / (1 + 2 * share * share);
     this.shift(at, centre, sign * (round - middle));
