@@ -190,15 +190,13 @@ fn curves(
         let moved = neutral.nodes().iter().zip(offsets).zip(&scales);
         FrameExpressionModel::new(moved.map(|((p, o), s)| Point2::new(p.x + o.x * s.0, p.y + o.y * s.1)).collect())
     };
-    let mut frames: Vec<FrameExpressionModel<FaceUnit>> = motion.offsets.iter().map(frame).collect();
-    if frames.len() == 1 {
-        frames.push(frames[0].clone());
-    }
-    let model = DynamicExpressionModel::new(frames).map_err(|e| failed(e.to_string()))?;
+    // FAPs are offsets from neutral, which a FAP file need not begin with.
+    let frames = std::iter::once(neutral.clone()).chain(motion.offsets.iter().map(frame));
+    let model = DynamicExpressionModel::new(frames.collect()).map_err(|e| failed(e.to_string()))?;
     let (sequence, _) =
         FapSequence::from_measured(&model, (canonical, motion.lid_units()), FapCatalog::mpeg4(), &motion.name, 25, 0)
             .map_err(|e| failed(e.to_string()))?;
-    let values = |fap: FapNumber| sequence.frames.iter().take(motion.frame_count()).map(move |f| f.value(fap).unwrap_or(0.0));
+    let values = |fap: FapNumber| sequence.frames.iter().skip(1).map(move |f| f.value(fap).unwrap_or(0.0));
     let moving = FapNumber::low_level().filter(|&fap| motion.asks_for(fap) && values(fap).any(|v| v != 0.0));
     Ok(moving.map(|fap| (fap.get(), pack::scaled(&values(fap).collect::<Vec<_>>()))).collect())
 }
@@ -393,6 +391,40 @@ mod tests {
                 is_near(&packed["skin"], &lid.skin.iter().flatten().map(|&v| f64::from(v)).collect::<Vec<_>>());
                 assert!(lid.edge.len() == 28 && lid.skin.len() == 28 && lid.band.iter().all(|&v| v > 0.0));
             }
+        }
+    }
+
+    #[test]
+    fn faps_of_a_file_that_does_not_begin_at_rest_are_its_own() {
+        let wire = Wire::candide3();
+        let normalizer = Normalizer::new(&wire.wireframe, &wire.tables, NormalizeOptions::default()).unwrap();
+        let canonical = normalizer.canonical();
+        // FAP 3 opens the jaw from half to all the way, and FAP 31 holds a brow up.
+        let frame = |jaw: f64| {
+            let mut frame = FapFrame::default();
+            for (fap, value) in [(3, jaw), (31, 200.0)] {
+                frame.set_value(FapNumber::try_from(fap).unwrap(), Some(value));
+            }
+            frame
+        };
+        for values in [&[500.0, 750.0, 1000.0][..], &[500.0, 500.0]] {
+            let frames = values.iter().map(|&jaw| frame(jaw)).collect();
+            let sequence = FapSequence { version: "2.1".to_owned(), name: "open".to_owned(), fps: 25.0, frames };
+            let motion = SourceMotion::from_fap("open", &sequence, &wire).unwrap();
+            let shown = curves(&motion, &canonical.neutral, &canonical.fapus, &wire).unwrap();
+            assert_eq!(shown.iter().map(|(fap, _)| *fap).collect::<Vec<_>>(), [3, 31]);
+            let is_near = |(_, packed): &(u8, Value), expected: &[f64]| {
+                let (scale, bytes) = (packed["scale"].as_f64().unwrap(), packed["values"].as_str().unwrap());
+                let bytes = BASE64_STANDARD.decode(bytes).unwrap();
+                let found = bytes.chunks_exact(2).map(|two| f64::from(i16::from_le_bytes(two.try_into().unwrap())) * scale);
+                let found: Vec<f64> = found.collect();
+                assert!(
+                    found.len() == expected.len() && found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 2.0),
+                    "{found:?}"
+                );
+            };
+            is_near(&shown[0], values);
+            is_near(&shown[1], &vec![200.0; values.len()]);
         }
     }
 
