@@ -213,7 +213,11 @@ impl Target {
         let mut nodes = self.unshaped_nodes_at(source, moment, rescale, emphasis, face);
         let neutral = self.fitted.model.nodes();
         self.shape_openings(&mut nodes);
-        if head && let Some((_, first)) = source.frames.first() {
+        // A head at rest leaves every bit as it is: the photograph stays itself.
+        if head
+            && moment.head != Similarity::identity()
+            && let Some((_, first)) = source.frames.first()
+        {
             let pick = |points: &[Point2<f64>]| self.stable.iter().map(|&k| points[k]).collect::<Vec<_>>();
             if let Ok(target_from_source) = Similarity::fit(&pick(first), &pick(neutral), None) {
                 let motion = target_from_source.after(&moment.head).after(&target_from_source.inverse());
@@ -355,6 +359,19 @@ mod tests {
         assert!(((nodes[31] - start[31]) - view.apply_vector(&Vector2::new(0.4, -1.5))).norm() < 1e-6);
         let half = large.nodes_at(&motion, &motion.at(1.0), Rescale::Fapu, 0.5, false, &bench);
         assert!(((half[31] - start[31]) * 2.0 - (nodes[31] - start[31])).norm() < 1e-9);
+    }
+
+    #[test]
+    fn a_head_at_rest_leaves_every_bit_as_it_is() {
+        // Eyes and lips are drawn as layers of their own where anything moves them.
+        let bench = bench();
+        let (motion, _) = smile(&bench);
+        for (scale, angle) in [(1.3, 0.2), (2.0, -0.1), (0.7, 0.05)] {
+            let start = neutral(&Similarity { scale, angle, translation: Vector2::new(10.3, 20.7) });
+            let nodes =
+                target(start.clone(), &bench).unwrap().nodes_at(&motion, &motion.at(0.0), Rescale::Fapu, 1.0, true, &bench);
+            assert_eq!(nodes, start);
+        }
     }
 
     /// Neutral nodes, and where they go when some of a source's have these offsets (canonical, upright, px, y up).
