@@ -34,6 +34,20 @@ pub fn side(shape: &str) -> f64 {
     }
 }
 
+/// How far the lids come together in their middle by shapes of the embedded head, over how far they do by `eyeBlink`. The first two have no
+/// `ARKit` name, as no eyeball turns with them.
+const LID_SHARES: [(&str, f64); 3] = [("lidsDown", 0.664), ("lidsUp", -0.213), ("eyeWide", -0.350)];
+
+/// How far a shape shuts an eye, over `eyeBlink`; `None` for shapes that are not in the table.
+pub(super) fn lid_share(shape: &str) -> Option<f64> {
+    LID_SHARES.iter().find(|(name, _)| shape.starts_with(name)).map(|(_, share)| *share)
+}
+
+/// How far a shape without an `ARKit` name shuts an eye, over `eyeBlink`: nothing but the embedded head's lids.
+fn lids_alone(shape: &str) -> Option<f64> {
+    lid_share(shape).filter(|_| coefficient(shape).is_none())
+}
+
 /// The six dominant expressions as weights of shapes with `ARKit` names, from `arkit_expressions.csv` (after the action units that FACS
 /// names for them); `None` when no emotion finds a shape.
 pub fn dominant_expressions(shapes: &[String]) -> Option<Vec<(String, Vec<f64>)>> {
@@ -62,8 +76,10 @@ pub fn dominant_expressions(shapes: &[String]) -> Option<Vec<(String, Vec<f64>)>
 ///
 /// `shapes` names the shapes and, for a mixed bank, `composition` says how members are made of them; without one members are shapes. A
 /// coefficient with a side takes the weights of the regions of that side; brows, eyes, nose and the squint of the cheeks those of the
-/// upper regions, everything else of the lower ones; several regions and several shapes of one coefficient their mean. Values may lie
-/// outside the coefficients' range, 0 to 1: `limit` brings them there. `None` when no shape has an `ARKit` name.
+/// upper regions, everything else of the lower ones; several regions and several shapes of one coefficient their mean. What the embedded
+/// head's lids do by shapes without an `ARKit` name counts as `eyeBlink` and `eyeWide`: two such shapes may nearly cancel, and what is left of them
+/// shuts the eye. Values may lie outside the coefficients' range, 0 to 1: `limit` brings them there. `None` when no shape has an `ARKit`
+/// name.
 pub fn coefficients(
     names: &[String],
     composition: Option<&Composition>,
@@ -72,25 +88,57 @@ pub fn coefficients(
 ) -> Option<[f64; 52]> {
     let shapes = composition.map_or(names, |c| &c.shapes[..]);
     let mut sums = [(0.0, 0.0); 52];
+    // How far lids of the left and of the right eye are shut by shapes that have no name.
+    let mut lids = [0.0; 2];
     for (shape, name) in shapes.iter().enumerate() {
-        let Some(place) = coefficient(name) else { continue };
-        let regions =
-            scheme.names().iter().zip(weights).filter(|(region, _)| is_seen_in(COEFFICIENTS[place], side(name), region));
-        let mut found = (0.0, 0.0);
-        for (_, weights) in regions {
-            found.0 += match composition {
-                None => weights.get(shape).copied().unwrap_or(0.0),
-                Some(c) => weights.iter().zip(&c.weights).map(|(w, row)| w * row.get(shape).copied().unwrap_or(0.0)).sum::<f64>(),
-            };
-            found.1 += 1.0;
-        }
-        if found.1 > 0.0 {
-            sums[place].0 += found.0 / found.1;
-            sums[place].1 += 1.0;
+        let mean_where = |seen: &str, side: f64| {
+            let regions = scheme.names().iter().zip(weights).filter(|(region, _)| is_seen_in(seen, side, region));
+            let mut found = (0.0, 0.0);
+            for (_, weights) in regions {
+                found.0 += match composition {
+                    None => weights.get(shape).copied().unwrap_or(0.0),
+                    Some(c) => {
+                        weights.iter().zip(&c.weights).map(|(w, row)| w * row.get(shape).copied().unwrap_or(0.0)).sum::<f64>()
+                    }
+                };
+                found.1 += 1.0;
+            }
+            (found.1 > 0.0).then(|| found.0 / found.1)
+        };
+        let side = side(name);
+        if let Some(place) = coefficient(name) {
+            if let Some(mean) = mean_where(COEFFICIENTS[place], side) {
+                sums[place].0 += mean;
+                sums[place].1 += 1.0;
+            }
+        } else if let Some(share) = lids_alone(name) {
+            for (lid, of) in lids.iter_mut().zip([1.0, -1.0]).filter(|(_, of)| side == 0.0 || side == *of) {
+                *lid += share * mean_where(BLINKS[0], of).unwrap_or(0.0);
+            }
         }
     }
-    let any = sums.iter().any(|s| s.1 > 0.0);
-    any.then(|| sums.map(|(sum, count)| if count > 0.0 { sum / count } else { 0.0 }))
+    let any = sums.iter().any(|s| s.1 > 0.0) || shapes.iter().any(|name| lids_alone(name).is_some());
+    let mut values = sums.map(|(sum, count)| if count > 0.0 { sum / count } else { 0.0 });
+    for (shut, (blink, wide)) in lids.into_iter().zip(BLINKS.into_iter().zip(WIDES)) {
+        count_lids(&mut values, shut, (blink, wide));
+    }
+    any.then_some(values)
+}
+
+/// Coefficients of the left and of the right eye that shuts, and that opens.
+const BLINKS: [&str; 2] = ["eyeBlinkLeft", "eyeBlinkRight"];
+const WIDES: [&str; 2] = ["eyeWideLeft", "eyeWideRight"];
+
+/// Adds to the coefficients of an eye how far it is `shut` beside them, over `eyeBlink`, or opened, below 0: first it takes from the one that
+/// does the opposite, then it adds to the other.
+fn count_lids(values: &mut [f64; 52], shut: f64, (blink, wide): (&str, &str)) {
+    let (Some(blink), Some(wide), Some(opened)) = (coefficient(blink), coefficient(wide), lid_share(wide).map(f64::abs)) else {
+        return;
+    };
+    let (add, takes, unit) = if shut < 0.0 { (wide, blink, 1.0) } else { (blink, wide, opened) };
+    let taken = shut.abs().min((values[takes] * unit).max(0.0));
+    values[takes] -= taken / unit;
+    values[add] += (shut.abs() - taken) / if shut < 0.0 { opened } else { 1.0 };
 }
 
 /// Whether a region shows a coefficient.
@@ -128,10 +176,10 @@ pub fn limit(frames: &mut [[f64; 52]]) -> Vec<Limited> {
     limited
 }
 
-/// Shapes that no coefficient stands for, which files of coefficients therefore lack.
+/// Shapes that no coefficient stands for or counts, which files of coefficients therefore lack.
 pub fn unnamed<'a>(names: &'a [String], composition: Option<&'a Composition>) -> Vec<&'a str> {
     let shapes = composition.map_or(names, |c| &c.shapes[..]);
-    shapes.iter().map(String::as_str).filter(|shape| coefficient(shape).is_none()).collect()
+    shapes.iter().map(String::as_str).filter(|shape| coefficient(shape).is_none() && lids_alone(shape).is_none()).collect()
 }
 
 /// Columns of Live Link Face behind the coefficients: the head and the eyes, of which a bank knows nothing; they are 0.
@@ -221,6 +269,35 @@ mod tests {
         assert_eq!(limit(&mut frames), [limited("eyeBlinkLeft", 1, -0.5), limited("jawOpen", 2, 1.5)]);
         assert_eq!((frames[0][17], frames[1][17], frames[2][0]), (1.0, 1.0, 0.0));
         assert_eq!(unnamed(&names(&["jawOpen", "smirk"]), None), ["smirk"]);
+    }
+
+    #[test]
+    fn lids_without_a_name_shut_and_open_the_eyes() {
+        let shapes = names(&["eyeBlink_L", "eyeWide_L", "lidsDown_L", "lidsUp_L", "lidsDown_R", "eyeBlink_R"]);
+        let of = |weights: [f64; 6]| {
+            let values = coefficients(&shapes, None, RegionScheme::Whole, &[weights.to_vec()]).unwrap();
+            ["eyeBlinkLeft", "eyeWideLeft", "eyeBlinkRight", "eyeWideRight"].map(|name| values[coefficient(name).unwrap()])
+        };
+        let near = |weights: [f64; 6], expected: [f64; 4]| {
+            let found = of(weights);
+            assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-9), "{found:?}, not {expected:?}");
+        };
+        // Two that nearly cancel: 0.2 + 2 * 0.664 - 2 * 0.213; the other eye by half.
+        near([0.2, 0.0, 2.0, 2.0, 0.5, 0.0], [1.102, 0.0, 0.332, 0.0]);
+        // An eye that is opened wide is so less by lids that sink, and shuts by what is left of them: 0.664 - 0.35.
+        near([0.0, 1.0, 0.5, 0.0, 0.0, 0.0], [0.0, 1.0 - 0.332 / 0.35, 0.0, 0.0]);
+        near([0.0, 1.0, 1.0, 0.0, 0.0, 0.0], [0.314, 0.0, 0.0, 0.0]);
+        // And the other way: 0.213 - 0.1 is left to open it.
+        near([0.1, 0.0, 0.0, 1.0, 0.0, 0.3], [0.0, 0.113 / 0.35, 0.3, 0.0]);
+        assert!(unnamed(&shapes, None).is_empty());
+        // Where lids are searched by region, those of the upper ones count.
+        let quarters: Vec<Vec<f64>> = RegionScheme::Quarters
+            .names()
+            .iter()
+            .map(|region| vec![0.0, 0.0, if region.starts_with("lower") { 9.0 } else { 0.5 }, 0.0, 0.0, 0.0])
+            .collect();
+        let values = coefficients(&shapes, None, RegionScheme::Quarters, &quarters).unwrap();
+        assert!((values[coefficient("eyeBlinkLeft").unwrap()] - 0.332).abs() < 1e-9);
     }
 
     #[test]

@@ -48,7 +48,7 @@ const MOVEMENTS: [&str; 24] = [
 ];
 
 /// Shapes of eyes that look are called after their lids here: these stand for lids that open or sink, no eyeball turns, and on a face that
-/// knows the `ARKit` names of the shapes the eyes would roll.
+/// knows the `ARKit` names of the shapes the eyes would roll. How far they shut an eye counts as `eyeBlink` and `eyeWide` there (`arkit::LID_SHARES`).
 const LIDS: [(&str, &str); 2] = [("eyeLookDown", "lidsDown"), ("eyeLookUp", "lidsUp")];
 
 /// The name of a shape in the bank.
@@ -251,6 +251,27 @@ mod tests {
             |name: &String| arkit::coefficient(name).is_some_and(|k| crate::features::COEFFICIENTS[k].starts_with("eyeLook"));
         for (k, shape) in shapes.iter().enumerate().filter(|(_, shape)| gaze(shape)) {
             assert!(bank.info().composition.as_ref().unwrap().weights.iter().all(|row| row[k] == 0.0), "{shape}");
+        }
+    }
+
+    #[test]
+    fn lids_count_as_far_as_they_move() {
+        // How far the lids of the left eye come together in the middle, feature points 3.1 and 3.3, over the blink.
+        let shapes = head_shapes().unwrap();
+        let lid = |fp: &str| {
+            let point = shapes.feature_point_index(fp.parse().unwrap()).unwrap();
+            shapes.feature_points()[point].vertex as usize
+        };
+        let (upper, lower) = (lid("3.1"), lid("3.3"));
+        let shuts = |shape: &str| {
+            let shape = shapes.names().iter().position(|name| name == shape).unwrap();
+            let moved = |vertex: usize| f64::from(shapes.displacements(shape)[vertex][1]);
+            moved(lower) - moved(upper)
+        };
+        let blink = shuts("eyeBlink_L");
+        for (shape, named) in [("eyeLookDown_L", "lidsDown_L"), ("eyeLookUp_L", "lidsUp_L"), ("eyeWide_L", "eyeWide_L")] {
+            let (found, share) = (shuts(shape) / blink, arkit::lid_share(named).unwrap());
+            assert!((found - share).abs() < 1e-3, "{named}: {found}, not {share}");
         }
     }
 
