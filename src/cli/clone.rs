@@ -31,7 +31,7 @@ use super::{
     portrait,
     progress::frame_bar,
     shared::{
-        FitArgs, GeneralArgs, MarksArgs, ProfileArgs, are, emphasis, file_name, frame_rate, named_folder, note_if_still,
+        FitArgs, GeneralArgs, MarksArgs, ProfileArgs, about, are, emphasis, file_name, frame_rate, named_folder, note_if_still,
         positive, stop_flag, words,
     },
     source_frames::source_pictures,
@@ -313,7 +313,7 @@ fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::R
             let skin = skin_of(&args.look.skin, path, &motion, bench)?;
             Ok(Source { path, motion, pictures, pictures_blake3, skin })
         };
-        match read() {
+        match read().map_err(|error| about(path)(&super::chain(&error))) {
             Ok(source) => {
                 if !source.motion.not_shown.is_empty() {
                     let faps = source.motion.not_shown.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");

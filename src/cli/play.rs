@@ -74,7 +74,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     check_apart(&[("--output", &args.output)], &inputs)?;
     args.general.check_free(&args.output)?;
     let bench = args.general.workbench(PipelineOptions { fit: args.fit.options(), ..PipelineOptions::default() })?;
-    let motions = args.motions.iter().map(|path| SourceMotion::read(path, &bench)).collect::<Result<Vec<_>, _>>()?;
+    let read = |path: &PathBuf| SourceMotion::read(path, &bench).map_err(|error| about(path)(&super::chain(&error.into())));
+    let motions = args.motions.iter().map(read).collect::<Result<Vec<_>, _>>()?;
     for (path, motion) in args.motions.iter().zip(&motions) {
         if !motion.not_shown.is_empty() {
             let faps = motion.not_shown.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");

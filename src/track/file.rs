@@ -15,6 +15,7 @@ use crate::{
     input::{CsvFile, InputError, RecordError, read_record},
     interpolation::FPS,
     output::{self, OutputError, count, nine_digits},
+    plausible::{NotInPicture, check_in_picture},
     positions::{PositionRow, PositionTable, PositionsError},
     sequence::{Clock, ImageSize},
     units::{NodeId, SequenceId},
@@ -268,6 +269,14 @@ pub enum TrackFileError {
         /// What is missing.
         reason: String,
     },
+    /// Nodes of a mirrored face.
+    #[error("{}: {source}", path.display())]
+    NotInPicture {
+        /// The file.
+        path: PathBuf,
+        /// How.
+        source: NotInPicture,
+    },
     /// A `.json` of a later layout.
     #[error("{}: schema version {found}; this program reads {TRACK_SCHEMA}; a newer version of grimace wrote it, use that one", path.display())]
     Newer {
@@ -513,7 +522,10 @@ pub fn read_track(path: &Path) -> Result<Vec<TrackedFrame>, TrackFileError> {
     }
     let beside = Beside::read(path);
     beside.check(path, &frames, &bytes)?;
-    Ok(neutral_first(frames, beside.neutral_frame))
+    let frames = neutral_first(frames, beside.neutral_frame);
+    let neutral: Vec<_> = frames.iter().take(1).flat_map(|frame| &frame.nodes).map(|node| node.position).collect();
+    check_in_picture(&neutral).map_err(|source| TrackFileError::NotInPicture { path: path.to_owned(), source })?;
+    Ok(frames)
 }
 
 /// Whether positions are those of a normalized model: nothing is known of the nodes but where they are, about an origin within the face, with y

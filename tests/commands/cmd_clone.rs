@@ -481,6 +481,20 @@ fn sources_that_do_not_fit_are_named() {
     clone(&work, "--source smile.fap --head -o nod").exit(0).says(&["smile.fap: --head has no effect: only tracks"]);
     let track = clone(&work, "--source S001_005.csv --head -o turn").exit(0);
     assert!(!track.stderr.contains("--head"), "{}", track.stderr);
+    // With y counted from below, and of a mirrored picture.
+    let text = String::from_utf8(work.bytes("S001_005.csv")).unwrap();
+    for (name, column, says) in [("below.csv", 3, "y is counted from the top"), ("side.csv", 2, "left and right are exchanged")] {
+        let flipped = text.lines().enumerate().map(|(line, row)| {
+            let mut cells: Vec<String> = row.split(',').map(str::to_owned).collect();
+            if line > 0 {
+                cells[column] = (300.0 - cells[column].parse::<f64>().unwrap()).to_string();
+            }
+            cells.join(",") + "\n"
+        });
+        work.write(name, flipped.collect::<String>());
+        clone(&work, &format!("--source {name} -o out")).exit(1).says(&[name, says]);
+    }
+    clone(&work, "--source below.csv side.csv -o out").exit(1).says(&["no source could be read: below.csv: ", "; side.csv: "]);
     clone(&work, "--source target.png -o out").exit(1).says(&["target.png: is neither a track or model (.csv) nor a FAP file"]);
     clone(&work, "--source gone.csv -o out").exit(1).says(&["gone.csv"]);
     clone(&work, "--source S001_005.csv --wrinkles -o out").exit(1).says(&["--wrinkles needs the pictures of the source"]);
