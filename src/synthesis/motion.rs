@@ -271,6 +271,19 @@ mod tests {
     }
 
     #[test]
+    fn a_single_pose_is_reached_from_the_neutral_face() {
+        let bank = candide_bank().unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("jaw.fap");
+        let mask = (1..=68).map(|k| if k == 3 { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
+        fs::write(&path, format!("2.1 jaw 25 1\n{mask}\n0 400\n")).unwrap();
+        let motion = read_motion(&path, &bank, None).unwrap();
+        let chin = bank.feature_point_index("2.1".parse().unwrap()).unwrap();
+        let y: Vec<f64> = motion.frames.iter().map(|frame| frame.offsets[chin].unwrap().y).collect();
+        assert!(y.len() == 2 && y[0] == 0.0 && y[1] < 0.0, "{y:?}");
+    }
+
+    #[test]
     fn frames_in_between_lie_on_the_curve_of_fap_files() {
         let motion = read("frame,fp,dx,dy\n0,8.4,0,0\n1,8.4,3,6\n").unwrap().with_frames_between(2);
         let x: Vec<f64> = motion.frames.iter().map(|f| f.offsets[0].unwrap().x).collect();

@@ -206,6 +206,10 @@ fn read_fap_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, Synthesis
         sequence.frames.iter_mut().for_each(|frame| frame.set_value(fap, Some(0.0)));
     }
     let mut frames = Vec::with_capacity(sequence.frames.len());
+    if sequence.frames.len() == 1 {
+        // A single pose is reached from the neutral face, as `clone` and `play` have it.
+        frames.push(face.frame(|_| Some(Vector2::zeros())));
+    }
     for (number, frame) in (0..).zip(&sequence.frames) {
         let offsets = offsets_from_frame(frame, &face.canonical.fapus, catalog)?;
         let (size, from) = (FaceSize::CANONICAL, "where the neutral face has it");
