@@ -425,7 +425,9 @@ fn say_what_coefficients_lack(bank: &Bank, animation: &Animation<'_>, limited: &
         let list: Vec<String> = unnamed.iter().map(|&name| name.to_owned()).collect();
         println!("without ARKit names, so not in arkit.csv and livelink.csv: {}", listed(&list, 10));
     }
-    if animation.fps.fract() != 0.0 {
+    if animation.fps < 1.0 {
+        println!("the timecodes of livelink.csv are whole seconds, as frames are more than one apart");
+    } else if animation.fps.fract() != 0.0 {
         println!("the timecodes of livelink.csv count {} frames for a second", animation.fps.round());
     }
 }

@@ -196,11 +196,17 @@ const LIVE_LINK_ROTATIONS: [&str; 9] = [
 ];
 
 /// The time of a frame as `HH:MM:SS:FF.sss`: hours, minutes, seconds, the frame within the second at the whole rate nearest to `fps`, and
-/// thousandths of a frame, always 0.
+/// thousandths of a frame, always 0. Frames that are more than a second apart begin with the nearest second.
 fn timecode(frame: usize, fps: f64) -> String {
     let rate = (fps.round() as usize).max(1);
-    let seconds = frame / rate;
-    format!("{:02}:{:02}:{:02}:{:02}.000", seconds / 3600, seconds / 60 % 60, seconds % 60, frame % rate)
+    let (seconds, within) = if fps < 1.0 { ((frame as f64 / fps).round() as usize, 0) } else { (frame / rate, frame % rate) };
+    format!("{:02}:{:02}:{:02}:{within:02}.000", seconds / 3600, seconds / 60 % 60, seconds % 60)
+}
+
+/// A coefficient as it is written: below what a weight means it is 0, and not what rounding left of it.
+fn written(value: f64) -> String {
+    const LEAST: f64 = 1e-9;
+    nine_digits(if value.abs() < LEAST { 0.0 } else { value })
 }
 
 /// Writes the coefficients as Live Link Face records them: `Timecode,BlendShapeCount` (61), the 52 coefficients with a capital
@@ -218,7 +224,7 @@ pub fn write_live_link(path: &Path, fps: f64, frames: &[[f64; 52]]) -> Result<()
         for (frame, values) in frames.iter().enumerate() {
             let start = [timecode(frame, fps), (COEFFICIENTS.len() + LIVE_LINK_ROTATIONS.len()).to_string()];
             let rest = LIVE_LINK_ROTATIONS.map(|_| "0".to_owned());
-            let row = start.into_iter().chain(values.iter().map(|&v| nine_digits(v))).chain(rest);
+            let row = start.into_iter().chain(values.iter().map(|&v| written(v))).chain(rest);
             csv.write_record(row).map_err(io::Error::from)?;
         }
         csv.flush()
@@ -235,7 +241,7 @@ pub fn write_arkit(path: &Path, fps: f64, frames: &[[f64; 52]]) -> Result<(), Ou
         csv.write_record(["frame", "time_s"].iter().chain(&COEFFICIENTS)).map_err(io::Error::from)?;
         for (frame, values) in frames.iter().enumerate() {
             let start = [frame.to_string(), nine_digits(frame as f64 / fps)];
-            csv.write_record(start.into_iter().chain(values.iter().map(|&v| nine_digits(v)))).map_err(io::Error::from)?;
+            csv.write_record(start.into_iter().chain(values.iter().map(|&v| written(v)))).map_err(io::Error::from)?;
         }
         csv.flush()
     })
@@ -305,6 +311,9 @@ mod tests {
         assert_eq!(timecode(0, 60.0), "00:00:00:00.000");
         // Frame 215 999 at 60 a second: the last of the first hour; then 30000/1001 counts 30 frames for a second.
         assert_eq!((timecode(215_999, 60.0), timecode(31, 29.97)), ("00:59:59:59.000".to_owned(), "00:00:01:01.000".to_owned()));
+        // A frame every two and a half seconds.
+        assert_eq!([1, 2].map(|frame| timecode(frame, 0.4)), ["00:00:03:00.000", "00:00:05:00.000"]);
+        assert_eq!([3e-35, -0.0, 2e-9, 0.25].map(written), ["0", "0", "0.000000002", "0.25"]);
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("l.csv");
         write_live_link(&path, 25.0, &[[0.5; 52]]).unwrap();
