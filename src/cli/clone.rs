@@ -15,6 +15,7 @@ use grimace::{
         Sheet, SourceKind, SourceMotion, Target, Teeth, Timing, clone_expression, encode_png, write_clone,
     },
     dataset::{PUBLISH_COLUMN, may_publish},
+    fap::whole_rate,
     output::{MADE_BY, count, per_second, write_bytes},
     pipeline::{PipelineOptions, Workbench, file_blake3},
     render::Labelled,
@@ -324,6 +325,7 @@ fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::R
                     );
                 }
                 note_if_still(path, &source.motion);
+                note_whole_rate(path, args.motion.fps.or(source.motion.fps));
                 if args.motion.head && source.motion.kind != SourceKind::Track {
                     eprintln!("note: {}: --head has no effect: only tracks have a motion of the head", path.display());
                 }
@@ -335,6 +337,18 @@ fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::R
     }
     anyhow::ensure!(!sources.is_empty(), "no source could be read: {}", failed.join("; "));
     Ok((sources, failed))
+}
+
+/// Says that the FAP file of a clone has another rate than its frames.
+fn note_whole_rate(path: &Path, fps: Option<f64>) {
+    if let Some((fps, written)) = fps.map(|fps| (fps, whole_rate(fps).written)).filter(|(fps, written)| fps != written) {
+        eprintln!(
+            "note: {}: FAP files have whole frame rates: clone.fap is at {}, the clone at {}",
+            path.display(),
+            per_second(written),
+            per_second(fps)
+        );
+    }
 }
 
 /// What a person should know of FAPs that were cut.

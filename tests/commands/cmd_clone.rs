@@ -140,6 +140,8 @@ fn duration_rate_loop_and_emphasis_do_what_they_say() {
     assert!(lids(5).unwrap() > lids(25).unwrap() + 300.0, "{:?} {:?}", lids(5), lids(25));
     let ratio = smile("half/clone.fap") / smile("full/clone.fap");
     assert!((ratio - 0.5).abs() < 0.02, "half the emphasis is half the smile: {ratio}");
+    let said = ["FAP files have whole frame rates: clone.fap is at 30 frames per second, the clone at 29.97"];
+    clone(&work, &format!("{source} -o rate --fps 29.97 --duration 0.1")).exit(0).says(&said);
     clone(&work, &format!("{source} -o long --duration 1e9")).exit(1).says(&["frames were asked for; at most 20000"]);
 }
 
