@@ -9,8 +9,9 @@ use std::{
 use anyhow::{Context as _, bail, ensure};
 use grimace::{
     fap::{
-        FapFile, FapMask, FapReadError, FapSequence, FapSummary, FapWriteError, Finding, Profile, SequenceSummary, Severity,
-        ValueFormat, check_fap, check_lips, fap_text, is_for_greta, read_fap_bytes, read_tidy_csv, write_fap_as, write_tidy_csv,
+        FapFile, FapFrame, FapMask, FapNumber, FapReadError, FapSequence, FapSummary, FapWriteError, Finding, Profile,
+        SequenceSummary, Severity, ValueFormat, check_fap, check_lips, fap_text, is_for_greta, read_fap_bytes, read_tidy_csv,
+        write_fap_as, write_tidy_csv,
     },
     input::is_stdin,
     interpolation::FPS,
@@ -326,6 +327,13 @@ fn read(args: &ConvertArgs) -> anyhow::Result<(FapSequence, Profile)> {
         let sequence = read_tidy_csv(&args.input, f64::from(args.fps.unwrap_or(FPS)))?;
         if args.fps.is_none() {
             note(&format!("a table has no frame rate: {FPS} frames per second, unless --fps says another"));
+        }
+        let is_empty = |frame: &FapFrame| FapNumber::all().all(|fap| !frame.is_set(fap));
+        if let [first, second, ..] = sequence.frames.as_slice()
+            && is_empty(first)
+            && !is_empty(second)
+        {
+            note("the table has nothing for frame 0, which is a frame all the same: count frames from 0");
         }
         return Ok((sequence, Profile::default()));
     }

@@ -404,6 +404,8 @@ fn convert_goes_to_csv_and_back() {
     assert_eq!(work.read("back.fap"), strict());
     work.fap("convert joy.csv --fps 30 -o rate.fap").success();
     assert_eq!(work.read("rate.fap"), strict().replace("joy 25", "joy 30"));
+    work.write("one.csv", "frame,fap,value\n1,3,0\n2,3,100\n");
+    work.fap("convert one.csv -o one.fap").success().stderr(contains("nothing for frame 0"));
     work.write("bad.csv", "frame,fap,name,value\n0,4,lower_t_midlip,NaN\n");
     work.fap("convert bad.csv -o x.fap").code(1).stderr(contains("bad.csv:2: `NaN` is not a finite number"));
     work.fap("convert joy.fap --profile xface -o x.csv").code(1).stderr(contains("is for .fap files"));
