@@ -42,8 +42,8 @@ Example:
 SEGMENTS.csv is a manifest for `run`, `annotate` and `locate`, a row for every expression: subject, sequence (STEM-01, STEM-02, ... after \
 the recording's name), emotion, frames, first_frame (neutral) and last_frame (apex; it may lie before the neutral one), correspondences, fps, \
 and how sure it is, 0 to 1. Beside it stands a folder of the same name with the marks and a picture of every proposal, and a row for every \
-frame of every recording: phase, pose, action units. Emotions are not recognized: correct the labels in the table. Run again, recordings that \
-did not change are kept, and so is what was written into the table of the same frames. See docs/recordings.md.
+frame of every recording: phase, pose, action units. Emotions are not recognized: correct the labels in the table. Run again with --force, recordings \
+that did not change are kept, and so is what was written into the table of the same frames. See docs/recordings.md.
 
 Exit status: 0 done, 3 where nothing is proposed for a recording, 1 where that is so for all of them.")]
 pub struct Args {

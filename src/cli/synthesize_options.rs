@@ -108,7 +108,8 @@ pub struct TimeArgs {
     /// a CSV file of feature points
     #[arg(long, value_name = "SHARE")]
     pub noise: Option<f64>,
-    /// Hold the last frame for half a second and go back to the first: it plays round and round without a jump
+    /// Hold the last frame for half a second and go back to the first the way it came: it plays round and round without a jump, whether or
+    /// not the motion begins at rest
     #[arg(long = "loop")]
     pub there_and_back: bool,
     /// Bank units per face unit (1/1024 of the eye separation), instead of the bank's facial animation units

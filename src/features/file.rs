@@ -21,7 +21,7 @@ pub fn features_units() -> BTreeMap<String, String> {
             "degrees; positive: to the subject's left, down, towards the subject's right shoulder",
         ),
         ("pose_x, pose_y", "px, middle of the head"),
-        ("eye_distance", "px at the size of the head, as if it looked into the camera"),
+        ("eye_distance", "px; of the mean head at the size of this one, as if it looked into the camera: not how far this person's eyes are apart"),
         ("eye_opening_*", "over the opening in the neutral frame"),
         ("mouth_opening", "distance of the inner lips over MNS0"),
         ("iris_*", "offset from neutral over IRISD0 of the iris boxes, x to the subject's left, y up; empty where irises were not tracked"),

@@ -69,7 +69,7 @@ pub struct FrameFeatures {
     pub position: Point2<f64>,
     /// The 68 landmarks as the nodes show them, px; `None` where no node stands for one.
     pub landmarks: Vec<Option<Point2<f64>>>,
-    /// Eye distance of the head at this size, px.
+    /// Eye distance of the mean head at the size of this one, px: how large the head is, not how far this person's eyes are apart.
     pub eye_distance: f64,
     /// FAPs that a frontal view measures and those of the head, in the units of the standard.
     pub faps: Vec<(FapNumber, f64)>,
