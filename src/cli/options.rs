@@ -52,8 +52,8 @@ fn prior(text: &str) -> Result<PriorKind, String> {
 #[command(next_help_heading = "Method")]
 pub struct MethodArgs {
     /// Ours, or Krinidis and Pitas' to the letter: `kp` sets --prior none, --read-unmarked off, --forces same, --forward-backward 0,
-    /// --align-gain 0, --corner-stiffness 0, --lip-probes off, --rigid-eyes off, --even-light off, --read-lids off and
-    /// --weight sequence, as far as the command has them; each can be set otherwise beside it
+    /// --align-gain 0, --corner-stiffness 0, --lip-probes off, --rigid-eyes off, --even-light off, --read-lids off,
+    /// --pose roll, --irisd boxes and --weight sequence, as far as the command has them; each can be set otherwise beside it
     #[arg(long, default_value = "default", value_parser = words::<Method>(&["default", "kp"]))]
     pub method: Method,
 }

@@ -149,6 +149,9 @@ pub struct Measured<'a> {
 /// let rows = meter.measure(Measured { track: &track, fit: &fit, model: &model }, &normalizer, &tables)?;
 /// let smile = rows[9].action_units.iter().find(|unit| unit.number == 12).expect("AU12");
 /// assert!(smile.is_present());
+/// // An eye is open by what the FAPs of its lids leave: 19 and 21 on the left.
+/// let fap = |number: u8| rows[9].faps.iter().find(|(fap, _)| fap.get() == number).map_or(0.0, |(_, value)| *value);
+/// assert!((rows[9].eye_opening[0] - (1.0 - (fap(19) + fap(21)) / 1024.0)).abs() < 1e-9);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug)]
@@ -191,8 +194,8 @@ impl FeatureMeter {
         let canonical = normalizer.canonical();
         let catalog = FapCatalog::mpeg4();
         let neutral: Vec<Point2<f64>> = track.first().map(|f| f.nodes.iter().map(|n| n.position).collect()).unwrap_or_default();
-        let (faps, _) =
-            FapSequence::from_measured(model, (&canonical.fapus, normalizer.lid_units(&neutral)), catalog, "track", 1, 0)?;
+        let lid_units = normalizer.lid_units(&neutral);
+        let (faps, _) = FapSequence::from_measured(model, (&canonical.fapus, lid_units), catalog, "track", 1, 0)?;
         let es = eye_distance_px(tables, &neutral).unwrap_or(1.0);
         let face_units_per_px = canonical.fapus.es / es;
         let mut features = Vec::with_capacity(track.len());
@@ -203,7 +206,11 @@ impl FeatureMeter {
             let offsets = model.neutral_offsets(m);
             let gap = |nodes: &[Point2<f64>], [above, below]: [usize; 2]| nodes[above].y - nodes[below].y;
             let rest = model.neutral().nodes();
-            let opening = |lids: [usize; 2]| gap(nodes, lids) / gap(rest, lids);
+            // As the FAPs of the lids have it: of the eye's own opening, not of the iris boxes that models may be normalized by.
+            let opening = |lids: [usize; 2]| {
+                let change = gap(nodes, lids) - gap(rest, lids);
+                1.0 + change / canonical.fapus.irisd * lid_units.of_node(NodeId(lids[0] as u16))
+            };
             let deviations: Vec<(NodeId, f64)> = self
                 .live
                 .iter()

@@ -279,7 +279,7 @@ const CALMER: f64 = 0.5;
 /// Share of the strength of the stronger of two expressions below which the activity falls between them.
 const VALLEY: f64 = 0.5;
 /// Opening of the eyes, over that at rest, from which they count as open.
-const OPEN: f32 = 0.8;
+const OPEN: f32 = 0.88;
 /// Share of the activity at the apex from which a frame counts as apex.
 const NEAR_APEX: f64 = 0.95;
 /// Seconds before an onset, or behind an offset, among which the neutral frame is the calmest.

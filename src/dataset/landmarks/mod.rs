@@ -121,7 +121,7 @@ pub enum LandmarksError {
         reason: io::Error,
     },
     /// Another number of points than the scheme has.
-    #[error("{}: {found} points, {LANDMARK_COUNT} were expected", path.display())]
+    #[error("{}: {found} points, {LANDMARK_COUNT} were expected (of MediaPipe 468 or 478)", path.display())]
     Count {
         /// The file.
         path: PathBuf,

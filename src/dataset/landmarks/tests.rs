@@ -32,8 +32,8 @@ fn a_csv_file_reads() {
 #[test]
 fn other_counts_and_bad_numbers_are_refused() {
     let error = |text: String| csv(&text).unwrap_err();
-    assert!(error(header(67) + &row(1, 67)).ends_with("67 points, 68 were expected"));
-    assert!(error(header(69) + &row(1, 69)).ends_with("69 points, 68 were expected"));
+    assert!(error(header(67) + &row(1, 67)).ends_with("67 points, 68 were expected (of MediaPipe 468 or 478)"));
+    assert!(error(header(69) + &row(1, 69)).ends_with("69 points, 68 were expected (of MediaPipe 468 or 478)"));
     assert!(error(header(68) + &row(1, 67)).ends_with("line 2: the row has 135 fields where the header has 137"));
     let inf = (header(68) + &row(1, 68)).replace("1,0,1000,", "1,0,inf,");
     assert!(error(inf).ends_with("line 2: y0 is `inf`; a finite number was expected"));
@@ -86,7 +86,10 @@ fn text_files_per_frame_read() {
 #[test]
 fn bad_text_files_are_named() {
     let error = |name: &str, text: String| read_landmarks(text_folder(&[(name, text)]).path()).unwrap_err().to_string();
-    assert!(error("a_1_landmarks.txt", lines(67)).ends_with("a_1_landmarks.txt: 67 points, 68 were expected"));
+    assert!(
+        error("a_1_landmarks.txt", lines(67))
+            .ends_with("a_1_landmarks.txt: 67 points, 68 were expected (of MediaPipe 468 or 478)")
+    );
     assert!(
         error("a_1_landmarks.txt", lines(2) + "3 nan\n")
             .ends_with("line 3: found `3 nan`; two finite numbers `x y` were expected")
@@ -237,7 +240,7 @@ fn pts_files_count_pixels_from_one() {
 #[test]
 fn bad_pts_files_say_line_and_what_was_expected() {
     let error = |text: String| read_landmarks(text_folder(&[("a_1.pts", text)]).path()).unwrap_err().to_string();
-    assert!(error(pts(51)).ends_with("a_1.pts: 51 points, 68 were expected"), "{}", error(pts(51)));
+    assert!(error(pts(51)).ends_with("a_1.pts: 51 points, 68 were expected (of MediaPipe 468 or 478)"), "{}", error(pts(51)));
     assert!(error(pts(68).replace("68", "66")).contains("line 2: found `n_points: 66`; n_points: 68 was expected"));
     assert!(error(pts(68).replace("n_points:  68", "n_points:  many")).contains("a number of points was expected"));
     assert!(error(pts(68).replace('}', "")).contains("`}` after the last point was expected"));

@@ -30,7 +30,7 @@ use super::{CommonArgs, Folder, bar};
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
-  grimace evaluate figures -o figures                     (simulated people and the embedded bank)
+  grimace evaluate figures -o figures                     (simulated people and the bank `candide`)
   grimace evaluate figures -o figures faces --method kp   (a dataset of yours, by the paper's method)
 
 Krinidis and Pitas: Fig. 1a, 1b, 2, 3, 5, 6, 7, Table 1, and the claim that scaling first needs fewer marks. Zhu and Lee: Fig. 3b, 6b, 7 \

@@ -18,14 +18,14 @@ use grimace::internal::cli::{Outcome, bank, shared::stop_flag};
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
-  grimace evaluate synthesis -o synthesis-error                                 (the embedded bank)
+  grimace evaluate synthesis -o synthesis-error                                 (the bank `candide`)
   grimace evaluate synthesis face.bank --unseen unseen.bank -o synthesis-error
 
 Repeats the experiments of Zhu and Lee: their Table 1 (every crossover, --runs times on --targets expressions that are not in the bank) \
 and their regions (one, two, four), with every other solver beside the genetic algorithm. A solver sees the feature points of a target \
 only; the surface error compares its whole surface with the target's. Without --unseen the targets are members, held out of the bank.")]
 pub struct Args {
-    /// Bank file; without it the embedded bank
+    /// Bank file; without it the bank `candide`
     bank: Option<PathBuf>,
     /// Bank file with expressions that are not in BANK, over its mesh
     #[arg(long, value_name = "BANK", requires = "bank")]
