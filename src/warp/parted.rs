@@ -6,7 +6,7 @@ use nalgebra::Point2;
 use super::{
     Texture,
     layout::{CLOSED_GAP, Frame},
-    mouth::whiteness,
+    mouth::{luma, whiteness},
 };
 
 /// Upper lip's lower edge, lower lip's upper and lower edge, as nodes, on three lines across the lips.
@@ -18,6 +18,8 @@ const PLACES: usize = 64;
 const HALF_WIDTH: f64 = 0.012;
 /// Least difference in whiteness between teeth and lip that is told apart, levels.
 const LEAST: f32 = 18.0;
+/// A gap between teeth and lip is darker than this share of the lip: the upper edge of a lip whose middle glistens is not.
+const GAP_LIGHT: f32 = 0.6;
 /// How far up and down an edge is moved at most, over the eye distance.
 const REACH: (f64, f64) = (0.05, 0.11);
 
@@ -44,8 +46,11 @@ fn edge([start, found, end]: [Point2<f64>; 3], photograph: &Texture, frame: &Fra
     let length = way.norm();
     let across = frame.across() * (HALF_WIDTH * frame.eye_distance);
     let at = |k: usize| start + way * (k as f64 / (PLACES - 1) as f64);
-    let values: Vec<f32> = (0..PLACES)
-        .map(|k| [-1.0, 0.0, 1.0].map(|side| whiteness(photograph.sample(at(k) + across * side))).iter().sum::<f32>() / 3.0)
+    let values: Vec<[f32; 2]> = (0..PLACES)
+        .map(|k| {
+            let seen = [-1.0, 0.0, 1.0].map(|side| photograph.sample(at(k) + across * side));
+            [whiteness, luma].map(|of| seen.iter().map(|colour| of(*colour)).sum::<f32>() / 3.0)
+        })
         .collect();
     let place = ((found - start).dot(&way) / (length * length).max(1e-9)).clamp(0.0, 1.0);
     let k = teeth_end(&values, place)?;
@@ -54,14 +59,16 @@ fn edge([start, found, end]: [Point2<f64>; 3], photograph: &Texture, frame: &Fra
 }
 
 /// The first place of the lip below the teeth, on a line that leads from the upper lip's lower edge to the lower lip's lower edge and whose
-/// lower lip was found to begin at a share of it.
-fn teeth_end(values: &[f32], found: f64) -> Option<usize> {
-    let last = values.len().checked_sub(1)?;
+/// lower lip was found to begin at a share of it; of each place its whiteness and its brightness.
+fn teeth_end(line: &[[f32; 2]], found: f64) -> Option<usize> {
+    let last = line.len().checked_sub(1)?;
+    let [values, lights] = [0, 1].map(|of| line.iter().map(|place| place[of]).collect::<Vec<f32>>());
     let found = (found * last as f64).round() as usize;
     let (teeth, lip) = (values.get(..=found)?, values.get(usize::midpoint(found, last)..last)?);
     let brightest = teeth.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)).map(|(k, _)| k)?;
     let half = median(teeth.iter().copied());
     let (tooth, lip) = (median(teeth.iter().copied().filter(|v| *v >= half)), median(lip.iter().copied()));
+    let lip_light = median(lights[usize::midpoint(found, last)..last].iter().copied());
     if tooth - lip < LEAST {
         return None;
     }
@@ -70,7 +77,7 @@ fn teeth_end(values: &[f32], found: f64) -> Option<usize> {
     let fallen = (brightest..last).find(falls)?;
     // What is darker than the lip is a gap between the two.
     let dark = lip - 0.35 * (tooth - lip);
-    let gap = (fallen..last.min(fallen + values.len() / 8)).find(|&k| values[k] < dark);
+    let gap = (fallen..last.min(fallen + values.len() / 8)).find(|&k| values[k] < dark && lights[k] < GAP_LIGHT * lip_light);
     match gap {
         Some(k) => (k..last).find(|&k| values[k] >= lip - 0.15 * (tooth - lip)),
         None => Some(fallen),
@@ -88,18 +95,13 @@ mod tests {
     use super::*;
 
     /// A line of 64 places: teeth of 200 up to a place, then a gap, then lip of 100.
-    fn line(teeth: usize, gap: usize) -> Vec<f32> {
-        (0..64)
-            .map(|k| {
-                if k < teeth {
-                    200.0
-                } else if k < teeth + gap {
-                    20.0
-                } else {
-                    100.0
-                }
-            })
-            .collect()
+    fn line(teeth: usize, gap: usize) -> Vec<[f32; 2]> {
+        let level = |k: usize| match k {
+            k if k < teeth => 200.0,
+            k if k < teeth + gap => 20.0,
+            _ => 100.0,
+        };
+        (0..64).map(|k| [level(k); 2]).collect()
     }
 
     #[test]
@@ -111,13 +113,17 @@ mod tests {
         assert_eq!(teeth_end(&line(26, 4), 0.4), Some(30));
         // A light on the lip is no tooth.
         let mut shiny = line(26, 0);
-        shiny[40..44].fill(210.0);
+        shiny[40..44].fill([210.0; 2]);
         assert_eq!(teeth_end(&shiny, 0.4), Some(26));
+        // Nor is the red edge of a lip whose middle glistens a gap.
+        let mut glistens = line(26, 4);
+        glistens[26..30].fill([20.0, 70.0]);
+        assert_eq!(teeth_end(&glistens, 0.4), Some(26));
     }
 
     #[test]
     fn without_teeth_nothing_is_moved() {
-        assert_eq!(teeth_end(&[100.0; 64], 0.4), None);
+        assert_eq!(teeth_end(&[[100.0; 2]; 64], 0.4), None);
         assert_eq!(teeth_end(&line(0, 20), 0.4), None);
         assert_eq!(teeth_end(&[], 0.4), None);
     }
