@@ -19,7 +19,7 @@ const HALF_WIDTH: f64 = 0.012;
 /// Least difference in whiteness between teeth and lip that is told apart, levels.
 const LEAST: f32 = 18.0;
 /// A gap between teeth and lip is darker than this share of the lip: the upper edge of a lip whose middle glistens is not.
-const GAP_LIGHT: f32 = 0.6;
+const GAP_LIGHT: f32 = 0.45;
 /// How far up and down an edge is moved at most, over the eye distance.
 const REACH: (f64, f64) = (0.05, 0.11);
 
