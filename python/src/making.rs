@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use grimace::internal::{
     clone::{CloneError as LibraryError, CloneOptions, SourceMotion, clone_expression},
     interpolation::FPS,
-    pipeline::found_marks,
+    pipeline::found_marks_and_remark,
     sequence::Frame,
     synthesis::{self, Animation, Bank, EmbeddedBank, SynthesisOptions, Synthesizer, read_motion},
 };
@@ -75,7 +75,7 @@ pub fn clone<'py>(
             Some(marks) => marks.read(&bench)?,
             None => {
                 let frame: Frame = picture.frame(0)?;
-                found_marks(&frame, &bench).map_err(to::<LocateError>)?
+                found_marks_and_remark(&frame, Some(&colour), &bench).map_err(to::<LocateError>)?.marks
             }
         };
         let target = bench.target("target", colour, &marks).map_err(to::<CloneError>)?;

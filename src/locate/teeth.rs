@@ -186,6 +186,11 @@ mod tests {
             let was = closed.clone();
             assert!(!closed.look_for_teeth(&picture) && closed == was, "{between:?} {until}");
         }
+        // What covers a mouth has no lips, and those of a small face are not read.
+        let (smile, picture) = face([190, 185, 170], 87);
+        let mut covered = LocatedFace { covered: vec![FacePart::Mouth], ..smile.clone() };
+        let mut small = LocatedFace { eye_distance: 29.0, ..smile };
+        assert!(!covered.look_for_teeth(&picture) && !small.look_for_teeth(&picture));
         let grey = image::DynamicImage::ImageRgb8(picture).into_luma8();
         let (mut other, _) = face([190, 185, 170], 87);
         assert!(!other.look_for_teeth(&image::DynamicImage::ImageLuma8(grey).into_rgb8()));

@@ -27,8 +27,8 @@ pub fn tracks_folder(folder: &Path) -> PathBuf {
 
 /// The folder of results that a folder of tracks is in, or the folder itself: `tracks_folder` the other way round.
 pub fn results_folder(folder: &Path) -> PathBuf {
-    let in_results = folder.file_name().is_some_and(|name| name == "tracks") && !folder.join("tracks").is_dir();
-    if in_results { folder.join("..") } else { folder.to_owned() }
+    let is_tracks = folder.file_name().is_some_and(|name| name == "tracks") && !folder.join("tracks").is_dir();
+    folder.parent().filter(|_| is_tracks).unwrap_or(folder).to_owned()
 }
 
 /// Track files named by the user: files as they are, folders (see `tracks_folder`) by the `.csv` files in them, sorted by path, each

@@ -40,10 +40,11 @@ const LID_SHARES: [(&str, f64); 3] = [("lidsDown", 0.664), ("lidsUp", -0.213), (
 
 /// How far a shape shuts an eye, over `eyeBlink`; `None` for shapes that are not in the table.
 pub(super) fn lid_share(shape: &str) -> Option<f64> {
-    LID_SHARES.iter().find(|(name, _)| shape.starts_with(name)).map(|(_, share)| *share)
+    let whole = ["_L", ".L", "Left", "_R", ".R", "Right"].iter().find_map(|end| shape.strip_suffix(end)).unwrap_or(shape);
+    LID_SHARES.iter().find(|(name, _)| *name == whole).map(|(_, share)| *share)
 }
 
-/// How far a shape without an `ARKit` name shuts an eye, over `eyeBlink`: nothing but the embedded head's lids.
+/// How far a shape without an `ARKit` name shuts an eye, over `eyeBlink`: the embedded head's lids, and shapes of other banks that are called as they are.
 fn lids_alone(shape: &str) -> Option<f64> {
     lid_share(shape).filter(|_| coefficient(shape).is_none())
 }
@@ -117,7 +118,7 @@ pub fn coefficients(
             }
         }
     }
-    let any = sums.iter().any(|s| s.1 > 0.0) || shapes.iter().any(|name| lids_alone(name).is_some());
+    let any = sums.iter().any(|s| s.1 > 0.0);
     let mut values = sums.map(|(sum, count)| if count > 0.0 { sum / count } else { 0.0 });
     for (shut, (blink, wide)) in lids.into_iter().zip(BLINKS.into_iter().zip(WIDES)) {
         count_lids(&mut values, shut, (blink, wide));

@@ -39,12 +39,12 @@ pub use corrections::{
     SavedCorrections, TrackCorrections, corrections_in_track, corrections_path, fitting_corrections, read_corrections,
     write_corrections,
 };
-#[cfg(feature = "annotate")]
 pub(crate) use file::clock_of_frames;
 pub use file::{
     TRACK_SCHEMA, TrackFileError, TrackHashes, TrackInfo, neutral_first, parse_track, parse_track_info, read_track,
     read_track_info, track_csv, track_units, write_track,
 };
+#[cfg(feature = "annotate")]
 pub(crate) use klt::smoothed;
 pub use klt::{Klt, KltKind, OpenCvKlt};
 pub use landmarks::LandmarkPlan;

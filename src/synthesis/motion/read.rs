@@ -183,7 +183,8 @@ fn read_track_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, Synthes
     let motion = face.motion(MotionKind::Track, (&model, lids), clock.fps, path)?;
     let Some(times) = clock.times else { return Ok(motion) };
     motion.evenly(&times).map_err(|frames| {
-        let reason = format!("with the frames that are missing by their numbers it has {frames} frames; at most 100000 are made");
+        let reason = format!("with frames put between where some are missing or have times of their own it has {frames} frames; at most 100000 are made: give the track its rate, or \
+             number its frames one by one");
         SynthesisError::Motion { path: path.to_owned(), reason }
     })
 }
