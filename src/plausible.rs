@@ -3,11 +3,7 @@
 //! A coordinate of 1e30 is a number like any other to statistics, springs and meshes, and ends in pictures of nothing. Models, tracks,
 //! FAP files, feature point motions and columnar files all pass through here before anything is computed from them.
 
-use std::sync::LazyLock;
-
 use nalgebra::{Point2, Vector2};
-
-use crate::{geometry::Similarity, wireframe::Wireframe};
 
 /// Farthest that a point of a face may be from its place in the neutral frame, and a neutral point from the middle of its face, in eye
 /// separations (ES0). A face is about four of them high; expressions move points by a quarter of one.
@@ -188,81 +184,9 @@ pub fn check_face_units(neutral: &[Point2<f64>]) -> Result<(), NotFaceUnits> {
     if sizes.contains(&width) && sizes.contains(&height) { Ok(()) } else { Err(NotFaceUnits::Scale { width, height }) }
 }
 
-/// A neutral face in pixels that is mirrored: x to the right, y down were expected, left and right the subject's own.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum NotInPicture {
-    /// y points up.
-    #[error(
-        "its nodes are those of a face in a mirror below it: y is counted from the top of the image, downwards; where it was counted from the \
-         bottom, write the image's height - 1 - y"
-    )]
-    YUpwards,
-    /// Left and right were exchanged.
-    #[error(
-        "its nodes are those of the mirrored face: left and right are exchanged, which are the subject's own (the subject's left is on the right of \
-         the image); where the pictures were mirrored, write the image's width - 1 - x"
-    )]
-    Mirrored,
-}
-
-/// Distance of a mirrored face's nodes from Candide-3's in the mean, over how far these are from their middle: at most. Faces have 0.03 to 0.2,
-/// turned ones more.
-const MOST_UNLIKE: f64 = 0.35;
-/// How much nearer the mirrored face has to be than the face.
-const NEARER: f64 = 0.5;
-
-/// Checks that a neutral face over Candide-3's nodes, in pixels, is not mirrored, however it is turned in the picture. Faces of another number
-/// of nodes are not looked at.
-///
-/// # Errors
-/// [`NotInPicture`].
-pub fn check_in_picture(neutral: &[Point2<f64>]) -> Result<(), NotInPicture> {
-    static CANDIDE: LazyLock<Vec<Point2<f64>>> =
-        LazyLock::new(|| Wireframe::candide3().vertices().iter().map(|v| Point2::new(v.x, v.y)).collect());
-    let upwards = &*CANDIDE;
-    if neutral.len() != upwards.len() {
-        return Ok(());
-    }
-    let downwards: Vec<Point2<f64>> = upwards.iter().map(|p| Point2::new(p.x, -p.y)).collect();
-    // How unlike the nodes are to a face, and the way it is turned.
-    let unlike = |face: &[Point2<f64>]| {
-        let view = Similarity::fit(face, neutral, None).ok()?;
-        let middle = face.iter().map(|p| p.coords).sum::<Vector2<f64>>() / face.len() as f64;
-        let spread: f64 = face.iter().map(|p| (p.coords - middle).norm_squared()).sum();
-        let off: f64 = face.iter().zip(neutral).map(|(p, q)| (view.apply(p) - q).norm_squared()).sum();
-        Some(((off / spread).sqrt() / view.scale, view.angle))
-    };
-    let (Some((face, _)), Some((mirrored, angle))) = (unlike(&downwards), unlike(upwards)) else { return Ok(()) };
-    if !(mirrored < MOST_UNLIKE && mirrored < NEARER * face) {
-        return Ok(());
-    }
-    Err(if angle.cos() > 0.0 { NotInPicture::YUpwards } else { NotInPicture::Mirrored })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_mirrored_face_in_pixels_is_told_from_one_that_is_turned() {
-        let track = crate::positions::PositionTable::open("fixtures/simulated/truth/S001_005.csv".as_ref()).unwrap();
-        let model = track.model::<crate::units::Px>().unwrap();
-        let neutral = model.neutral().nodes();
-        let changed = |change: &dyn Fn(f64, f64) -> (f64, f64)| {
-            let points: Vec<_> = neutral.iter().map(|p| Point2::from(<[f64; 2]>::from(change(p.x, p.y)))).collect();
-            check_in_picture(&points)
-        };
-        // As it is, on its side, upside-down, narrow.
-        for way in [|x, y| (x, y), |x: f64, y: f64| (-y, x), |x: f64, y: f64| (-x, -y), |x: f64, y: f64| (0.6 * x, y)] {
-            assert_eq!(changed(&way), Ok(()));
-        }
-        assert_eq!(changed(&|x, y| (x, 299.0 - y)), Err(NotInPicture::YUpwards));
-        assert_eq!(changed(&|x, y| (399.0 - x, y)), Err(NotInPicture::Mirrored));
-        // With y upwards in a head that rolls by 17 degrees.
-        assert_eq!(changed(&|x, y| (0.957 * x + 0.292 * y, 0.292 * x - 0.957 * y)), Err(NotInPicture::YUpwards));
-        assert_eq!(changed(&|_, _| (0.0, 0.0)), Ok(()));
-        assert_eq!(check_in_picture(&neutral[..5]), Ok(()));
-    }
 
     #[test]
     fn what_is_not_in_face_units_is_told_by_name() {

@@ -9,13 +9,15 @@ use std::{
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
-use super::{NodeState, TrackCorrections, TrackOptions, TrackSummary, TrackedFrame, TrackedNode};
+use super::{
+    NodeState, TrackCorrections, TrackOptions, TrackSummary, TrackedFrame, TrackedNode,
+    in_picture::{NotInPicture, check_in_picture},
+};
 use crate::{
     fit::FitOptions,
     input::{CsvFile, InputError, RecordError, read_record},
     interpolation::FPS,
     output::{self, OutputError, count, nine_digits},
-    plausible::{NotInPicture, check_in_picture},
     positions::{PositionRow, PositionTable, PositionsError},
     sequence::{Clock, ImageSize},
     units::{NodeId, SequenceId},

@@ -10,6 +10,7 @@ mod align;
 mod confidence;
 mod corrections;
 mod file;
+mod in_picture;
 mod klt;
 mod landmarks;
 mod lids;
