@@ -149,9 +149,9 @@ pub struct Measured<'a> {
 /// let rows = meter.measure(Measured { track: &track, fit: &fit, model: &model }, &normalizer, &tables)?;
 /// let smile = rows[9].action_units.iter().find(|unit| unit.number == 12).expect("AU12");
 /// assert!(smile.is_present());
-/// // An eye is open by what the FAPs of its lids leave: 19 and 21 on the left.
+/// // An eye is open by what the FAPs of its lids, which are whole numbers, leave: 19 and 21 on the left.
 /// let fap = |number: u8| rows[9].faps.iter().find(|(fap, _)| fap.get() == number).map_or(0.0, |(_, value)| *value);
-/// assert!((rows[9].eye_opening[0] - (1.0 - (fap(19) + fap(21)) / 1024.0)).abs() < 1e-9);
+/// assert!((rows[9].eye_opening[0] - (1.0 - (fap(19) + fap(21)) / 1024.0)).abs() <= 1.0 / 1024.0);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug)]
