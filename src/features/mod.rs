@@ -18,7 +18,7 @@ use crate::{
     normalize::{IrisdMode, NormalizeError, NormalizeOptions, Normalizer},
     pose::{HEAD_ES, HeadFit, HeadModel, HeadPose},
     sequence::Clock,
-    track::{LossReason, NodeState, TrackedFrame, eye_distance_px},
+    track::{LossReason, MOST_FILLED, NodeState, TrackedFrame, eye_distance_px, whole_steps},
     units::{FaceUnit, NodeId},
     wireframe::{Tables, Wireframe},
 };
@@ -34,8 +34,6 @@ pub const TRUSTED_TURN: f64 = 25.0;
 pub const MEASURED_TURN: f64 = 40.0;
 /// Expected error of a node of a track that tells none, share of the eye distance.
 const NODE_ERROR: f64 = 0.01;
-/// Frames of a FAP file for one of the track: of more, numbers are not taken to count frames.
-const MOST_FILLED: u64 = 10;
 /// Upper and lower lid of the left and the right eye, inner upper and lower lip.
 const LIDS: [[usize; 2]; 2] = [[21, 22], [54, 55]];
 const LIPS: [usize; 2] = [87, 40];
@@ -351,9 +349,9 @@ pub(crate) fn frame_steps(numbers: &[u32]) -> Vec<u32> {
 /// the next one. Where the numbers count something else than frames, only those that are there.
 fn every_frame(numbers: &[u32]) -> Vec<(usize, f64)> {
     let steps: Vec<u32> = numbers.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    let usual = steps.iter().copied().min().unwrap_or(1).max(1);
-    let total: u64 = steps.iter().map(|step| u64::from(step / usual)).sum();
-    let frames = steps.iter().all(|step| step.is_multiple_of(usual)) && total <= MOST_FILLED * numbers.len() as u64;
+    let whole = whole_steps(numbers);
+    let usual = whole.map_or(1, |(usual, _)| usual);
+    let frames = whole.is_some_and(|(_, total)| total <= MOST_FILLED * numbers.len() as u64);
     let of = |k: usize| {
         let count = steps.get(k).filter(|_| frames).map_or(1, |step| step / usual).max(1);
         (0..count).map(move |m| (k, f64::from(m) / f64::from(count)))

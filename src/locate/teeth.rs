@@ -11,6 +11,7 @@ use super::{
     FacePart, LocatedFace,
     lips::{EDGES, LINES, line_points},
 };
+use crate::robust::median;
 
 /// Lines that are read: those of [`LINES`], and one between each two.
 const READ_LINES: usize = 2 * LINES.len() - 1;
@@ -55,14 +56,9 @@ impl LocatedFace {
             return false;
         }
         let heights: [f64; READ_LINES] = std::array::from_fn(|k| self.teeth_on(k, picture).unwrap_or(0.0));
-        let mut sorted = heights;
-        sorted.sort_by(f64::total_cmp);
-        let median = sorted[READ_LINES / 2];
-        if median < LEAST {
-            return false;
-        }
+        let Some(usual) = median(&mut heights.clone()).filter(|height| *height >= LEAST) else { return false };
         for (k, line) in line_points().into_iter().enumerate() {
-            let height = if heights[2 * k] > 0.0 { heights[2 * k] } else { OTHERWISE * median };
+            let height = if heights[2 * k] > 0.0 { heights[2 * k] } else { OTHERWISE * usual };
             let [start, _, lower, end] = line;
             let down = (self.shape[end] - self.shape[start]).try_normalize(0.0).unwrap_or(Vector2::y());
             for point in [lower, end] {
@@ -99,7 +95,8 @@ impl LocatedFace {
             places.iter().map(|at| red_and_light(picture, edges[1] + down * (at * unit), unit)).collect();
         let read = read?;
         let skin: Vec<usize> = (0..count).filter(|&i| places[i] < top - SKIN_ABOVE).collect();
-        let (skin_red, skin_light) = (median(skin.iter().map(|&i| read[i].0))?, median(skin.iter().map(|&i| read[i].1))?);
+        let of_skin = |of: fn(&(f64, f64)) -> f64| median(&mut skin.iter().map(|&i| of(&read[i])).collect::<Vec<_>>());
+        let (skin_red, skin_light) = (of_skin(|place| place.0)?, of_skin(|place| place.1)?);
         let lips = (0..count).filter(|&i| places[i] > top && places[i] < bottom + LIP_BELOW);
         let lip_red = lips.map(|i| read[i].0).max_by(f64::total_cmp)?;
         let is_tooth = |i: usize| {
@@ -124,18 +121,6 @@ fn red_and_light(picture: &RgbImage, at: Point2<f64>, unit: f64) -> Option<(f64,
     }
     let [red, green, blue] = sum;
     Some((((red + DARK) / (green + DARK)).ln(), 0.299 * red + 0.587 * green + 0.114 * blue))
-}
-
-/// Median; `None` of nothing.
-fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
-    let mut values: Vec<f64> = values.collect();
-    values.sort_by(f64::total_cmp);
-    let half = values.len() / 2;
-    if values.len() % 2 == 1 {
-        values.get(half).copied()
-    } else {
-        Some(f64::midpoint(*values.get(half.checked_sub(1)?)?, values[half]))
-    }
 }
 
 #[cfg(test)]

@@ -11,12 +11,12 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     NodeState, TrackCorrections, TrackOptions, TrackSummary, TrackedFrame, TrackedNode,
+    clock::by_number,
     in_picture::{NotInPicture, check_in_picture},
 };
 use crate::{
     fit::FitOptions,
     input::{CsvFile, InputError, RecordError, read_record},
-    interpolation::FPS,
     output::{self, OutputError, count, nine_digits},
     positions::{PositionRow, PositionTable, PositionsError},
     sequence::{Clock, ImageSize},
@@ -148,64 +148,6 @@ impl TrackInfo {
     pub fn mark_places(&self) -> Vec<(NodeId, Point2<f64>)> {
         self.marks.iter().map(|&(node, x, y, _)| (NodeId(node), Point2::new(x, y))).collect()
     }
-}
-
-/// `clock` for seconds by the numbers of frames; of `pictures` it counts pictures, which may be numbered in steps.
-fn by_number(clock: Clock, pictures: bool, numbers: impl IntoIterator<Item = u32>) -> Clock {
-    let mut numbers: Vec<u32> = numbers.into_iter().collect();
-    numbers.sort_unstable();
-    let steps = || numbers.windows(2).map(|pair| pair[1] - pair[0]);
-    let usual = steps().min().unwrap_or(1).max(1);
-    if pictures && usual > 1 && steps().all(|step| step.is_multiple_of(usual)) {
-        return Clock::even(clock.fps.map(|fps| fps * f64::from(usual)));
-    }
-    clock
-}
-
-/// Whether ascending numbers count frames of which some are missing: most of them follow each other by one step, all by whole steps, and most are there. Numbers
-/// may be milliseconds, dates or a camera's counter, too.
-fn counts_frames(numbers: &[u32]) -> bool {
-    /// Most frames for one that is there.
-    const MOST_FILLED: usize = 10;
-    let steps: Vec<u32> = numbers.windows(2).map(|pair| pair[1].saturating_sub(pair[0])).collect();
-    let usual = steps.iter().copied().min().unwrap_or(1).max(1);
-    let as_usual = steps.iter().filter(|step| **step == usual).count();
-    let all: usize = steps.iter().map(|step| (step / usual) as usize).sum();
-    2 * as_usual >= steps.len() && steps.iter().all(|step| step.is_multiple_of(usual)) && all <= MOST_FILLED * numbers.len()
-}
-
-/// When the frames of a track are shown, one after the other as its table has them: their rate where known, and where frames are missing or
-/// have times of their own the seconds from the first to each. `info` is what stands beside the table. Where nobody knows a rate, frames
-/// are counted at [`FPS`], if their numbers count frames. They may go back in time, as from an apex; in no order, nobody knows when they are shown.
-pub(crate) fn clock_of_frames(numbers: &[u32], info: Option<&TrackInfo>) -> Clock {
-    /// Share of a frame by which even ones may be off.
-    const TOLERANCE: f64 = 1e-3;
-    let fps = info.and_then(|info| info.fps);
-    let mut numbers = numbers.to_vec();
-    let goes_back = numbers.first() > numbers.last();
-    if goes_back {
-        numbers.reverse();
-    }
-    let clock = match info.filter(|info| info.clock() != Clock::default()) {
-        Some(info) => info.clock_of_numbers(numbers.iter().copied()),
-        None if counts_frames(&numbers) => by_number(Clock::even(Some(f64::from(FPS))), true, numbers.iter().copied()),
-        None => return Clock::even(fps),
-    };
-    let (Some(&first), true) = (numbers.first(), numbers.is_sorted_by(|a, b| a < b)) else { return Clock::even(fps) };
-    let times: Option<Vec<f64>> = numbers.iter().map(|number| clock.seconds(number - first)).collect();
-    let Some(mut times) = times.filter(|times| times.len() > 1 && times.is_sorted_by(|a, b| a < b)) else {
-        return Clock::even(fps);
-    };
-    if goes_back {
-        let last = times[times.len() - 1];
-        times = times.into_iter().rev().map(|time| last - time).collect();
-    }
-    let step = times[1];
-    if times.windows(2).any(|pair| (pair[1] - pair[0] - step).abs() >= TOLERANCE * step) {
-        return Clock { fps, times: Some(times) };
-    }
-    // Every second frame of a video has half its rate.
-    Clock::even(fps.map(|fps| if (fps * step - 1.0).abs() < TOLERANCE { fps } else { 1.0 / step }))
 }
 
 /// The units of a track file's columns.
@@ -599,30 +541,6 @@ mod tests {
                 ],
             },
         ]
-    }
-
-    #[test]
-    fn frames_that_are_missing_take_their_time() {
-        let near = |clock: Clock, fps: Option<f64>, times: &[f64]| {
-            assert_eq!(clock.fps, fps);
-            let found = clock.times.unwrap_or_default();
-            assert_eq!(found.len(), times.len(), "{found:?}");
-            assert!(found.iter().zip(times).all(|(a, b)| (a - b).abs() < 1e-12), "{found:?}");
-        };
-        // Nobody knows the rate: 25 frames a second. Folders may be numbered in steps.
-        near(clock_of_frames(&[1, 2, 5], None), None, &[0.0, 0.04, 0.16]);
-        near(clock_of_frames(&[2, 4, 10], None), None, &[0.0, 0.04, 0.16]);
-        near(clock_of_frames(&[9, 8, 5], None), None, &[0.0, 0.04, 0.16]);
-        for even in [&[3, 4, 5][..], &[2, 4, 6], &[5, 4, 3], &[7], &[1, 5, 2]] {
-            near(clock_of_frames(even, None), None, &[]);
-        }
-        // Milliseconds, dates and a frame from elsewhere are no frames that are missing.
-        for other in [&[120_000, 120_033, 120_066, 120_100, 120_133][..], &[20_240_101, 20_240_102, 20_240_201], &[1, 500, 501]] {
-            near(clock_of_frames(other, None), None, &[]);
-        }
-        // Pictures numbered in steps, of which one is a frame: the rate of numbers is so much higher.
-        assert_eq!(by_number(Clock::even(Some(12.5)), true, [2, 4, 10]), Clock::even(Some(25.0)));
-        assert_eq!(by_number(Clock::even(Some(12.5)), false, [2, 4, 10]), Clock::even(Some(12.5)));
     }
 
     fn read(text: &str) -> Result<Vec<TrackedFrame>, TrackFileError> {

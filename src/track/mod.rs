@@ -7,6 +7,7 @@
 //! again in the next frame (see `step`).
 
 mod align;
+mod clock;
 mod confidence;
 mod corrections;
 mod file;
@@ -34,13 +35,13 @@ use crate::{
 };
 
 pub use align::{AlignOptions, Patch};
+pub(crate) use clock::{MOST_FILLED, clock_of_frames, whole_steps};
 pub use confidence::{Confidence, Evidence, NodeFeatures, expect_errors, node_features};
 pub(crate) use corrections::CORRECTIONS_FOLDER;
 pub use corrections::{
     SavedCorrections, TrackCorrections, corrections_in_track, corrections_path, fitting_corrections, read_corrections,
     write_corrections,
 };
-pub(crate) use file::clock_of_frames;
 pub use file::{
     TRACK_SCHEMA, TrackFileError, TrackHashes, TrackInfo, neutral_first, parse_track, parse_track_info, read_track,
     read_track_info, track_csv, track_units, write_track,

@@ -1,0 +1,96 @@
+//! When the frames of a track are shown.
+
+use super::TrackInfo;
+use crate::{interpolation::FPS, sequence::Clock};
+
+/// Most frames for one that is there: where more are missing, numbers count something else.
+pub(crate) const MOST_FILLED: u64 = 10;
+
+/// The usual step of ascending numbers and how many of it they are apart in all, where all steps are whole multiples of it.
+pub(crate) fn whole_steps(numbers: &[u32]) -> Option<(u32, u64)> {
+    let steps = || numbers.windows(2).map(|pair| pair[1].saturating_sub(pair[0]));
+    let usual = steps().min().unwrap_or(1).max(1);
+    steps().all(|step| step.is_multiple_of(usual)).then(|| (usual, steps().map(|step| u64::from(step / usual)).sum()))
+}
+
+/// `clock` for seconds by the numbers of frames; of `pictures` it counts pictures, which may be numbered in steps.
+pub(super) fn by_number(clock: Clock, pictures: bool, numbers: impl IntoIterator<Item = u32>) -> Clock {
+    let mut numbers: Vec<u32> = numbers.into_iter().collect();
+    numbers.sort_unstable();
+    match whole_steps(&numbers) {
+        Some((usual, _)) if pictures && usual > 1 => Clock::even(clock.fps.map(|fps| fps * f64::from(usual))),
+        _ => clock,
+    }
+}
+
+/// Whether ascending numbers count frames of which some are missing: most of them follow each other by one step, all by whole steps, and most are there.
+/// Numbers may be milliseconds, dates or a camera's counter, too.
+fn counts_frames(numbers: &[u32]) -> bool {
+    whole_steps(numbers).is_some_and(|(usual, all)| {
+        let as_usual = numbers.windows(2).filter(|pair| pair[1].saturating_sub(pair[0]) == usual).count();
+        2 * as_usual >= numbers.len().saturating_sub(1) && all <= MOST_FILLED * numbers.len() as u64
+    })
+}
+
+/// When the frames of a track are shown, one after the other as its table has them: their rate where known, and where frames are missing or
+/// have times of their own the seconds from the first to each. `info` is what stands beside the table. Where nobody knows a rate, frames
+/// are counted at [`FPS`], if their numbers count frames. They may go back in time, as from an apex; in no order, nobody knows when they are shown.
+pub(crate) fn clock_of_frames(numbers: &[u32], info: Option<&TrackInfo>) -> Clock {
+    /// Share of a frame by which even ones may be off.
+    const TOLERANCE: f64 = 1e-3;
+    let fps = info.and_then(|info| info.fps);
+    let mut numbers = numbers.to_vec();
+    let goes_back = numbers.first() > numbers.last();
+    if goes_back {
+        numbers.reverse();
+    }
+    let clock = match info.filter(|info| info.clock() != Clock::default()) {
+        Some(info) => info.clock_of_numbers(numbers.iter().copied()),
+        None if counts_frames(&numbers) => by_number(Clock::even(Some(f64::from(FPS))), true, numbers.iter().copied()),
+        None => return Clock::even(fps),
+    };
+    let (Some(&first), true) = (numbers.first(), numbers.is_sorted_by(|a, b| a < b)) else { return Clock::even(fps) };
+    let times: Option<Vec<f64>> = numbers.iter().map(|number| clock.seconds(number - first)).collect();
+    let Some(mut times) = times.filter(|times| times.len() > 1 && times.is_sorted_by(|a, b| a < b)) else {
+        return Clock::even(fps);
+    };
+    if goes_back {
+        let last = times[times.len() - 1];
+        times = times.into_iter().rev().map(|time| last - time).collect();
+    }
+    let step = times[1];
+    if times.windows(2).any(|pair| (pair[1] - pair[0] - step).abs() >= TOLERANCE * step) {
+        return Clock { fps, times: Some(times) };
+    }
+    // Every second frame of a video has half its rate.
+    Clock::even(fps.map(|fps| if (fps * step - 1.0).abs() < TOLERANCE { fps } else { 1.0 / step }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_that_are_missing_take_their_time() {
+        let near = |clock: Clock, fps: Option<f64>, times: &[f64]| {
+            assert_eq!(clock.fps, fps);
+            let found = clock.times.unwrap_or_default();
+            assert_eq!(found.len(), times.len(), "{found:?}");
+            assert!(found.iter().zip(times).all(|(a, b)| (a - b).abs() < 1e-12), "{found:?}");
+        };
+        // Nobody knows the rate: 25 frames a second. Folders may be numbered in steps.
+        near(clock_of_frames(&[1, 2, 5], None), None, &[0.0, 0.04, 0.16]);
+        near(clock_of_frames(&[2, 4, 10], None), None, &[0.0, 0.04, 0.16]);
+        near(clock_of_frames(&[9, 8, 5], None), None, &[0.0, 0.04, 0.16]);
+        for even in [&[3, 4, 5][..], &[2, 4, 6], &[5, 4, 3], &[7], &[1, 5, 2]] {
+            near(clock_of_frames(even, None), None, &[]);
+        }
+        // Milliseconds, dates and a frame from elsewhere are no frames that are missing.
+        for other in [&[120_000, 120_033, 120_066, 120_100, 120_133][..], &[20_240_101, 20_240_102, 20_240_201], &[1, 500, 501]] {
+            near(clock_of_frames(other, None), None, &[]);
+        }
+        // Pictures numbered in steps, of which one is a frame: the rate of numbers is so much higher.
+        assert_eq!(by_number(Clock::even(Some(12.5)), true, [2, 4, 10]), Clock::even(Some(25.0)));
+        assert_eq!(by_number(Clock::even(Some(12.5)), false, [2, 4, 10]), Clock::even(Some(12.5)));
+    }
+}
