@@ -137,8 +137,8 @@ pub mod segment {
 }
 pub mod sequence {
     pub use crate::modules::sequence::{
-        DecodeError, Frame, GrayDecoder, ImageSize, SequenceError, SequenceReader, content_blake3, grey_of, read_colour,
-        read_colour_frames, read_first_frame, read_frame,
+        DecodeError, Frame, GrayDecoder, ImageSize, Portrait, SequenceError, SequenceReader, content_blake3, grey_of,
+        read_colour, read_colour_frames, read_first_frame, read_frame,
     };
 }
 pub mod statistics {

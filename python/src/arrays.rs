@@ -7,7 +7,7 @@ use grimace::internal::{
     dataset::{LandmarkSelection, read_marks},
     model::{DynamicExpressionModel, FrameExpressionModel},
     pipeline::{FoundMarks, Workbench, found_marks_and_remark},
-    sequence::{Frame, grey_of, read_colour, read_frame},
+    sequence::{Frame, Portrait, grey_of, read_frame},
     track::{Track, track_model},
     units::Unit,
     wireframe::parse_node_or_feature_point,
@@ -64,14 +64,17 @@ impl Picture {
         }
     }
 
-    pub fn colour(&self) -> PyResult<RgbImage> {
-        match self {
-            Self::Path(path) => read_colour(path).map_err(to::<InputError>),
+    /// A photograph, as the commands read one: in the grey in which its face is read, and in colour.
+    pub fn portrait(self) -> PyResult<(Frame, RgbImage)> {
+        let (grey, colour) = match self {
+            Self::Path(path) => Portrait::read(&path).map(|read| (read.grey, read.picture)).map_err(to::<InputError>)?,
             Self::Grey(image) => {
-                Ok(RgbImage::from_fn(image.width(), image.height(), |x, y| image::Rgb([image.get_pixel(x, y).0[0]; 3])))
+                let colour = RgbImage::from_fn(image.width(), image.height(), |x, y| image::Rgb([image.get_pixel(x, y).0[0]; 3]));
+                (image, colour)
             }
-            Self::Colour(image) => Ok(image.clone()),
-        }
+            Self::Colour(image) => (grey_of(&image), image),
+        };
+        Ok((Frame::new(0, grey), colour))
     }
 }
 
@@ -105,11 +108,15 @@ impl Marks {
     }
 }
 
-/// The marks given, or those found in the frame; and where they come from.
-pub fn marks_or_found(marks: Option<&Marks>, frame: &Frame, bench: &Workbench) -> PyResult<(FoundMarks, &'static str)> {
+/// The marks given, or those found in the frame, in colour where it is given; and where they come from.
+pub fn marks_or_found(
+    marks: Option<&Marks>,
+    (frame, colour): (&Frame, Option<&RgbImage>),
+    bench: &Workbench,
+) -> PyResult<(FoundMarks, &'static str)> {
     match marks {
         Some(marks) => Ok((FoundMarks { marks: marks.read(bench)?, ..FoundMarks::default() }, "command line")),
-        None => Ok((found_marks_and_remark(frame, None, bench).map_err(to::<LocateError>)?, "found")),
+        None => Ok((found_marks_and_remark(frame, colour, bench).map_err(to::<LocateError>)?, "found")),
     }
 }
 

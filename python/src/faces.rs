@@ -32,8 +32,10 @@ pub fn locate<'py>(
     let picture = Picture::of(image)?;
     let options = LocateOptions { most_faces, least_eye_distance, every_size };
     let faces = run_long(py, None, false, move |_| {
-        let frame = picture.frame(0)?;
-        Ok(Locator::shipped().map_err(to::<LocateError>)?.locate(frame.image(), &options))
+        let (frame, colour) = picture.portrait()?;
+        let mut faces = Locator::shipped().map_err(to::<LocateError>)?.locate(frame.image(), &options);
+        faces.iter_mut().for_each(|face| _ = face.look_for_teeth(&colour));
+        Ok(faces)
     })?;
     let out = PyList::empty(py);
     for face in &faces {
@@ -71,8 +73,8 @@ pub fn fit<'py>(py: Python<'py>, image: &Bound<'py, PyAny>, marks: Option<Marks>
     let bench = bench(options)?;
     let used = std::sync::Arc::clone(&bench);
     let (fitted, size) = run_long(py, None, false, move |_| {
-        let frame = picture.frame(0)?;
-        let marks = marks_or_found(marks.as_ref(), &frame, &used)?.0.marks;
+        let (frame, colour) = picture.portrait()?;
+        let marks = marks_or_found(marks.as_ref(), (&frame, Some(&colour)), &used)?.0.marks;
         let size = frame.size();
         validate_correspondences(&marks, size.width, size.height).map_err(to::<FitError>)?;
         Ok((used.fit(&marks).map_err(to::<FitError>)?, size))

@@ -6,7 +6,6 @@ use grimace::internal::{
     clone::{CloneError as LibraryError, CloneOptions, SourceMotion, clone_expression},
     interpolation::FPS,
     pipeline::found_marks_and_remark,
-    sequence::Frame,
     synthesis::{self, Animation, Bank, EmbeddedBank, SynthesisOptions, Synthesizer, read_motion},
 };
 use numpy::{IntoPyArray, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3};
@@ -70,13 +69,10 @@ pub fn clone<'py>(
     let motion = source_of(&source, &bench)?;
     let picture = Picture::of(image)?;
     let (pixels, nodes, fps, apex) = run_long(py, progress, true, move |caller| {
-        let colour = picture.colour()?;
+        let (frame, colour) = picture.portrait()?;
         let marks = match marks {
             Some(marks) => marks.read(&bench)?,
-            None => {
-                let frame: Frame = picture.frame(0)?;
-                found_marks_and_remark(&frame, Some(&colour), &bench).map_err(to::<LocateError>)?.marks
-            }
+            None => found_marks_and_remark(&frame, Some(&colour), &bench).map_err(to::<LocateError>)?.marks,
         };
         let target = bench.target("target", colour, &marks).map_err(to::<CloneError>)?;
         let made = clone_expression(&motion, &target, None, &wanted, &bench).map_err(to::<CloneError>)?;

@@ -163,7 +163,7 @@ fn track_files(
     caller: &Caller<Track>,
 ) -> PyResult<Tracked> {
     let first = read_first_frame(&frames).map_err(to::<InputError>)?;
-    let (found, from) = marks_or_found(marks, &first, bench)?;
+    let (found, from) = marks_or_found(marks, (&first, None), bench)?;
     let total = match &frames {
         FrameSource::Images(files) => Some(files.len()),
         FrameSource::Video { .. } => None,
@@ -181,7 +181,7 @@ fn track_arrays(
 ) -> PyResult<Tracked> {
     let frames: Vec<Frame> = (1..).zip(pictures).map(|(number, picture)| picture.frame(number)).collect::<PyResult<_>>()?;
     let first = frames.first().ok_or_else(|| to::<TrackError>("there are no frames to track"))?;
-    let (found, from) = marks_or_found(marks, first, bench)?;
+    let (found, from) = marks_or_found(marks, (first, None), bench)?;
     let total = Some(frames.len());
     let source = SequenceSource { marks: found.marks, covered: found.covered, marks_from: from.to_owned(), ..labelled };
     tracked(track_pictures(&source, frames, bench, ticks(caller, total)), caller)

@@ -1,5 +1,6 @@
 //! Marks that were found in the neutral frame: proposed, and accepted without a look where they are sure enough.
 
+use image::RgbImage;
 use rayon::prelude::*;
 
 use super::{ProposalSource, ProposedMarks, desk::Desk};
@@ -7,16 +8,16 @@ use crate::{
     fit::Correspondence,
     locate::FacePart,
     pipeline::{FoundFace, found_face},
-    sequence::{Frame, read_first_frame},
+    sequence::{Frame, first_in_colour, read_first_frame},
     units::SequenceId,
 };
 
-/// Proposals from the face found in a frame, and a note where it is not trusted; `None` where there is no face.
+/// Proposals from the face found in a frame, which may be given in `colour`, too, and a note where it is not trusted; `None` where there is no face.
 ///
 /// # Errors
 /// What is wrong with the locator's model.
-pub fn propose_from_face(frame: &Frame) -> Result<Option<(ProposedMarks, Option<String>)>, String> {
-    let Some(face) = found_face(frame).map_err(|e| e.to_string())? else { return Ok(None) };
+pub fn propose_from_face(frame: &Frame, colour: Option<&RgbImage>) -> Result<Option<(ProposedMarks, Option<String>)>, String> {
+    let Some(face) = found_face(frame, colour).map_err(|e| e.to_string())? else { return Ok(None) };
     let covered = covered(&face);
     let FoundFace { marks, expected_error, trusted, .. } = face;
     let note = (!trusted).then(|| {
@@ -78,7 +79,8 @@ impl Desk {
     fn sure_marks(&self, id: &SequenceId, limit: f64) -> Result<Vec<Correspondence>, String> {
         let frames = self.neutral_frames(id).map_err(|e| e.to_string())?;
         let frame = read_first_frame(&frames).map_err(|e| e.to_string())?;
-        let face = found_face(&frame).map_err(|e| e.to_string())?.ok_or("no face was found")?;
+        let face =
+            found_face(&frame, first_in_colour(&frames).as_ref()).map_err(|e| e.to_string())?.ok_or("no face was found")?;
         let percent = 100.0 * face.expected_error;
         if !face.trusted || percent >= limit {
             return Err(format!("half of the points are expected to be more than {percent:.1} % of the eye distance off"));

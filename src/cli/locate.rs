@@ -217,10 +217,13 @@ fn locate(
     options: &LocateOptions,
     overlay: Option<(&Path, usize)>,
 ) -> anyhow::Result<Located> {
-    let frame = picture.read()?;
+    let (frame, colour) = picture.read()?;
     let size = frame.size();
     let image = frame.into_image();
-    let (faces, left_out) = locator.locate_counted(&image, options);
+    let (mut faces, left_out) = locator.locate_counted(&image, options);
+    if let Some(colour) = &colour {
+        faces.iter_mut().for_each(|face| _ = face.look_for_teeth(colour));
+    }
     if let Some((folder, number)) = overlay {
         let stem = Path::new(&picture.name).file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let points: Vec<_> =

@@ -103,19 +103,22 @@ pub fn check_free(path: &std::path::Path, force: bool) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The marks of a file; found in the frame of `picture` where no file is given, and what is to be said of that is said.
+/// The marks of a file; found in the frame of `picture`, in colour where it is given, too, where no file is given, and what is to be said of that is said.
 pub fn marks_or_found(
     path: Option<&Path>,
     bench: &Workbench,
     picture: &Path,
-    frame: impl FnOnce() -> anyhow::Result<Frame>,
+    frame: impl FnOnce() -> anyhow::Result<(Frame, Option<image::RgbImage>)>,
 ) -> anyhow::Result<FoundMarks> {
     match path {
         Some(path) => {
             let marks = read_marks(path, &LandmarkSelection::HighAndMedium, &bench.tables, bench.wireframe.node_count())?;
             Ok(FoundMarks { marks, ..FoundMarks::default() })
         }
-        None => marks_found(bench, picture, &frame()?, None),
+        None => {
+            let (frame, colour) = frame()?;
+            marks_found(bench, picture, &frame, colour.as_ref())
+        }
     }
 }
 

@@ -87,7 +87,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     if let Some(folder) = &args.overlay {
         OverlayFolder::check_apart(folder, [("this folder", args.sequence.as_path())])?;
     }
-    let found = marks_or_found(args.correspondences.as_deref(), &bench, &args.sequence, || Ok(read_first_frame(&frames)?))?;
+    let found =
+        marks_or_found(args.correspondences.as_deref(), &bench, &args.sequence, || Ok((read_first_frame(&frames)?, None)))?;
     let source = SequenceSource {
         id: id_of(&args.output),
         emotion: args.emotion.trim().to_lowercase(),

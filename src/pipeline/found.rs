@@ -138,12 +138,12 @@ pub(super) fn middle_of(marks: &[Correspondence]) -> Point2<f64> {
     Point2::from(sum / marks.len().max(1) as f64)
 }
 
-/// Finds the largest face of a frame; `None` where there is none.
+/// Finds the largest face of a frame, which may be given in `colour`, too; `None` where there is none.
 ///
 /// # Errors
 /// [`FoundMarksError::Model`].
-pub fn found_face(frame: &Frame) -> Result<Option<FoundFace>, FoundMarksError> {
-    Ok(found_faces(frame, None)?.into_iter().next())
+pub fn found_face(frame: &Frame, colour: Option<&RgbImage>) -> Result<Option<FoundFace>, FoundMarksError> {
+    Ok(found_faces(frame, colour)?.into_iter().next())
 }
 
 /// Finds the faces of a frame, the largest first. In `colour` a lower lip is told from teeth ([`LocatedFace::look_for_teeth`]).

@@ -5,12 +5,14 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use image::RgbImage;
+
 use crate::{
     dataset::{
         Dataset, DatasetError, FrameSource, IMAGE_EXTENSIONS, MANIFEST_COLUMNS, MANIFEST_NAME, is_picture, may_publish, visible,
     },
     input::CsvFile,
-    sequence::{Frame, SequenceError, read_first_frame, read_frame},
+    sequence::{Frame, Portrait, SequenceError, first_in_colour, read_first_frame},
 };
 
 /// A picture to look for faces in.
@@ -58,14 +60,14 @@ pub enum BatchError {
 }
 
 impl PictureSource {
-    /// Decodes the picture.
+    /// Decodes the picture, in the grey in which faces are read, and in colour, which the first frame of a video has not.
     ///
     /// # Errors
     /// [`SequenceError`] when it does not read.
-    pub fn read(&self) -> Result<Frame, SequenceError> {
+    pub fn read(&self) -> Result<(Frame, Option<RgbImage>), SequenceError> {
         match &self.frames {
-            Frames::File(path) => read_frame(path),
-            Frames::First(source) => read_first_frame(source),
+            Frames::File(path) => Portrait::read(path).map(|portrait| (Frame::new(0, portrait.grey), Some(portrait.picture))),
+            Frames::First(source) => Ok((read_first_frame(source)?, first_in_colour(source))),
         }
     }
 }

@@ -7,7 +7,7 @@ use image::{DynamicImage, GrayImage, ImageBuffer, Rgb, RgbImage, RgbaImage};
 use super::{
     DecodeError, GrayDecoder, SequenceError,
     decode::{bits_of, grey_of, other_pixels},
-    still::{Wanted, decode},
+    still::{Wanted, decode, is_jpeg},
     stream::{self, Next, Stream},
 };
 use crate::{
@@ -48,9 +48,12 @@ impl Portrait {
         let bytes = crate::input::read(path).map_err(DecodeError::from).map_err(fail)?;
         let image = decode(&bytes, Wanted::Colour).map_err(fail)?;
         let transparent = transparent_share(&image);
+        // The grey of these is that of their colours, but for JPEG, which stores its own.
+        let is_plain = matches!(image, DynamicImage::ImageRgb8(_)) && !is_jpeg(&bytes);
         let picture = on_white_of(image, &mut None).map_err(fail)?;
         // What lies under transparency is not seen, and may be anything.
-        let grey = if transparent > 0.0 { grey_of(&picture) } else { GrayDecoder::default().decode(&bytes).map_err(fail)? };
+        let by_colours = is_plain || transparent > 0.0;
+        let grey = if by_colours { grey_of(&picture) } else { GrayDecoder::default().decode(&bytes).map_err(fail)? };
         Ok(Self { picture, grey, transparent })
     }
 
@@ -84,6 +87,14 @@ fn transparent_share(image: &DynamicImage) -> f64 {
 fn read_with(path: &Path, bits: &mut Option<u32>) -> Result<RgbImage, SequenceError> {
     let decoded = crate::input::read(path).map_err(DecodeError::from).and_then(|bytes| decode_colour(&bytes, bits));
     decoded.map_err(|source| SequenceError::Decode { path: path.to_owned(), source })
+}
+
+/// The first frame of a sequence of pictures in colour; `None` of a video, which would be started again for it, and where it does not read.
+pub fn first_in_colour(source: &FrameSource) -> Option<RgbImage> {
+    match source {
+        FrameSource::Images(files) => read_colour(&files.first()?.path).ok(),
+        FrameSource::Video { .. } => None,
+    }
 }
 
 /// The colour frames of a sequence with their numbers, at most `wanted` of them held by the caller's choice of numbers. 16-bit channels are

@@ -26,7 +26,7 @@ pub enum Wanted {
 pub fn decode(bytes: &[u8], wanted: Wanted) -> Result<DynamicImage, DecodeError> {
     match bytes {
         [] => Err(DecodeError::Empty),
-        [0xFF, 0xD8, 0xFF, ..] => jpeg::decode(bytes, wanted),
+        _ if is_jpeg(bytes) => jpeg::decode(bytes, wanted),
         [0x89, b'P', b'N', b'G', ..] => {
             if wanted == Wanted::Grey
                 && let Some(grey) = grey_of_png(bytes)
@@ -68,6 +68,11 @@ pub fn decode(bytes: &[u8], wanted: Wanted) -> Result<DynamicImage, DecodeError>
         }
         _ => Err(DecodeError::NotAnImage { start: readable_start(bytes) }),
     }
+}
+
+/// Whether the bytes begin as a JPEG file does.
+pub fn is_jpeg(bytes: &[u8]) -> bool {
+    bytes.starts_with(&[0xFF, 0xD8, 0xFF])
 }
 
 /// The grey picture of a PNG file in plain colours, row by row, so that nothing holds these. `None` of any other file, and of one that does not

@@ -20,8 +20,8 @@ use grimace::internal::{
     },
     geometry::Similarity,
     input::{CsvFile, InputError},
-    pipeline::{FoundMarksError, PipelineOptions, Workbench, WorkbenchError, found_marks},
-    sequence::{SequenceError, read_colour, read_frame},
+    pipeline::{FoundMarksError, PipelineOptions, Workbench, WorkbenchError, found_marks_and_remark},
+    sequence::{self, Frame, SequenceError, read_colour},
     track::eye_distance_px,
     warp::{Texture, Warp, WarpError},
     wireframe::{Fapus, FapusError, Tables, Wireframe},
@@ -384,7 +384,10 @@ impl PortraitSource {
     /// The marks of the largest face of the photograph.
     fn find(&self) -> Result<Vec<Correspondence>, PortraitError> {
         let bench = Workbench::new(None, PipelineOptions::default()).map_err(|e| PortraitError::Workbench(Box::new(e)))?;
-        found_marks(&read_frame(&self.photograph)?, &bench).map_err(|source| PortraitError::NotFound {
+        let photograph = sequence::Portrait::read(&self.photograph)?;
+        let frame = Frame::new(0, photograph.grey);
+        let found = found_marks_and_remark(&frame, Some(&photograph.picture), &bench);
+        found.map(|found| found.marks).map_err(|source| PortraitError::NotFound {
             id: self.id.clone(),
             path: self.photograph.clone(),
             source: Box::new(source),
