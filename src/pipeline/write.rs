@@ -198,7 +198,7 @@ fn representative_json<'a>(class: &'a AnalyzedClass, bench: &Workbench) -> Repre
             .collect(),
         skin_people: class.skin.as_ref().ok().map(|skin| skin.people),
         // Who analyzes tracks has no pictures to say anything of.
-        no_skin: class.skin.as_ref().err().filter(|why| **why != NoSkin::TooFewPeople { found: 0 }).map(ToString::to_string),
+        no_skin: class.skin.as_ref().err().filter(|why| **why != NoSkin::NotCollected).map(ToString::to_string),
     }
 }
 
