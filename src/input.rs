@@ -174,7 +174,9 @@ impl CsvFile {
     /// As [`CsvFile::rows`], with the fields of a bad row as far as they read.
     pub fn rows_or_fields(&self) -> impl Iterator<Item = Result<CsvRow<'_>, (InputError, Vec<String>)>> {
         let fields = |text: &[u8]| -> Vec<String> {
-            let fields = split_fields(text, self.separator).unwrap_or_default();
+            // Bytes that are no UTF-8 are shown as such: what stands beside them says which row it is.
+            let text = String::from_utf8_lossy(text);
+            let fields = split_fields(text.as_bytes(), self.separator).unwrap_or_default();
             fields.iter().map(|field| without_apostrophe(field.trim()).to_owned()).collect()
         };
         self.records()

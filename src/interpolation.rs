@@ -11,6 +11,34 @@ pub const FRAMES_BETWEEN: usize = 5;
 /// Frames per second where neither motion nor user says.
 pub const FPS: u32 = 25;
 
+/// Most frames that are made evenly of frames that are not.
+pub(crate) const MOST_EVEN: u32 = 100_000;
+
+/// Frames that are evenly apart, in place of frames that are not.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Even {
+    /// The last of them, from 0; at least 1.
+    pub last: usize,
+    /// Frames per second.
+    pub fps: f64,
+}
+
+impl Even {
+    /// Frames over `seconds`, more than 0, from the first to the last, at a rate of `fps` or, so that the last one is met, nearly so.
+    ///
+    /// # Errors
+    /// The number of frames where there would be more than [`MOST_EVEN`].
+    pub fn over(seconds: f64, fps: f64) -> Result<Self, f64> {
+        let last = (fps * seconds).round().max(1.0);
+        if !(last < f64::from(MOST_EVEN)) {
+            return Err(last + 1.0);
+        }
+        // A rate that the times miss by rounding alone is kept.
+        let fps = if (fps * seconds - last).abs() < 1e-6 { fps } else { last / seconds };
+        Ok(Self { last: last as usize, fps })
+    }
+}
+
 /// A moment between key frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Moment {
@@ -134,6 +162,16 @@ mod tests {
 
     fn at(curve: &Curve, key: usize, share: f64) -> Option<f64> {
         curve.at(Moment { key, share })
+    }
+
+    #[test]
+    fn even_frames_meet_the_last_one_and_are_not_too_many() {
+        assert_eq!(Even::over(0.4, 25.0), Ok(Even { last: 10, fps: 25.0 }));
+        assert_eq!(Even::over(0.41, 25.0), Ok(Even { last: 10, fps: 10.0 / 0.41 }));
+        assert_eq!(Even::over(1e-3, 25.0), Ok(Even { last: 1, fps: 1e3 }));
+        assert_eq!(Even::over(99_999.0, 1.0).map(|even| even.last), Ok(99_999));
+        assert_eq!(Even::over(1e5, 1.0), Err(100_001.0));
+        assert!(Even::over(f64::NAN, 25.0).is_ok_and(|even| even.last == 1) && Even::over(f64::INFINITY, 25.0).is_err());
     }
 
     #[test]

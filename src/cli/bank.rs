@@ -8,6 +8,7 @@ use grimace::synthesis::{
     self, Bank, BuildOptions, EmbeddedBank, MAX_SUBDIVIDE, PerformanceOptions, arkit, build_bank, choose_members, mix_bank,
     perform, read_recipes, recipe_motions, source_files, write_feature_points, write_recipes,
 };
+use grimace::text::single_line;
 
 use super::{
     Outcome,
@@ -340,7 +341,7 @@ fn info(args: &InfoArgs) -> anyhow::Result<Outcome> {
 
 fn print_info(bank: &Bank) {
     let info = bank.info();
-    let or_unknown = |text: &str| if text.is_empty() { "not stated".to_owned() } else { text.to_owned() };
+    let or_unknown = |text: &str| if text.is_empty() { "not stated".to_owned() } else { single_line(text).into_owned() };
     let bytes = 12 * bank.vertex_count() * bank.member_count();
     println!("vertices        {}", bank.vertex_count());
     println!("triangles       {}", bank.mesh().triangles().len());
@@ -363,6 +364,6 @@ fn print_info(bank: &Bank) {
     for (member, name) in bank.names().iter().enumerate() {
         let square = |d: &[f32; 3]| d.iter().map(|c| c * c).sum::<f32>();
         let largest = bank.displacements(member).iter().map(square).fold(0.0, f32::max).sqrt();
-        println!("  {name:<24} {largest:.4}");
+        println!("  {:<24} {largest:.4}", single_line(name));
     }
 }

@@ -27,7 +27,7 @@ use indicatif::ProgressBar;
 use super::{
     Outcome,
     apart::{check_apart, check_folder_name, check_outside, maybe},
-    clone_again::{holds_a_batch, inputs_hash, made_before, pictures_hash},
+    clone_again::{holds_a_batch, inputs_hash, made_before, pictures_hash, record_of},
     clone_skin::{SkinChoice, SourceSkin, skin_of},
     portrait,
     progress::frame_bar,
@@ -411,8 +411,8 @@ impl Job<'_> {
         self.check_inputs(source, folder)?;
         let options = self.args.options(&source.motion);
         let inputs_blake3 = self.inputs_blake3(source, &options);
-        let before = if self.args.general.force { None } else { made_before(folder, &target.name, &inputs_blake3) };
-        if let Some(apex) = before {
+        let record = record_of(folder)?.filter(|_| !self.args.general.force);
+        if let Some(apex) = record.and_then(|info| made_before(folder, &info, &target.name, &inputs_blake3)) {
             if !self.args.general.quiet && self.args.source.len() * self.args.target.len() == 1 {
                 println!("{} holds this clone already, of the same files and options: nothing written", folder.display());
             }

@@ -3,7 +3,8 @@
 use std::{fs, path::Path};
 
 use grimace::{
-    clone::FRAMES_RECORD,
+    clone::{CLONE_SCHEMA, FRAMES_RECORD},
+    input::{RecordError, read_record},
     output::{FolderRecord, MADE_BY},
 };
 use image::RgbImage;
@@ -26,9 +27,19 @@ pub fn pictures_hash(pictures: &[RgbImage]) -> String {
     hasher.finalize().to_hex().to_string()
 }
 
-/// The apex frame of the clone that is in a folder, if it is finished, was made of these inputs, and nobody changed it since.
-pub fn made_before(folder: &Path, target: &str, inputs_blake3: &str) -> Option<RgbImage> {
-    let info: Value = serde_json::from_slice(&fs::read(folder.join("clone.json")).ok()?).ok()?;
+/// The record of the clone that is in a folder, if there is one that reads. One of a later version is refused.
+pub fn record_of(folder: &Path) -> anyhow::Result<Option<Value>> {
+    let path = folder.join("clone.json");
+    let Ok(bytes) = fs::read(&path) else { return Ok(None) };
+    match read_record(&bytes, CLONE_SCHEMA) {
+        Err(newer @ RecordError::Newer { .. }) => anyhow::bail!("{}: {newer}, or choose another folder", path.display()),
+        // A damaged one is of no finished clone.
+        read => Ok(read.ok()),
+    }
+}
+
+/// The apex frame of the clone that is in a folder and has this record, if it was made of these inputs, and nobody changed it since.
+pub fn made_before(folder: &Path, info: &Value, target: &str, inputs_blake3: &str) -> Option<RgbImage> {
     let is_same = info["inputs_blake3"].as_str() == Some(inputs_blake3);
     let is_whole = || FolderRecord::open(folder, FRAMES_RECORD, false).is_ok_and(|record| record.is_whole());
     if !is_same || !is_whole() || !BESIDE.iter().all(|name| folder.join(name).is_file()) {
@@ -42,4 +53,24 @@ pub fn made_before(folder: &Path, target: &str, inputs_blake3: &str) -> Option<R
 pub fn holds_a_batch(folder: &Path) -> bool {
     let is_clone = |entry: fs::DirEntry| entry.path().join(FRAMES_RECORD).is_file();
     fs::read_dir(folder).is_ok_and(|entries| entries.flatten().any(is_clone))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_record_of_a_later_version_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let record = |text: &str| {
+            fs::write(folder.path().join("clone.json"), text).unwrap();
+            record_of(folder.path()).map_err(|e| e.to_string())
+        };
+        assert!(record("{\"schema_version\": 1, \"apex_frame\": 3}").unwrap().is_some_and(|info| info["apex_frame"] == 3));
+        assert_eq!(record("{\"schema_version\": 1,").unwrap(), None);
+        let said = record("{\"schema_version\": 9}").unwrap_err();
+        assert!(said.contains("clone.json: schema version 9; this program reads 1"), "{said}");
+        fs::remove_file(folder.path().join("clone.json")).unwrap();
+        assert_eq!(record_of(folder.path()).unwrap(), None);
+    }
 }

@@ -86,6 +86,15 @@ impl Repeated {
     }
 }
 
+/// What a sequence that failed is called. A row of a manifest of which nothing reads has no name, but its reason begins with file and line.
+pub fn name_of(subject: &str, sequence: &str, reason: &str) -> String {
+    if subject.is_empty() && sequence.is_empty() {
+        reason.split_once(": ").map_or(reason, |(place, _)| place).to_owned()
+    } else {
+        format!("{subject}_{sequence}")
+    }
+}
+
 /// Says of sequences that failed why, with the table that has all reasons, if it was written.
 pub fn say_failures<'a>(failures: impl IntoIterator<Item = &'a Failure>, table: Option<&Path>) {
     lines_of(failures, table).iter().for_each(|line| eprintln!("{line}"));
@@ -110,9 +119,13 @@ pub fn say_unlisted(models: &[AnalyzedModel], dataset: Option<&Dataset>) {
 fn lines_of<'a>(failures: impl IntoIterator<Item = &'a Failure>, table: Option<&Path>) -> Vec<String> {
     let (mut repeated, mut lines) = (Repeated::default(), Vec::new());
     for Failure { subject, sequence, stage, reason } in failures {
-        let id = format!("{subject}_{sequence}");
-        let line = format!("failed: {id} at {stage}: {reason}");
-        if repeated.is_first(&id, reason, &line) {
+        let name = name_of(subject, sequence, reason);
+        let line = if reason.starts_with(&name) {
+            format!("failed at {stage}: {reason}")
+        } else {
+            format!("failed: {name} at {stage}: {reason}")
+        };
+        if repeated.is_first(&name, reason, &line) {
             lines.push(line);
         }
     }
@@ -140,6 +153,19 @@ mod tests {
         assert!(!repeated.is_first("S006_001", "the file is empty", "S006_001: the file is empty"));
         let more = "3 more sequences failed in the same way as S001_001: S002_001; S003_001; S004_001; their reasons are in failures.csv";
         assert_eq!(repeated.rest(Some("failures.csv")), [more, "S006_001: the file is empty"]);
+    }
+
+    #[test]
+    fn a_row_without_a_name_is_named_by_its_line() {
+        let row = |line: u32| Failure {
+            subject: String::new(),
+            sequence: String::new(),
+            stage: Stage::Dataset,
+            reason: format!("data/manifest.csv, line {line}: a quotation mark is not closed"),
+        };
+        let said = lines_of(&[row(3), row(5), row(8)], None);
+        let more = "2 more sequences failed in the same way as data/manifest.csv, line 3: data/manifest.csv, line 5; data/manifest.csv, line 8";
+        assert_eq!(said, ["failed at dataset: data/manifest.csv, line 3: a quotation mark is not closed", more]);
     }
 
     #[test]

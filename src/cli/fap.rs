@@ -10,8 +10,8 @@ use anyhow::{Context as _, bail, ensure};
 use grimace::{
     fap::{
         FapFile, FapFrame, FapMask, FapNumber, FapReadError, FapSequence, FapSummary, FapWriteError, Finding, Profile,
-        SequenceSummary, Severity, ValueFormat, check_fap, check_lips, fap_text, is_for_greta, read_fap_bytes, read_tidy_csv,
-        write_fap_as, write_tidy_csv,
+        SequenceSummary, Severity, ValueFormat, beyond_range, check_fap, check_lips, fap_text, is_for_greta, read_fap_bytes,
+        read_tidy_csv, write_fap_as, write_tidy_csv,
     },
     input::is_stdin,
     interpolation::FPS,
@@ -77,7 +77,8 @@ struct CheckArgs {
 #[command(after_help = "Examples:\n  grimace fap convert joy.fap --fps 50 -o joy50.fap\n  \
     grimace fap convert joy.fap --mask 3-13,31-38 --profile greta -o greta/joy.fap\n  \
     grimace fap convert joy.fap -o joy.csv\n\n\
-    A CSV table has the columns frame,fap,name,value, a row for every FAP that a frame sets.")]
+    A CSV table has the columns frame,fap,name,value, a row for every FAP that a frame sets.\n\n\
+    Values beyond the range of the standard are written as they are, and named in a warning.")]
 struct ConvertArgs {
     /// The file to convert: a CSV table if its name ends in .csv, else a .fap file.
     #[arg(value_name = "FILE")]
@@ -306,6 +307,12 @@ fn convert(args: &ConvertArgs) -> anyhow::Result<Outcome> {
     if to_csv {
         write_tidy_csv(output, &sequence)?;
         return Ok(Outcome::Done);
+    }
+    for Finding { line: frame, field, message, times, .. } in beyond_range(&sequence) {
+        let more = if times > 1 { format!("; so it is in {times} frames") } else { String::new() };
+        eprintln!(
+            "warning: {field} in frame {frame}: {message}{more}; it is written as it is, and readers may limit or refuse it"
+        );
     }
     let format = if values == Values::Integer { ValueFormat::Integer } else { ValueFormat::Float };
     if is_stdin(output) {

@@ -8,7 +8,7 @@ use std::sync::{
 use grimace::pipeline::Event;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use super::failures::Repeated;
+use super::failures::{Repeated, name_of};
 
 /// Bar over sequences with a count of frames and the time left. Hidden when standard error is no terminal.
 #[derive(Debug)]
@@ -41,7 +41,7 @@ impl SequenceBar {
             }
             Event::Finished { id, failure, .. } => {
                 if let Some(reason) = failure {
-                    let id = id.to_string();
+                    let id = name_of(&id.subject, &id.sequence, reason);
                     let line = if reason.contains(&id) { reason.clone() } else { format!("{id}: {reason}") };
                     if self.repeated.lock().unwrap_or_else(PoisonError::into_inner).is_first(&id, reason, &line) {
                         self.bar.suspend(|| eprintln!("{line}"));

@@ -43,7 +43,7 @@ SEGMENTS.csv is a manifest for `run`, `annotate` and `locate`, a row for every e
 the recording's name), emotion, frames, first_frame (neutral) and last_frame (apex; it may lie before the neutral one), correspondences, fps, \
 and how sure it is, 0 to 1. Beside it stands a folder of the same name with the marks and a picture of every proposal, and a row for every \
 frame of every recording: phase, pose, action units. Emotions are not recognized: correct the labels in the table. Run again with --force, recordings \
-that did not change are kept, and so is what was written into the table of the same frames. See docs/recordings.md.
+that did not change are kept, and so is what was written into the table of the same frames; rows that were deleted there stay deleted. See docs/recordings.md.
 
 Exit status: 0 done, 3 where nothing is proposed for a recording, 1 where that is so for all of them.")]
 pub struct Args {
@@ -256,11 +256,13 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     let added = earlier.columns().to_vec();
     let given = GivenForAll { emotion: args.emotion.trim() != UNLABELLED, subject: args.subject.is_some() };
-    for note in earlier.keep_in(&mut rows, given) {
+    let (notes, proposed) = earlier.keep_in(&mut rows, given);
+    for note in notes {
         eprintln!("note: {note}");
     }
     let marks = folder.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     write_segments(&args.output, &marks, &added, &rows)?;
+    proposed.write(&args.output)?;
     if !args.general.quiet {
         println!("{} written to {}", count(rows.len(), "sequence", "sequences"), args.output.display());
     }

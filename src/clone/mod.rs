@@ -205,6 +205,19 @@ pub enum CloneError {
         /// Most frames.
         most: usize,
     },
+    /// More frames between those of a motion than make sense.
+    #[error(
+        "{name}: with frames put between where some are missing or have times of their own it has {frames} frames; at most {most} are \
+         made: give the track its rate, or number its frames one by one"
+    )]
+    TooManyBetween {
+        /// Name of the motion.
+        name: String,
+        /// Frames that there would be.
+        frames: f64,
+        /// Most frames.
+        most: u32,
+    },
     /// A FAP file that is longer than what is made of it.
     #[error(
         "{path}: {frames} frames; at most {most} are shown: give it fewer frames a second (`grimace fap convert --fps`), or take a part of it"

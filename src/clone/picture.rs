@@ -37,22 +37,30 @@ impl Sheet {
         self.rows.push(even(pictures, self.max_height));
     }
 
-    /// Draws the sheet.
+    /// Width of every column: what stands below each other is one moment, or one expression.
+    fn columns(&self) -> Vec<u32> {
+        let count = self.rows.iter().map(Vec::len).max().unwrap_or(0);
+        let width = |k: usize| self.rows.iter().filter_map(|row| row.get(k)).map(|p| p.picture.width()).max().unwrap_or(0);
+        (0..count).map(width).collect()
+    }
+
+    /// Draws the sheet; pictures stand in the middle of their columns.
     pub fn draw(&self) -> RgbImage {
-        let width_of = |row: &Vec<Labelled>| row.iter().map(|p| p.picture.width() + GAP).sum::<u32>() + GAP;
+        let columns = self.columns();
         let picture_height = |row: &Vec<Labelled>| row.first().map_or(0, |p| p.picture.height());
         let height_of =
             |row: &Vec<Labelled>| picture_height(row) + if row.iter().any(|p| !p.label.is_empty()) { LABEL_HEIGHT } else { 0 };
-        let width = self.rows.iter().map(width_of).max().unwrap_or(GAP);
+        let width = columns.iter().map(|width| width + GAP).sum::<u32>() + GAP;
         let height = self.rows.iter().map(|row| height_of(row) + GAP).sum::<u32>() + GAP;
         let mut sheet = RgbImage::from_pixel(width, height, PAPER);
         let mut y = GAP;
         for row in &self.rows {
             let mut x = GAP;
-            for Labelled { picture, label } in row {
-                image::imageops::replace(&mut sheet, picture, i64::from(x), i64::from(y));
-                write_label(&mut sheet, label, x + 2, y + picture_height(row) + 5, picture.width().saturating_sub(4));
-                x += picture.width() + GAP;
+            for (Labelled { picture, label }, column) in row.iter().zip(&columns) {
+                let left = x + (column - picture.width()) / 2;
+                image::imageops::replace(&mut sheet, picture, i64::from(left), i64::from(y));
+                write_label(&mut sheet, label, left + 2, y + picture_height(row) + 5, picture.width().saturating_sub(4));
+                x += column + GAP;
             }
             y += height_of(row) + GAP;
         }
@@ -248,5 +256,19 @@ mod tests {
         // A row with a label is higher by the line it is written on.
         sheet.push_labelled_row(vec![Labelled { picture: frames()[0].clone(), label: "ab".to_owned() }]);
         assert_eq!(sheet.draw().dimensions(), (84, 38 + 10 + LABEL_HEIGHT + 6));
+    }
+
+    #[test]
+    fn pictures_of_other_widths_stand_in_columns() {
+        let red = image::Rgb([200, 0, 0]);
+        let row = |width: u32| vec![RgbImage::from_pixel(width, 10, red); 2];
+        let mut sheet = Sheet::new(100);
+        sheet.push_row(row(20));
+        sheet.push_row(row(8));
+        let drawn = sheet.draw();
+        assert_eq!(drawn.dimensions(), (2 * 20 + 3 * GAP, 2 * 10 + 3 * GAP));
+        // The second of the narrow ones is in the middle of the second column: 32 to 51.
+        let is_red = |x: u32| *drawn.get_pixel(x, 10 + 2 * GAP + 5) == red;
+        assert!(!is_red(37) && (38..46).all(is_red) && !is_red(46));
     }
 }

@@ -90,6 +90,19 @@ pub struct SkinSample {
 /// Why people have no mean skin.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum NoSkin {
+    /// Nobody has looked: only a run has the pictures.
+    #[error("skins are collected by `run`, which has the pictures")]
+    NotCollected,
+    /// No pictures at all.
+    #[error(
+        "no sequence has pictures that may be shown ({landmarks} driven by landmarks, {hidden} of people who may not be shown)"
+    )]
+    NoPictures {
+        /// Sequences that landmarks drive.
+        landmarks: usize,
+        /// Sequences with pictures that may not be shown.
+        hidden: usize,
+    },
     /// Too few people with pictures.
     #[error("{found} of at least {LEAST_SKIN_PEOPLE} people have pictures that show folds")]
     TooFewPeople {

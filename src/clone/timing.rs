@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::{CloneError, SourceKind, SourceMotion};
 use crate::{
     geometry::Similarity,
-    interpolation::{self, FPS, cubic, slopes, smooth_step},
+    interpolation::{self, Even, FPS, MOST_EVEN, cubic, slopes, smooth_step},
     wireframe::Wireframe,
 };
 
@@ -176,20 +176,23 @@ impl SourceMotion {
     }
 
     /// The motion with frames that are evenly apart, at its own rate.
-    pub fn evenly(&self) -> Self {
-        let Some(end) = self.times.as_ref().and_then(|times| times.last()) else { return self.clone() };
-        let fps = self.fps.unwrap_or(f64::from(FPS));
-        let last = ((end * fps).round().max(1.0) as usize).min(MAX_FRAMES - 1);
+    ///
+    /// # Errors
+    /// [`CloneError::TooManyBetween`] where too many frames would be put between its own.
+    pub fn evenly(&self) -> Result<Self, CloneError> {
+        let Some(&end) = self.times.as_ref().and_then(|times| times.last()) else { return Ok(self.clone()) };
+        let Even { last, fps } = Even::over(end, self.fps.unwrap_or(f64::from(FPS)))
+            .map_err(|frames| CloneError::TooManyBetween { name: self.name.clone(), frames, most: MOST_EVEN })?;
         let course = self.course();
         let moments: Vec<Moment> = (0..=last).map(|k| course.at(self.place(k as f64 / last as f64))).collect();
-        Self {
+        Ok(Self {
             head: moments.iter().map(|moment| moment.head).collect(),
             frames: moments.iter().filter_map(|moment| self.frames.get(moment.nearest).cloned()).collect(),
             offsets: moments.into_iter().map(|moment| moment.offsets).collect(),
-            fps: Some(last as f64 / end),
+            fps: Some(fps),
             times: None,
             ..self.clone()
-        }
+        })
     }
 
     /// The place between frames at a share of the way through the motion's time.
@@ -309,6 +312,20 @@ mod tests {
         assert_eq!(moments.len(), 11);
         assert!((moments[2].offsets[31] - motion.offsets[2][31]).norm() < 1e-6);
         assert!((moments[10].offsets[31] - motion.offsets[4][31]).norm() < 1e-9);
+    }
+
+    #[test]
+    fn too_many_frames_between_are_refused_by_name() {
+        let of = |last: f64| SourceMotion {
+            kind: SourceKind::Track,
+            times: Some(vec![0.0, 0.1, 0.2, 0.3, last]),
+            fps: Some(10.0),
+            ..happiness()
+        };
+        let even = of(1.0).evenly().unwrap();
+        assert_eq!((even.frame_count(), even.fps, even.times), (11, Some(10.0), None));
+        let said = of(20_240_201.0).evenly().unwrap_err().to_string();
+        assert!(said.starts_with("happiness: with frames put between") && said.contains("202402011 frames"), "{said}");
     }
 
     #[test]

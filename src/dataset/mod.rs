@@ -18,7 +18,7 @@ mod unread;
 
 use std::path::{Path, PathBuf};
 
-use crate::units::SequenceId;
+use crate::{text::message, units::SequenceId};
 
 pub use cohn_kanade::emotion_code;
 pub use entry::{CorrespondenceSource, PUBLISH_COLUMN, SEGMENT_COLUMN, SequenceEntry, is_publish_column, may_publish};
@@ -85,6 +85,13 @@ pub struct FailedEntry {
     pub sequence: String,
     /// Why.
     pub error: DatasetError,
+}
+
+impl FailedEntry {
+    /// Why, as messages and tables say it.
+    pub(crate) fn reason(&self) -> String {
+        message(&self.error.to_string()).into_owned()
+    }
 }
 
 /// A sequence left out on purpose.

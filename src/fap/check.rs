@@ -4,7 +4,7 @@ use super::{
     catalog::{Directionality, FapCatalog, FapNumber},
     finding::{Finding, Findings, Rule, Severity},
     parser::{ParsedFap, parse_fap},
-    sequence::FapFrame,
+    sequence::{FapFrame, FapSequence},
 };
 
 /// Checks the bytes of a FAP file against the strict subset that every known reader takes.
@@ -31,6 +31,16 @@ pub fn check_fap(bytes: &[u8]) -> Vec<Finding> {
     all.extend(findings.into_sorted());
     all.sort_by_key(|finding| finding.line);
     all
+}
+
+/// The FAPs of a sequence that are beyond the range of the standard in some frame: the first of each, with the number of the frame, from 0, in
+/// place of the line.
+pub fn beyond_range(sequence: &FapSequence) -> Vec<Finding> {
+    let mut findings = Findings::default();
+    for (index, frame) in sequence.frames.iter().enumerate() {
+        ranges(&mut findings, FapCatalog::mpeg4(), index, frame);
+    }
+    findings.into_sorted()
 }
 
 /// Values outside the range of the standard.
@@ -125,6 +135,21 @@ mod tests {
     #[test]
     fn values_within_range_pass_at_their_limits() {
         assert_eq!(check(&[&[(3, 0.0), (31, -1800.0)], &[(3, 4320.0), (31, 1800.0)]]), []);
+    }
+
+    #[test]
+    fn frames_beyond_the_range_are_named_by_their_number() {
+        let frame = |value: f64| {
+            let mut frame = FapFrame::default();
+            frame.set_value(fap(3), Some(value));
+            frame
+        };
+        let frames = [0.0, 4320.0, 5000.0, 6000.0, -7.0].map(frame).to_vec();
+        let sequence = FapSequence { version: "2.1".into(), name: "x".into(), fps: 25.0, frames };
+        let found = beyond_range(&sequence);
+        let said: Vec<_> = found.iter().map(|f| (f.line, f.field.as_str(), f.rule, f.times)).collect();
+        assert_eq!(said, [(2, "FAP 3", Rule::Range, 2), (4, "FAP 3", Rule::Unidirectional, 1)]);
+        assert_eq!(found[0].message, "open_jaw is 5000; the standard allows 0 to 4320");
     }
 
     #[test]

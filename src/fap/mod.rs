@@ -22,7 +22,7 @@ mod tidy;
 mod writer;
 
 pub use catalog::{Directionality, FapCatalog, FapMotion, FapNumber, FapRow, FrontalRating, HighLevelField, ParseFapNumberError};
-pub use check::{check_fap, check_lips};
+pub use check::{beyond_range, check_fap, check_lips};
 pub(crate) use convert::FAP_UNITS_PER_FAPU;
 pub use convert::{Clamped, ConvertError, measure_faps, offsets_from_frame, unlimited_faps};
 pub use finding::{Finding, Rule, Severity};

@@ -27,7 +27,7 @@ pub(super) fn class(
 ) -> Result<AnalyzedClass, AnalysisError> {
     let FapOptions { fps, between, .. } = bench.options.fap;
     let (fap, clamped) = FapSequence::from_model(&representative.model, fapus, FapCatalog::mpeg4(), &stem, fps, between)?;
-    let skin = Err(NoSkin::TooFewPeople { found: 0 });
+    let skin = Err(NoSkin::NotCollected);
     Ok(AnalyzedClass { representative, stem, fap, clamped, subjects, interval, skin })
 }
 

@@ -73,6 +73,11 @@ impl LandmarkSource {
 
     /// Everything the track depends on.
     pub(super) fn inputs(&self, bench: &Workbench) -> Result<Inputs, SequenceFailure> {
+        self.inputs_beside(&self.image_numbers(), bench)
+    }
+
+    /// [`LandmarkSource::inputs`] beside images of these numbers.
+    fn inputs_beside(&self, images: &[u32], bench: &Workbench) -> Result<Inputs, SequenceFailure> {
         let mut hasher = blake3::Hasher::new();
         let mut part = |bytes: &[u8]| {
             hasher.update(&(bytes.len() as u64).to_le_bytes());
@@ -91,7 +96,7 @@ impl LandmarkSource {
         part(&serde_json::to_vec(&depends).unwrap_or_default());
         part(self.id.to_string().as_bytes());
         part(format!("{:?} {:?}", self.first_frame, self.last_frame).as_bytes());
-        self.image_numbers().iter().for_each(|number| part(&number.to_le_bytes()));
+        images.iter().for_each(|number| part(&number.to_le_bytes()));
         self.face.iter().for_each(|face| part(face.as_bytes()));
         for mark in self.marks.iter().flatten() {
             part(&mark.node.0.to_le_bytes());
@@ -125,12 +130,14 @@ impl LandmarkSource {
 
     /// [`LandmarkSource::track_read`] of files that nobody changes meanwhile; also the hash of what was read.
     pub(super) fn track(&self, bench: &Workbench) -> (Option<String>, Result<Read, SequenceFailure>) {
-        let before = match self.inputs(bench) {
+        // Images only say which frames there are: they are listed once.
+        let images = self.image_numbers();
+        let before = match self.inputs_beside(&images, bench) {
             Ok(inputs) => inputs,
             Err(failure) => return (None, Err(failure)),
         };
-        let tracked = self.track_read(bench);
-        match self.inputs(bench) {
+        let tracked = self.track_read(&images, bench);
+        match self.inputs_beside(&images, bench) {
             Ok(after) if after == before => {
                 let inputs_blake3 = after.with_rate(self.fps);
                 let tracked = tracked.map(|(frames, info)| (frames, TrackInfo { inputs_blake3: inputs_blake3.clone(), ..info }));
@@ -149,7 +156,7 @@ impl LandmarkSource {
     }
 
     /// Fits the wireframe to the neutral frame and drives it through the others.
-    fn track_read(&self, bench: &Workbench) -> Result<(Vec<TrackedFrame>, TrackInfo), SequenceFailure> {
+    fn track_read(&self, images: &[u32], bench: &Workbench) -> Result<(Vec<TrackedFrame>, TrackInfo), SequenceFailure> {
         let (read, sequence) = self.read(bench)?;
         let plan = bench.landmark_plan().map_err(SequenceFailure::at(Stage::Track))?;
         let neutral = sequence.frames.first().and_then(|frame| frame.points.as_deref()).unwrap_or_default();
@@ -168,7 +175,7 @@ impl LandmarkSource {
             image_size: ImageSize { width: 0, height: 0 },
             fps: clock.fps,
             times: clock.times,
-            notes: sequence.ends_early(&self.image_numbers()),
+            notes: sequence.ends_early(images),
             marks_from: self.marks_from.to_owned(),
             marks: marks.iter().map(|m| (m.node.0, m.position.x, m.position.y, m.kind == MarkKind::Hard)).collect(),
             read: Vec::new(),

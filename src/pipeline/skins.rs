@@ -21,29 +21,47 @@ use crate::{
 /// Most classes that a warning names.
 const MOST_NAMED: usize = 6;
 
-/// Frames of the sequences whose pictures may be shown: a mean of faces is a picture of faces.
-pub(super) fn picture_sources(planned: &[Planned<'_>], bench: &Workbench) -> BTreeMap<SequenceId, FrameSource> {
-    let shown = planned.iter().filter_map(|item| {
-        let source = item.images()?;
-        bench.options.shows(&source.metadata).then(|| (item.id.clone(), source.frames.clone()))
-    });
-    shown.collect()
+/// What sequences have pictures.
+#[derive(Default)]
+pub(super) struct Pictures {
+    /// Frames of those whose pictures may be shown: a mean of faces is a picture of faces.
+    shown: BTreeMap<SequenceId, FrameSource>,
+    /// Those whose pictures may not be shown.
+    hidden: BTreeSet<SequenceId>,
+}
+
+/// The pictures of sequences; those that landmarks drive have none.
+pub(super) fn picture_sources(planned: &[Planned<'_>], bench: &Workbench) -> Pictures {
+    let mut pictures = Pictures::default();
+    for (item, source) in planned.iter().filter_map(|item| Some((item, item.images()?))) {
+        if bench.options.shows(&source.metadata) {
+            pictures.shown.insert(item.id.clone(), source.frames.clone());
+        } else {
+            pictures.hidden.insert(item.id.clone());
+        }
+    }
+    pictures
+}
+
+/// Why a class of which `found` people have pictures that may be shown has no skin, where these are too few.
+fn too_few(sequences: &[SequenceId], found: usize, pictures: &Pictures) -> NoSkin {
+    if found > 0 {
+        return NoSkin::TooFewPeople { found };
+    }
+    let hidden = sequences.iter().filter(|id| pictures.hidden.contains(id)).count();
+    NoSkin::NoPictures { landmarks: sequences.len() - hidden, hidden }
 }
 
 /// Gives every class its skin, or the reason why it has none; returns what a person should know.
 ///
 /// One sequence of each person is read, of [`MOST_SKIN_PEOPLE`] people of a class at most, so that time and memory are bounded however many
 /// there are. A picture that does not read any more leaves its person out.
-pub(super) fn collect_skins(
-    analysis: &mut Analysis,
-    sources: &BTreeMap<SequenceId, FrameSource>,
-    out: &Path,
-    stop: &AtomicBool,
-) -> Vec<String> {
+pub(super) fn collect_skins(analysis: &mut Analysis, pictures: &Pictures, out: &Path, stop: &AtomicBool) -> Vec<String> {
+    let sources = &pictures.shown;
     let chosen: Vec<Vec<SequenceId>> = analysis.classes.iter().map(|class| one_of_each(class, sources)).collect();
     let Some(layout) = chosen.iter().any(|ids| ids.len() >= LEAST_SKIN_PEOPLE).then(SkinLayout::new).flatten() else {
         for (class, ids) in analysis.classes.iter_mut().zip(&chosen) {
-            class.skin = Err(NoSkin::TooFewPeople { found: ids.len() });
+            class.skin = Err(too_few(&class.representative.sequences, ids.len(), pictures));
         }
         return Vec::new();
     };
@@ -62,7 +80,10 @@ pub(super) fn collect_skins(
         let samples: BTreeMap<SequenceId, SkinSample> = ids.par_iter().filter_map(measure).collect();
         for (class, ids) in analysis.classes[from..from + count].iter_mut().zip(&chosen[from..]) {
             let own: Vec<&SkinSample> = ids.iter().filter_map(|id| samples.get(id)).collect();
-            class.skin = Skin::mean(&own);
+            class.skin = match ids.as_slice() {
+                [] => Err(too_few(&class.representative.sequences, 0, pictures)),
+                _ => Skin::mean(&own),
+            };
             if matches!(class.skin, Err(NoSkin::NoShading { .. })) {
                 flat.push(class.stem.clone());
             }
@@ -97,4 +118,21 @@ fn measured(layout: &SkinLayout, source: &FrameSource, out: &Path, id: &Sequence
     let nodes = |frame: &TrackedFrame| frame.nodes.iter().map(|n| n.position).collect::<Vec<_>>();
     let picture = |frame: &TrackedFrame| pictures.iter().find(|(number, _)| *number == frame.number).map(|(_, p)| p);
     layout.measure((picture(first)?, &nodes(first)), (picture(last)?, &nodes(last)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn why_there_are_no_pictures_is_said() {
+        let id = |k: u32| SequenceId { subject: format!("S{k:03}"), sequence: "1".to_owned() };
+        let sequences: Vec<SequenceId> = (0..5).map(id).collect();
+        let hidden = [id(3), id(9)].into();
+        let pictures = Pictures { hidden, ..Pictures::default() };
+        let said = |found| too_few(&sequences, found, &pictures).to_string();
+        let expected = "no sequence has pictures that may be shown (4 driven by landmarks, 1 of people who may not be shown)";
+        assert_eq!(said(0), expected);
+        assert_eq!(said(2), "2 of at least 5 people have pictures that show folds");
+    }
 }

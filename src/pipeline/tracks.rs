@@ -15,7 +15,6 @@ use crate::{
     dataset::Dataset,
     features::Course,
     statistics::SequenceModel,
-    text::message,
     track::{TrackInfo, TrackQuality, neutral_first, read_track, read_track_info, summarize},
     units::SequenceId,
 };
@@ -96,7 +95,7 @@ fn load_all(
     }
     // Damaged rows that no track was refused for: doubles, and those whose names do not read.
     for row in dataset.iter().flat_map(|d| &d.failures) {
-        let reason = message(&row.error.to_string()).into_owned();
+        let reason = row.reason();
         if !failures.iter().any(|f| f.stage == Stage::Dataset && f.reason == reason) {
             failures.push(Failure {
                 subject: row.subject.clone(),
@@ -139,11 +138,7 @@ fn load(
             dataset.and_then(|d| d.failures.iter().find(|row| (&row.subject, &row.sequence) == (&id.subject, &id.sequence)))
     {
         // What a damaged row meant is not what an earlier one said.
-        return Err(SequenceFailure {
-            stage: Stage::Dataset,
-            reason: message(&row.error.to_string()).into_owned(),
-            fatal: false,
-        });
+        return Err(SequenceFailure { stage: Stage::Dataset, reason: row.reason(), fatal: false });
     }
     // Without the file beside it, only the manifest knows that a sequence goes back in time.
     let frames = match listed.and_then(|entry| entry.first_frame) {

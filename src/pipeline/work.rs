@@ -28,7 +28,6 @@ use crate::{
     overlay::png_bytes,
     sequence::read_first_frame,
     statistics::SequenceModel,
-    text::message,
     track::{Corrections, TrackQuality, TrackedFrame, corrections_path},
     units::SequenceId,
 };
@@ -96,12 +95,11 @@ pub(super) enum Source {
 impl Planned<'_> {
     /// A row of the manifest that is damaged.
     pub fn damaged(row: &FailedEntry) -> Self {
-        let reason = message(&row.error.to_string()).into_owned();
         Self {
             id: SequenceId { subject: row.subject.clone(), sequence: row.sequence.clone() },
             emotion: String::new(),
             entry: None,
-            source: Err(SequenceFailure { stage: Stage::Dataset, reason, fatal: false }),
+            source: Err(SequenceFailure { stage: Stage::Dataset, reason: row.reason(), fatal: false }),
         }
     }
 

@@ -198,7 +198,7 @@ fn representative_json<'a>(class: &'a AnalyzedClass, bench: &Workbench) -> Repre
             .collect(),
         skin_people: class.skin.as_ref().ok().map(|skin| skin.people),
         // Who analyzes tracks has no pictures to say anything of.
-        no_skin: class.skin.as_ref().err().filter(|why| **why != NoSkin::TooFewPeople { found: 0 }).map(ToString::to_string),
+        no_skin: class.skin.as_ref().err().filter(|why| **why != NoSkin::NotCollected).map(ToString::to_string),
     }
 }
 
@@ -293,7 +293,10 @@ fn write_trimming(path: &Path, analysis: &Analysis, bench: &Workbench) -> Result
 /// [`OutputError`].
 pub(super) fn write_failures(path: &Path, failures: &[Failure]) -> Result<blake3::Hash, OutputError> {
     let rows = failures.iter().map(|f| {
-        let id = SequenceId { subject: f.subject.clone(), sequence: f.sequence.clone() }.to_string();
+        // A row of which nothing reads has no name; its reason has file and line.
+        let is_named = !(f.subject.is_empty() && f.sequence.is_empty());
+        let id = SequenceId { subject: f.subject.clone(), sequence: f.sequence.clone() };
+        let id = if is_named { id.to_string() } else { String::new() };
         vec![f.subject.clone(), f.sequence.clone(), f.stage.to_string(), f.reason.clone(), id]
     });
     write_table(path, &["subject", "sequence", "stage", "reason", "id"], &[], rows)

@@ -144,7 +144,7 @@ fn lengths(fapus: &Fapus) -> Vec<f64> {
 /// A motion: offsets of all nodes, its time, and its FAPs.
 fn motion(shown: &Shown, neutral: &FrameExpressionModel<FaceUnit>, canonical: &Fapus, wire: &Wire) -> Result<Value, PlayerError> {
     // The page shows frames evenly.
-    let motion = &shown.motion.evenly();
+    let motion = &shown.motion.evenly()?;
     let flat: Vec<f64> = motion.offsets.iter().flatten().flat_map(|o| [o.x, o.y]).collect();
     Ok(json!({
         "name": motion.name,

@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use super::FpMotion;
 use crate::{
     fap::FapNumber,
-    interpolation::{Curve, FPS, FRAMES_BETWEEN, Moment},
+    interpolation::{Curve, Even, FPS, FRAMES_BETWEEN, Moment},
     units::FeaturePoint,
 };
 
@@ -69,9 +69,6 @@ pub struct Motion {
     pub uneven: Option<usize>,
 }
 
-/// Most frames that are put between those of a source.
-const MOST_EVEN: f64 = 100_000.0;
-
 /// Share of the farthest motion that tracking may give a point at rest.
 pub const NOISE: f64 = 0.05;
 
@@ -103,17 +100,12 @@ impl Motion {
     /// and from its first to its last frame, as clones and pages show it.
     ///
     /// # Errors
-    /// The number of frames where there would be more than 100,000.
+    /// The number of frames where there would be more than [`MOST_EVEN`](crate::interpolation::MOST_EVEN).
     pub(crate) fn evenly(&self, times: &[f64]) -> Result<Self, f64> {
         let (Some(&end), true) = (times.last(), times.len() == self.frames.len()) else { return Ok(self.clone()) };
-        let last = (end * self.fps.unwrap_or(f64::from(FPS))).round().max(1.0);
-        if !(last < MOST_EVEN) {
-            return Err(last + 1.0);
-        }
-        let frames = self.at((0..=last as usize).map(|k| Moment::at_time(times, k as f64 / last * end)));
-        // A rate that the times miss by rounding alone is kept.
-        let fps = self.fps.map(|fps| if (fps * end - last).abs() < 1e-6 { fps } else { last / end });
-        Ok(Self { frames, fps, uneven: Some(self.frames.len()), ..self.clone() })
+        let Even { last, fps } = Even::over(end, self.fps.unwrap_or(f64::from(FPS)))?;
+        let frames = self.at((0..=last).map(|k| Moment::at_time(times, k as f64 / last as f64 * end)));
+        Ok(Self { frames, fps: self.fps.map(|_| fps), uneven: Some(self.frames.len()), ..self.clone() })
     }
 
     /// Frames at moments between its own.

@@ -32,6 +32,12 @@ fn counts_frames(numbers: &[u32]) -> bool {
     })
 }
 
+/// Whether ascending numbers may count frames, some of them missing, where the rate is known: in all they are not much more than those there.
+fn may_count_frames(numbers: &[u32]) -> bool {
+    let span = || numbers.first().zip(numbers.last()).map_or(0, |(first, last)| u64::from(last.saturating_sub(*first)));
+    whole_steps(numbers).map_or_else(span, |(_, all)| all) <= MOST_FILLED * numbers.len() as u64
+}
+
 /// When the frames of a track are shown, one after the other as its table has them: their rate where known, and where frames are missing or
 /// have times of their own the seconds from the first to each. `info` is what stands beside the table. Where nobody knows a rate, frames
 /// are counted at [`FPS`], if their numbers count frames. They may go back in time, as from an apex; in no order, nobody knows when they are shown.
@@ -45,9 +51,12 @@ pub(crate) fn clock_of_frames(numbers: &[u32], info: Option<&TrackInfo>) -> Cloc
         numbers.reverse();
     }
     let clock = match info.filter(|info| info.clock() != Clock::default()) {
-        Some(info) => info.clock_of_numbers(numbers.iter().copied()),
+        // Numbers of a video are its frames, however few of them are there.
+        Some(info) if info.times.is_some() || info.is_of_video() || may_count_frames(&numbers) => {
+            info.clock_of_numbers(numbers.iter().copied())
+        }
         None if counts_frames(&numbers) => by_number(Clock::even(Some(f64::from(FPS))), true, numbers.iter().copied()),
-        None => return Clock::even(fps),
+        _ => return Clock::even(fps),
     };
     let (Some(&first), true) = (numbers.first(), numbers.is_sorted_by(|a, b| a < b)) else { return Clock::even(fps) };
     let times: Option<Vec<f64>> = numbers.iter().map(|number| clock.seconds(number - first)).collect();
@@ -68,7 +77,16 @@ pub(crate) fn clock_of_frames(numbers: &[u32], info: Option<&TrackInfo>) -> Cloc
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
     use super::*;
+    use crate::{
+        fit::FitOptions,
+        sequence::ImageSize,
+        track::{TRACK_SCHEMA, TrackOptions, read_track, summarize},
+        units::SequenceId,
+        wireframe::Face,
+    };
 
     #[test]
     fn frames_that_are_missing_take_their_time() {
@@ -92,5 +110,50 @@ mod tests {
         // Pictures numbered in steps, of which one is a frame: the rate of numbers is so much higher.
         assert_eq!(by_number(Clock::even(Some(12.5)), true, [2, 4, 10]), Clock::even(Some(25.0)));
         assert_eq!(by_number(Clock::even(Some(12.5)), false, [2, 4, 10]), Clock::even(Some(12.5)));
+    }
+
+    fn info_of_landmarks(fps: f64) -> TrackInfo {
+        let face = Face::candide3();
+        let track = read_track("fixtures/simulated/truth/S001_005.csv".as_ref()).unwrap();
+        TrackInfo {
+            schema_version: TRACK_SCHEMA,
+            made_by: String::new(),
+            units: BTreeMap::new(),
+            id: SequenceId { subject: "S001".to_owned(), sequence: "005".to_owned() },
+            emotion: "happiness".to_owned(),
+            metadata: BTreeMap::new(),
+            source: vec!["landmarks.csv".to_owned()],
+            image_size: ImageSize { width: 0, height: 0 },
+            fps: Some(fps),
+            times: None,
+            notes: Vec::new(),
+            marks_from: "landmarks".to_owned(),
+            marks: Vec::new(),
+            read: Vec::new(),
+            fit: FitOptions::default(),
+            track: TrackOptions::default(),
+            summary: summarize(&track, &face.wireframe, &face.tables),
+            inputs_blake3: String::new(),
+            frames_blake3: None,
+            csv_blake3: String::new(),
+            neutral_frame: None,
+            apex_frame: None,
+            corrections: None,
+        }
+    }
+
+    #[test]
+    fn numbers_that_count_something_else_put_nothing_between_at_a_known_rate() {
+        // Of landmarks: nobody knows what their numbers count.
+        let mut info = info_of_landmarks(25.0);
+        let clock = |numbers: &[u32], info: &TrackInfo| clock_of_frames(numbers, Some(info));
+        for other in [&[20_240_101, 20_240_102, 20_240_201][..], &[0, 33, 66, 100, 133], &[1, 2, 900]] {
+            assert_eq!(clock(other, &info), Clock::even(Some(25.0)), "{other:?}");
+        }
+        let missing = |info: &TrackInfo| clock(&[1, 5, 9, 20], info).times.unwrap_or_default();
+        assert_eq!(missing(&info), [0.0, 0.16, 0.32, 0.76]);
+        // A video counts its frames, and who has times of their own is believed.
+        (info.source, info.image_size) = (vec!["smile.mp4".to_owned()], ImageSize { width: 64, height: 48 });
+        assert_eq!(clock(&[1, 2, 901], &info).times.unwrap_or_default(), [0.0, 0.04, 36.0]);
     }
 }

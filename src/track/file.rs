@@ -144,6 +144,11 @@ impl TrackInfo {
         by_number(self.clock(), self.source.len() > 1 && self.image_size.width > 0, numbers)
     }
 
+    /// Whether it was made from a video: one file, with pictures.
+    pub(crate) fn is_of_video(&self) -> bool {
+        self.source.len() == 1 && self.image_size.width > 0
+    }
+
     /// Nodes with a mark, and where it is, px.
     pub fn mark_places(&self) -> Vec<(NodeId, Point2<f64>)> {
         self.marks.iter().map(|&(node, x, y, _)| (NodeId(node), Point2::new(x, y))).collect()

@@ -49,6 +49,21 @@ fn a_folder_becomes_a_bank_that_says_what_is_in_it() {
 }
 
 #[test]
+fn what_a_bank_file_holds_stays_on_its_line() {
+    let work = Work::new();
+    meshes(&work);
+    work.grimace("bank build meshes -o face.bank --unit cm --credit abcde").exit(0);
+    let mut bytes = work.bytes("face.bank");
+    // A line break in a name and in the credit, as JSON within JSON has it.
+    for (found, odd) in [(b"abcde", br"a\\ne"), (b"smile", br"s\\ne")] {
+        let at = bytes.windows(5).position(|w| w == found).unwrap();
+        bytes.splice(at..at + 5, odd.iter().copied());
+    }
+    work.write("odd.bank", bytes);
+    work.grimace("bank info odd.bank").exit(0).prints(&["credit          a\\ne\n", "  s\\ne "]);
+}
+
+#[test]
 fn no_file_that_a_bank_is_built_from_is_written_over() {
     let work = Work::new();
     meshes(&work);

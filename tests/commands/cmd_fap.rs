@@ -235,6 +235,16 @@ fn convert_of_a_strict_file_is_identity() {
 }
 
 #[test]
+fn convert_names_what_is_beyond_the_range_of_the_standard() {
+    let work = Work::new();
+    work.write("big.csv", "frame,fap,name,value\n0,3,open_jaw,0\n1,3,open_jaw,9000\n2,3,open_jaw,4000\n");
+    let said = "warning: FAP 3 in frame 1: open_jaw is 9000; the standard allows 0 to 4320; it is written as it is";
+    work.fap("convert big.csv --fps 25 -o big.fap").success().stderr(contains(said));
+    assert!(work.read("big.fap").contains("\n1 9000\n"));
+    work.fap("check --strict big.fap").code(1);
+}
+
+#[test]
 fn convert_refuses_to_overwrite_without_force() {
     let work = Work::new();
     work.write("joy.fap", strict()).write("out.fap", "mine");

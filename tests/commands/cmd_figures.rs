@@ -66,6 +66,10 @@ fn a_run_gives_figures_as_svg_and_pdf_with_captions() {
     drop(record);
     work.grimace("figures results -o figures --force -q").exit(0);
     work.write("file", "").grimace("figures results -o file --force").exit(1).says(&["file: this is a file"]);
+    // A run that has not come to its end is said.
+    work.write("results/run.journal", "representatives/happiness.csv\t\n");
+    work.grimace("figures results -o half -q").exit(0).says(&["note: results: the run is not finished (run.journal is there)"]);
+    std::fs::remove_file(work.path("results/run.journal")).unwrap();
     // What is missing is said.
     let record = work.read("results/run.json");
     for name in ["bands.csv", "trimming.csv", "features/S001_005.csv"] {

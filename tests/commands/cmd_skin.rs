@@ -59,6 +59,8 @@ fn a_run_collects_the_skin_of_a_class_and_a_clone_puts_it_on() {
     assert_eq!(work.bytes("again/representatives/happiness_skin.png"), skin);
     work.grimace("run faces -o again -q --no-faces --force").exit(0);
     assert!(!work.files("again").contains_key("representatives/happiness_skin.png"));
+    let why = json(&work, "again/representatives/happiness.json")["no_skin"].clone();
+    assert_eq!(why, "no sequence has pictures that may be shown (0 driven by landmarks, 5 of people who may not be shown)");
 }
 
 #[test]

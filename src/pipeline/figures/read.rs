@@ -7,7 +7,7 @@ use std::{
 
 use serde::Deserialize;
 
-use super::FiguresError;
+use super::{super::ledger::JOURNAL, FiguresError};
 use crate::{
     fap::{FapCatalog, FapMotion},
     features::{ACTION_UNITS, Course, FrameFeatures, Intensity},
@@ -74,6 +74,8 @@ pub struct Results {
     pub people: usize,
     /// Sequences of all classes, and how many of them have no features.
     without_features: [usize; 2],
+    /// Whether a run into the folder has not come to its end.
+    unfinished: bool,
     /// Tables that are not there, each with what it holds for figures.
     missing: Vec<(&'static str, &'static str)>,
 }
@@ -87,7 +89,14 @@ const TABLES: [(&str, &str); 2] = [
 impl Results {
     /// What is not shown, and for want of which file.
     pub fn left_out(&self) -> Vec<String> {
-        let mut said: Vec<String> = self.missing.iter().map(|(name, what)| format!("{name} is not there: {what}")).collect();
+        let mut said = Vec::new();
+        if self.unfinished {
+            said.push(format!(
+                "the run is not finished ({JOURNAL} is there): what is shown may be of this run and of an earlier one; run the same command \
+                 again to finish it, then make the figures anew"
+            ));
+        }
+        said.extend(self.missing.iter().map(|(name, what)| format!("{name} is not there: {what}")));
         let [all, without] = self.without_features;
         if without > 0 {
             let what = if without == all {
@@ -157,7 +166,8 @@ impl Results {
         let significance = run.map_or_else(CompareOptions::default, |r| r.options.groups.compare).significance;
         let without_features = [with_features.len(), with_features.values().filter(|there| !**there).count()];
         let missing = TABLES.into_iter().filter(|(name, _)| !out.join(name).exists()).collect();
-        Ok(Self { pairs: pairs(out)?, classes, significance, people, without_features, missing })
+        let unfinished = out.join(JOURNAL).exists();
+        Ok(Self { pairs: pairs(out)?, classes, significance, people, without_features, unfinished, missing })
     }
 }
 

@@ -13,6 +13,7 @@ use crate::{
     correspondence::write_correspondences,
     features::ACTION_UNITS,
     fit::MarkKind,
+    input::{RecordError, read_record},
     output::{self, MADE_BY, OutputError, is_inside, nine_digits, write_records},
     overlay::{png_bytes, thumbnail},
     pipeline::Workbench,
@@ -88,10 +89,14 @@ fn inputs_of(recording: &Recording, content: &str, options: &SegmentOptions, ben
     hasher.finalize().to_hex().to_string()
 }
 
-/// The record of a recording in a folder, if there is one.
-fn read_record(folder: &Path, stem: &str) -> Option<RecordingFiles> {
-    let bytes = crate::input::read(&folder.join(format!("{stem}.json"))).ok()?;
-    serde_json::from_slice(&bytes).ok()
+/// The record of a recording in a folder, if there is one that reads. One of a later version is refused.
+fn record_of(folder: &Path, stem: &str) -> Result<Option<RecordingFiles>, RecordingError> {
+    let path = folder.join(format!("{stem}.json"));
+    let Ok(bytes) = crate::input::read(&path) else { return Ok(None) };
+    match read_record(&bytes, SCHEMA) {
+        Err(source @ RecordError::Newer { .. }) => Err(RecordingError::Newer { path, source }),
+        read => Ok(read.ok()),
+    }
 }
 
 /// What became of a file since it was written.
@@ -148,7 +153,7 @@ pub fn reuse_recording(
     bench: &Workbench,
     pictures: bool,
 ) -> Result<Option<RecordingFiles>, RecordingError> {
-    let Some(files) = read_record(folder, &recording.stem) else { return Ok(None) };
+    let Some(files) = record_of(folder, &recording.stem)? else { return Ok(None) };
     let inputs = recording_inputs_blake3(recording, options, bench)?;
     if files.inputs_blake3 != inputs || !files.is_whole(folder, pictures) {
         return Ok(None);
@@ -179,7 +184,7 @@ fn withdraw_pictures(folder: &Path, stem: &str, mut files: RecordingFiles) -> Re
 /// is to be said of these.
 fn make_room(folder: &Path, stem: &str) -> Result<Vec<String>, RecordingError> {
     let mut notes = Vec::new();
-    let Some(old) = read_record(folder, stem) else { return Ok(notes) };
+    let Some(old) = record_of(folder, stem)? else { return Ok(notes) };
     for (name, hash) in old.files.iter().filter(|(name, _)| is_inside(name)) {
         let path = folder.join(name);
         match since(folder, name, hash) {
@@ -399,4 +404,24 @@ pub fn write_segments(path: &Path, folder: &str, more: &[String], rows: &[Segmen
     };
     let header = SEGMENT_COLUMNS.iter().map(|name| (*name).to_owned()).chain(more.iter().cloned());
     write_records(path, header.collect::<Vec<_>>(), rows.iter().map(row)).map(|_| ())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_record_of_a_later_version_is_refused_and_its_files_stay() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        std::fs::write(at("talk.json"), "{\"schema_version\": 9, \"files\": [\"talk-01.csv\"]}").unwrap();
+        std::fs::write(at("talk-01.csv"), "node,x,y\n").unwrap();
+        let said = make_room(folder.path(), "talk").unwrap_err().to_string();
+        assert!(said.contains("talk.json: schema version 9; this program reads 2"), "{said}");
+        assert!(at("talk.json").is_file() && at("talk-01.csv").is_file());
+        // One that does not read is of nothing that is finished.
+        std::fs::write(at("talk.json"), "{\"schema_version\": 2,").unwrap();
+        assert!(make_room(folder.path(), "talk").is_ok_and(|notes| notes.is_empty()));
+        assert!(make_room(folder.path(), "walk").is_ok());
+    }
 }

@@ -31,6 +31,7 @@ use crate::{
     dataset::FrameSource,
     features::frame_steps,
     fit::Correspondence,
+    input::RecordError,
     output::OutputError,
     pose::{HeadPose, PoseError},
     segment::{Phase, RecordedFrame, SegmentError, SegmentOptions, segment},
@@ -192,6 +193,14 @@ pub enum RecordingError {
     Nothing {
         /// Why, a sentence each.
         reasons: Vec<String>,
+    },
+    /// The record of an earlier time is of a later version.
+    #[error("{}: {source}, or choose another folder", path.display())]
+    Newer {
+        /// The record.
+        path: PathBuf,
+        /// Its version.
+        source: RecordError,
     },
     /// A file cannot be written.
     #[error(transparent)]
