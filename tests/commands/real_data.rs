@@ -64,8 +64,10 @@ fn parted_lips_of_real_smiles_are_found_and_said() {
         let row = rows.iter().find(|row| is_it(&row["image"]) && row["node"] == node).unwrap();
         ["x", "y"].map(|axis| row[axis].parse().unwrap())
     };
-    for (state, range) in pictures.iter().zip([-0.03..0.03, 0.10..0.30]) {
-        for picture in state {
+    let closed = [-0.03..0.03, -0.03..0.03, -0.03..0.03, -0.03..0.03];
+    let parted = [0.10..0.30, 0.10..0.30, 0.10..0.30, 0.05..0.20];
+    for (state, ranges) in pictures.iter().zip([closed, parted]) {
+        for (picture, range) in state.iter().zip(ranges) {
             // Inner edges of the lips over the distance of the outer corners of the eyes, which is 1.4 to 1.5 of the eye distance.
             let gap = (at(picture, "40")[1] - at(picture, "87")[1])
                 / (1.45_f64.recip() * (at(picture, "20")[0] - at(picture, "53")[0]));
