@@ -8,7 +8,7 @@ use grimace::{
     output::{self, nine_digits},
     overlay::{draw_overlay, png_bytes},
     pipeline::{NeutralFit, PipelineOptions},
-    sequence::{Frame, Portrait},
+    sequence::{read_colour, read_frame},
     track::{eye_distance_px, neutral_nodes},
 };
 use serde::Serialize;
@@ -89,9 +89,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         ..PipelineOptions::default()
     };
     let bench = args.general.workbench(options)?;
-    let Portrait { picture, grey, .. } = Portrait::read(&args.image)?;
-    let frame = Frame::new(0, grey);
-    let in_colour = || Ok((frame.clone(), Some(picture)));
+    let frame = read_frame(&args.image)?;
+    let in_colour = || Ok((frame.clone(), Some(read_colour(&args.image)?)));
     let marks = marks_or_found(args.correspondences.as_deref(), &bench, &args.image, in_colour)?.marks;
     let in_file = || args.correspondences.as_ref().unwrap_or(&args.image).display().to_string();
     let size = frame.size();

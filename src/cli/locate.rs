@@ -10,7 +10,7 @@ use grimace::{
     locate::{FacePart, LocateOptions, LocatedFace, Locator, Model, TRUSTED},
     output::{self, nine_digits},
     overlay::{draw_points, png_bytes},
-    pipeline::{PictureSource, pictures_of},
+    pipeline::{PictureSource, ReadPicture, pictures_of},
     sequence::ImageSize,
 };
 use rayon::prelude::*;
@@ -149,6 +149,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         eprintln!("{failure}");
     }
     for (picture, faces) in pictures.iter().zip(&found) {
+        if let Ok(Located { remark: Some(said), .. }) = faces {
+            eprintln!("note: {}: {said}", picture.name);
+        }
         match faces {
             Err(reason) => {
                 unreadable += 1;
@@ -209,6 +212,8 @@ struct Located {
     /// How many more there may be.
     left_out: usize,
     size: ImageSize,
+    /// What is to be said of the picture.
+    remark: Option<String>,
 }
 
 fn locate(
@@ -217,7 +222,7 @@ fn locate(
     options: &LocateOptions,
     overlay: Option<(&Path, usize)>,
 ) -> anyhow::Result<Located> {
-    let (frame, colour) = picture.read()?;
+    let ReadPicture { frame, colour, remark } = picture.read()?;
     let size = frame.size();
     let image = frame.into_image();
     let (mut faces, left_out) = locator.locate_counted(&image, options);
@@ -231,5 +236,5 @@ fn locate(
         let path = folder.join(format!("{:04}_{stem}.png", number + 1));
         output::write_bytes(&path, &png_bytes(&draw_points(&image, &points))?)?;
     }
-    Ok(Located { faces, left_out, size })
+    Ok(Located { faces, left_out, size, remark })
 }

@@ -77,7 +77,7 @@ pub use method::Method;
 pub use model_file::{ModelFileError, read_model, write_model};
 pub use neutral::{NeutralFit, by_hand, fit_beside};
 pub use overlays::{OverlayFolder, overlay_pictures};
-pub use pictures::{PictureSource, pictures_of};
+pub use pictures::{PictureSource, ReadPicture, pictures_of};
 pub use recognition::{
     NONE_LEVEL, RecognitionResults, RecognizedRow, left_out_said, recognition_header, recognition_record, write_recognition,
 };

@@ -25,6 +25,17 @@ pub struct PictureSource {
     frames: Frames,
 }
 
+/// A picture to look for faces in, decoded.
+#[derive(Clone, Debug)]
+pub struct ReadPicture {
+    /// In the grey in which faces are read: of a file as it is seen on white, of a sequence as it is tracked.
+    pub frame: Frame,
+    /// In colour, which the first frame of a video has not.
+    pub colour: Option<RgbImage>,
+    /// What a person should know of it.
+    pub remark: Option<String>,
+}
+
 #[derive(Clone, Debug)]
 enum Frames {
     File(PathBuf),
@@ -60,14 +71,20 @@ pub enum BatchError {
 }
 
 impl PictureSource {
-    /// Decodes the picture, in the grey in which faces are read, and in colour, which the first frame of a video has not.
+    /// Decodes the picture.
     ///
     /// # Errors
     /// [`SequenceError`] when it does not read.
-    pub fn read(&self) -> Result<(Frame, Option<RgbImage>), SequenceError> {
+    pub fn read(&self) -> Result<ReadPicture, SequenceError> {
         match &self.frames {
-            Frames::File(path) => Portrait::read(path).map(|portrait| (Frame::new(0, portrait.grey), Some(portrait.picture))),
-            Frames::First(source) => Ok((read_first_frame(source)?, first_in_colour(source))),
+            Frames::File(path) => {
+                let portrait = Portrait::read(path)?;
+                let remark = portrait.remark();
+                Ok(ReadPicture { frame: Frame::new(0, portrait.grey), colour: Some(portrait.picture), remark })
+            }
+            Frames::First(source) => {
+                Ok(ReadPicture { frame: read_first_frame(source)?, colour: first_in_colour(source), remark: None })
+            }
         }
     }
 }

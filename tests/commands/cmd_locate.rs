@@ -1,6 +1,6 @@
 //! `grimace locate`, and marks that nobody set.
 
-use std::fs;
+use std::{collections::BTreeMap, fs};
 
 use image::{GrayImage, Luma};
 
@@ -114,6 +114,79 @@ fn a_covered_mouth_is_named_and_its_points_are_expected_to_be_far_off() {
     }
     // Too much of it is a guess to go on without a look.
     work.grimace("fit covered.png -o fit.csv").exit(1).says(&["not trusted", "and the mouth and the chin look covered"]);
+}
+
+/// A portrait between whose lips teeth were drawn, a fifth of the mouth's width high: what lies below moves down.
+fn with_teeth(work: &Work) -> image::RgbImage {
+    let portrait = image::open(root().join("fixtures/portraits/P01.jpg")).unwrap().to_rgb8();
+    portrait.save(work.path("closed.png")).unwrap();
+    work.grimace("locate closed.png -o closed.csv").exit(0);
+    let at = |node: &str| {
+        let row = work.rows("closed.csv").into_iter().find(|row| row["node"] == node).unwrap();
+        ["x", "y"].map(|axis| row[axis].parse::<f64>().unwrap())
+    };
+    let ([right, _], [left, _], [_, line]) = (at("64"), at("31"), at("87"));
+    let (middle, half) = (0.5 * (left + right), 0.5 * (left - right));
+    let mut drawn = portrait.clone();
+    for x in (middle - 0.85 * half) as u32..=(middle + 0.85 * half) as u32 {
+        let height = (0.2 * half * (1.0 - ((f64::from(x) - middle) / half).powi(2))).round() as u32;
+        let top = line.round() as u32;
+        for y in top..top + height {
+            drawn.put_pixel(x, y, image::Rgb([205, 205, 200]));
+        }
+        for y in 0..(0.3 * half) as u32 {
+            drawn.put_pixel(x, top + height + y, *portrait.get_pixel(x, top + y));
+        }
+    }
+    drawn
+}
+
+#[test]
+fn teeth_are_told_from_a_lower_lip_by_colour() {
+    let work = Work::new();
+    let drawn = with_teeth(&work);
+    drawn.save(work.path("colour.png")).unwrap();
+    image::imageops::grayscale(&drawn).save(work.path("grey.png")).unwrap();
+    for command in ["locate", "fit"] {
+        let gap = |picture: &str| {
+            work.grimace(&format!("{command} {picture}.png -o {command}_{picture}.csv")).exit(0);
+            let rows = work.rows(&format!("{command}_{picture}.csv"));
+            let y = |node: &str| rows.iter().find(|row| row["node"] == node).unwrap()["y"].parse::<f64>().unwrap();
+            y("40") - y("87")
+        };
+        // What was drawn is about 8 px high.
+        let (colour, grey) = (gap("colour"), gap("grey"));
+        assert!((6.0..12.0).contains(&colour) && grey < 2.0, "{command}: {colour} and {grey} px");
+    }
+}
+
+#[test]
+fn a_transparent_picture_is_read_as_it_is_seen_on_white() {
+    let work = Work::new();
+    let portrait = image::open(root().join("fixtures/portraits/P01.jpg")).unwrap().to_rgb8();
+    let (width, height) = portrait.dimensions();
+    // Its left part was taken out, face and all: what lies beneath is still the face.
+    let is_out = |x: u32| x < width * 2 / 5;
+    let clear = image::RgbaImage::from_fn(width, height, |x, y| {
+        let [r, g, b] = portrait.get_pixel(x, y).0;
+        image::Rgba([r, g, b, if is_out(x) { 0 } else { 255 }])
+    });
+    let white =
+        image::RgbImage::from_fn(width, height, |x, y| if is_out(x) { image::Rgb([255; 3]) } else { *portrait.get_pixel(x, y) });
+    clear.save(work.path("clear.png")).unwrap();
+    white.save(work.path("white.png")).unwrap();
+    let found = |name: &str| {
+        let ran = work.grimace(&format!("locate {name}.png -o {name}.csv"));
+        let numbers = |row: BTreeMap<String, String>| [row["x"].clone(), row["y"].clone(), row["expected_error"].clone()];
+        (
+            work.rows(&format!("{name}.csv")).into_iter().map(numbers).collect::<Vec<_>>(),
+            ran.stderr.contains("40 % of the picture is transparent"),
+        )
+    };
+    let (beneath, said) = found("clear");
+    let (seen, said_of_white) = found("white");
+    assert_eq!((said, said_of_white), (true, false));
+    assert_eq!(beneath, seen);
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Whole recordings: `grimace segment`, recordings in a manifest, and sequences whose apex was recorded first.
 
-use std::fs;
+use std::{collections::BTreeMap, fs};
 
 use crate::common::{Work, root, video::matroska};
 
@@ -39,24 +39,26 @@ fn record(work: &Work, folder: &str, shots: &[Shot]) {
 /// Frames of 480 x 320 px before an even wall, each with portraits whose eyes are about 55 px apart, at (name, x, share of that size).
 fn record_before_a_wall(work: &Work, folder: &str, frames: &[Vec<(&str, i64, f64)>]) {
     fs::create_dir_all(work.path(folder)).unwrap();
+    let mut drawn = BTreeMap::new();
     for (k, faces) in frames.iter().enumerate() {
         let mut frame = image::RgbImage::from_pixel(480, 320, image::Rgb([120; 3]));
         for (name, x, share) in faces {
-            let face = image::open(root().join("fixtures/portraits").join(name)).unwrap().to_rgb8();
-            let side = |side: u32| (f64::from(side) * 0.5 * share).round() as u32;
-            let face =
-                image::imageops::resize(&face, side(face.width()), side(face.height()), image::imageops::FilterType::Triangle);
-            image::imageops::replace(&mut frame, &face, *x, 20);
+            let face = drawn.entry((*name, share.to_bits())).or_insert_with(|| {
+                let face = image::open(root().join("fixtures/portraits").join(name)).unwrap().to_rgb8();
+                let side = |side: u32| (f64::from(side) * 0.5 * share).round() as u32;
+                image::imageops::resize(&face, side(face.width()), side(face.height()), image::imageops::FilterType::Triangle)
+            });
+            image::imageops::replace(&mut frame, face, *x, 20);
         }
         frame.save(work.path(&format!("{folder}/r_{:05}.jpg", k + 1))).unwrap();
     }
 }
 
-fn number(row: &std::collections::BTreeMap<String, String>, column: &str) -> i64 {
+fn number(row: &BTreeMap<String, String>, column: &str) -> i64 {
     row[column].parse().unwrap_or_else(|_| panic!("{column} is `{}`", row[column]))
 }
 
-fn number_of(row: &std::collections::BTreeMap<String, String>, column: &str) -> f64 {
+fn number_of(row: &BTreeMap<String, String>, column: &str) -> f64 {
     row[column].parse().unwrap()
 }
 
