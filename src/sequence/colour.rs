@@ -48,8 +48,8 @@ impl Portrait {
         let bytes = crate::input::read(path).map_err(DecodeError::from).map_err(fail)?;
         let image = decode(&bytes, Wanted::Colour).map_err(fail)?;
         let transparent = transparent_share(&image);
-        // The grey of these is that of their colours, but for JPEG, which stores its own.
-        let is_plain = matches!(image, DynamicImage::ImageRgb8(_)) && !is_jpeg(&bytes);
+        // The grey of these is that of their colours, and their own where these are grey, but for JPEG, which stores its own.
+        let is_plain = matches!(image, DynamicImage::ImageRgb8(_) | DynamicImage::ImageLuma8(_)) && !is_jpeg(&bytes);
         let picture = on_white_of(image, &mut None).map_err(fail)?;
         // What lies under transparency is not seen, and may be anything.
         let by_colours = is_plain || transparent > 0.0;
@@ -298,6 +298,21 @@ mod tests {
         image.put_pixel(1, 0, image::Rgba([100, 0, 0, 51]));
         let read = decode_colour(&png(image), &mut None).unwrap();
         assert_eq!((read.get_pixel(0, 0).0, read.get_pixel(1, 0).0), ([100, 0, 0], [224, 204, 204]));
+    }
+
+    #[test]
+    fn the_grey_of_a_portrait_is_that_of_a_frame() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("portrait");
+        let levels = GrayImage::from_fn(16, 16, |x, y| image::Luma([(16 * y + x) as u8]));
+        let colours = RgbImage::from_fn(16, 16, |x, y| image::Rgb([(16 * x) as u8, (16 * y) as u8, (x * y) as u8]));
+        let deep = ImageBuffer::from_fn(16, 16, |x, y| image::Luma([(257 * x * y) as u16]));
+        let mut jpeg = std::io::Cursor::new(Vec::new());
+        DynamicImage::from(colours.clone()).write_to(&mut jpeg, ImageFormat::Jpeg).unwrap();
+        for bytes in [png(levels), png(colours), png(DynamicImage::ImageLuma16(deep)), jpeg.into_inner()] {
+            std::fs::write(&path, bytes).unwrap();
+            assert_eq!(Portrait::read(&path).unwrap().grey, *super::super::read_frame(&path).unwrap().image());
+        }
     }
 
     #[test]
