@@ -98,7 +98,8 @@ impl CsvFile {
     /// # Errors
     /// [`InputError`] for a header that names a column twice.
     pub fn or_semicolons(self, columns: &[&str]) -> Result<Self, InputError> {
-        let known = |header: &[String]| columns.iter().filter(|name| header.iter().any(|found| found == *name)).count();
+        let known =
+            |header: &[String]| columns.iter().filter(|name| header.iter().any(|found| found.eq_ignore_ascii_case(name))).count();
         let text = lines_of(&self.bytes).find(|(_, text)| !is_blank(text)).map(|(_, text)| text).unwrap_or_default();
         match names(text, b';') {
             Ok(header) if known(&header) > known(&self.header) => {

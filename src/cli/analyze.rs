@@ -9,7 +9,7 @@ use grimace::{
     output::count,
     pipeline::{
         ANALYSIS_TABLES, Analysis, AnalyzedModel, PipelineOptions, Workbench, analysis_files, analyze, analyze_columnar,
-        load_columnar, load_tracks, track_files, write_analysis, write_columnar, write_model,
+        load_columnar, load_tracks, write_analysis, write_columnar, write_model,
     },
     report::Failure,
     units::SequenceId,
@@ -21,7 +21,7 @@ use super::{
     failures::{say_failures, say_unlisted},
     own_folder::{OwnFolder, check_is_folder},
     run::print_results,
-    shared::{AnalysisArgs, GeneralArgs, MethodArgs, memory, set_threads, thread_count},
+    shared::{AnalysisArgs, GeneralArgs, MethodArgs, memory, set_threads, some_track_files, thread_count},
 };
 
 /// Statistics from tracks already there.
@@ -93,8 +93,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         return from_models(args, path, &bench);
     }
     let dataset = args.dataset.as_deref().map(Dataset::open).transpose()?;
-    let files = track_files(&args.tracks)?;
-    anyhow::ensure!(!files.is_empty(), "no .csv file in {}", args.tracks[0].display());
+    let files = some_track_files(&args.tracks)?;
     let (models, failures) = load_tracks(&files, dataset.as_ref(), &bench);
     say_unlisted(&models, dataset.as_ref());
     if models.is_empty() {

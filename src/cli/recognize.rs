@@ -8,7 +8,7 @@ use super::{
     Outcome,
     apart::{all, check_apart},
     failures::{say_failures, say_unlisted},
-    shared::{GeneralArgs, set_threads, share},
+    shared::{GeneralArgs, set_threads, share, some_track_files},
 };
 use crate::{
     dataset::Dataset,
@@ -27,8 +27,8 @@ Example:
   grimace recognize --with results new-people/tracks/*.csv -o recognition.csv
 
 Columns: subject, sequence, emotion (where the track's .json names one), recognized, probability, p_LABEL for every label, distance \
-(squared, in standard deviations within labels), typicality (share of known sequences that are as far from their label; beyond all of them, by how their distances scatter), id. A \
-sequence that is less typical than --none is `none of these`. Probabilities are calibrated on people who were left out.")]
+(squared, in standard deviations within labels), typicality (share of known sequences that are as far from their label; beyond all of them, by how their distances scatter; of a sequence that moves \
+less than all of them, the chance of that), id. A sequence that is less typical than --none is `none of these`. Probabilities are calibrated on people who were left out.")]
 pub struct Args {
     /// Tracks to label: files, or folders of them
     #[arg(required = true, value_name = "TRACK")]
@@ -75,8 +75,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     );
     let (known, known_failures) = load_tracks(&known_files, dataset.as_ref(), &bench);
     say_unlisted(&known, dataset.as_ref());
-    let files = track_files(&args.tracks)?;
-    anyhow::ensure!(!files.is_empty(), "no .csv file in {}", args.tracks[0].display());
+    let files = some_track_files(&args.tracks)?;
     if let Some(output) = &args.output {
         let inputs: Vec<_> = all("a track", &files).chain(all("a track of --with", &known_files)).collect();
         check_apart(&[("--output", output)], &inputs)?;

@@ -28,7 +28,8 @@ use super::{
     apart::{all, check_apart, lies_in, maybe},
     progress::counted_bar,
     shared::{
-        FitArgs, GeneralArgs, MethodArgs, TrackArgs, frame_rate, marks_or_found, positive, set_threads, stop_flag, thread_count,
+        FitArgs, GeneralArgs, MethodArgs, TrackArgs, frame_rate, marks_or_found, positive, quoted, set_threads, stop_flag,
+        thread_count,
     },
 };
 
@@ -265,6 +266,14 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     proposed.write(&args.output)?;
     if !args.general.quiet {
         println!("{} written to {}", count(rows.len(), "sequence", "sequences"), args.output.display());
+        let run = format!("grimace run {} -o results", quoted(&args.output.display().to_string()));
+        if rows.iter().any(|row| row.of.emotion == UNLABELLED) {
+            println!(
+                "next: write what each sequence shows into the column emotion (`{UNLABELLED}` would be one more emotion), then {run}"
+            );
+        } else if !rows.is_empty() {
+            println!("next: {run}");
+        }
     }
     Ok(match failed {
         0 => Outcome::Done,

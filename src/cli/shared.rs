@@ -13,7 +13,9 @@ use grimace::{
     dataset::{LandmarkSelection, read_marks},
     input::is_stdin,
     output::target_of,
-    pipeline::{FoundMarks, PipelineOptions, ReportFace, Workbench, file_blake3, found_marks_and_remark, showcase_remarks},
+    pipeline::{
+        FoundMarks, PipelineOptions, ReportFace, Workbench, file_blake3, found_marks_and_remark, showcase_remarks, track_files,
+    },
     sequence::{DEFAULT_MAX_PIXELS, Frame, set_max_pixels},
 };
 
@@ -101,6 +103,17 @@ pub fn check_free(path: &std::path::Path, force: bool) -> anyhow::Result<()> {
     anyhow::ensure!(!is_stdin(path), "-: files are written, and nothing to standard output; for a file of that name give ./-");
     anyhow::ensure!(force || !path.exists(), "{} is there already; --force writes over it", path.display());
     Ok(())
+}
+
+/// The tracks of files and folders; that there are none is an error that says how they are made.
+pub fn some_track_files(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
+    let files = track_files(paths)?;
+    anyhow::ensure!(
+        !files.is_empty(),
+        "no .csv file in {}: tracks are wanted, which `grimace track` makes of one sequence of pictures and `grimace run` of many",
+        paths.first().map(|path| path.display().to_string()).unwrap_or_default()
+    );
+    Ok(files)
 }
 
 /// The marks of a file; found in the frame of `picture`, in colour where it is given, too, where no file is given, and what is to be said of that is said.

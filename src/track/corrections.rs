@@ -64,7 +64,8 @@ pub fn read_corrections(track: &Path) -> Result<Option<SavedCorrections>, TrackF
     };
     let blake3 = blake3::hash(&bytes).to_hex().to_string();
     let mut corrections = Corrections::new();
-    for row in PositionTable::new(CsvFile::from_bytes(&path, bytes)?)?.rows() {
+    let csv = CsvFile::from_bytes(&path, bytes)?.or_semicolons(&["frame", "node", "x", "y"])?;
+    for row in PositionTable::new(csv)?.rows() {
         let PositionRow { frame, node, position, .. } = row?;
         corrections.entry(frame).or_default().insert(node, position);
     }

@@ -7,7 +7,8 @@
 //! sequences were as far from the nearest label as it is; below a level it is none of the labels. Of n left-out sequences the smallest share
 //! that can be counted is 1 / (n + 1). How typical a sequence is that is farther off than all of them follows from how the logarithms of
 //! their distances scatter: the chance that one more is as far off, by Student's t. Sequences of one person are no chances of their own, so
-//! its degrees of freedom are counted in people.
+//! its degrees of freedom are counted in people. A face that does not move lies between all labels, and no farther from the nearest than
+//! people do who show it strongly: a sequence that moves less than all that are known is as typical as the chance that one more moves so little.
 
 mod lda;
 
@@ -68,7 +69,7 @@ pub struct Recognized {
     /// Squared distance to the most probable label's mean, in within-label standard deviations.
     pub distance: f64,
     /// Share of left-out sequences that are as far from their nearest label, or farther; beyond all of them, the chance that one is, by the
-    /// scatter of their distances.
+    /// scatter of their distances. At most the chance that one moves as little, where it moves less than all of them.
     pub typicality: f64,
 }
 
@@ -190,7 +191,7 @@ pub struct Recognizer {
     discriminants: Discriminants,
     size: usize,
     calibration: Calibration,
-    nearest: Nearest,
+    usual: Usual,
     /// What the sequences are recognized as when their people are left out, in the order given.
     pub left_out: Vec<Recognized>,
 }
@@ -201,6 +202,8 @@ struct LeftOut {
     subject: usize,
     label: usize,
     distances: Vec<Option<f64>>,
+    /// Length of its displacement vectors, all in one.
+    amount: f64,
 }
 
 impl LeftOut {
@@ -260,7 +263,7 @@ impl Recognizer {
             tick();
             let left_out = |i: usize| {
                 let distances = discriminants.distances(&data[i]);
-                (i, LeftOut { subject: subject_of[i], label: label_of[i], distances })
+                (i, LeftOut { subject: subject_of[i], label: label_of[i], distances, amount: data[i].norm() })
             };
             Ok(own.into_iter().map(left_out).collect())
         };
@@ -268,16 +271,16 @@ impl Recognizer {
         all.sort_by_key(|(i, _)| *i);
         let all: Vec<LeftOut> = all.into_iter().map(|(_, left_out)| left_out).collect();
         // Nobody's own sequences serve for the calibration and the typical distances that they are judged by.
-        let of_fold: Vec<(Calibration, Nearest)> = (0..folds)
+        let of_fold: Vec<(Calibration, Usual)> = (0..folds)
             .into_par_iter()
             .map(|f| {
                 let others: Vec<&LeftOut> = all.iter().filter(|l| fold_of[l.subject] != f).collect();
-                (Calibration::new(&others), Nearest::new(&others))
+                (Calibration::new(&others), Usual::new(&others))
             })
             .collect();
         let left_out = all.iter().map(|l| {
-            let (calibration, nearest) = &of_fold[fold_of[l.subject]];
-            recognized(&labels, &l.distances, *calibration, nearest)
+            let (calibration, usual) = &of_fold[fold_of[l.subject]];
+            recognized(&labels, (&l.distances, l.amount), *calibration, usual)
         });
         let left_out = left_out.collect();
         let everybody: Vec<&LeftOut> = all.iter().collect();
@@ -285,7 +288,7 @@ impl Recognizer {
         Ok(Self {
             discriminants: Discriminants::new(&rows(&data, &chosen), &label_of, labels.len())?,
             calibration: Calibration::new(&everybody),
-            nearest: Nearest::new(&everybody),
+            usual: Usual::new(&everybody),
             labels,
             live: live.to_vec(),
             size,
@@ -296,7 +299,7 @@ impl Recognizer {
     /// Whether so few sequences are known that none of their shares is less than `level`: what is less typical than that is told by the
     /// scatter of their distances alone.
     pub fn is_beyond_counting(&self, level: f64) -> bool {
-        level > 0.0 && level * (1 + self.nearest.distances.len()) as f64 <= 1.0
+        level > 0.0 && level * (1 + self.usual.distances.len()) as f64 <= 1.0
     }
 
     /// What a sequence of somebody else shows.
@@ -308,7 +311,8 @@ impl Recognizer {
         if data.len() != self.size {
             return Err(RecognizeError::Shape { id: model.id.to_string(), found: data.len() / 2, expected: self.size / 2 });
         }
-        Ok(recognized(&self.labels, &self.discriminants.distances(&data), self.calibration, &self.nearest))
+        let distances = self.discriminants.distances(&data);
+        Ok(recognized(&self.labels, (&distances, data.norm()), self.calibration, &self.usual))
     }
 }
 
@@ -337,34 +341,41 @@ fn folds_of_people(subject_of: &[usize], label_of: &[usize], labels: usize, fold
     fold_of
 }
 
-/// How far left-out sequences are from their nearest label.
+/// How far left-out sequences are from their nearest label, and how far they move.
 #[derive(Clone, Debug)]
-struct Nearest {
+struct Usual {
     /// Squared distances, ascending.
     distances: Vec<f64>,
+    /// Lengths of their displacement vectors.
+    amounts: Vec<f64>,
     /// People whose sequences these are.
     people: usize,
 }
 
-impl Nearest {
+impl Usual {
     fn new(of: &[&LeftOut]) -> Self {
         let mut distances: Vec<f64> = of.iter().map(|l| l.nearest()).collect();
         distances.sort_by(f64::total_cmp);
-        Self { distances, people: of.iter().map(|l| l.subject).collect::<BTreeSet<_>>().len() }
+        let people = of.iter().map(|l| l.subject).collect::<BTreeSet<_>>().len();
+        Self { distances, amounts: of.iter().map(|l| l.amount).collect(), people }
     }
 
-    /// How typical a distance is.
-    fn typicality(&self, distance: f64) -> f64 {
+    /// How typical a sequence is that is so far from its nearest label and moves so far.
+    fn typicality(&self, distance: f64, amount: f64) -> f64 {
         let farther = self.distances.len() - self.distances.partition_point(|&d| d < distance);
         let share = (1 + farther) as f64 / (1 + self.distances.len()) as f64;
-        let beyond = if farther == 0 { self.chance_as_far(distance) } else { None };
-        beyond.map_or(share, |chance| chance.min(share))
+        let beyond = if farther == 0 { self.chance_above(&self.distances, distance) } else { None };
+        // The chance to be below is that to be above where all are turned over.
+        let is_least = self.amounts.iter().all(|&known| known > amount);
+        let turned = || self.amounts.iter().map(|known| known.recip()).collect::<Vec<_>>();
+        let below = is_least.then(|| self.chance_above(&turned(), amount.max(f64::MIN_POSITIVE).recip())).flatten();
+        [beyond, below].into_iter().flatten().fold(share, f64::min)
     }
 
-    /// The chance that a sequence of one more person is as far off, where the logarithms of distances are normally distributed; `None` where
+    /// The chance that a value of one more person is as large, where the logarithms of some values are normally distributed; `None` where
     /// these do not scatter or are of one person.
-    fn chance_as_far(&self, distance: f64) -> Option<f64> {
-        let logarithms: Vec<f64> = self.distances.iter().filter(|&&d| d > 0.0).map(|d| d.ln()).collect();
+    fn chance_above(&self, values: &[f64], value: f64) -> Option<f64> {
+        let logarithms: Vec<f64> = values.iter().filter(|&&v| v > 0.0).map(|v| v.ln()).collect();
         let (n, people) = (logarithms.len() as f64, self.people as f64);
         if n < 2.0 || people < 2.0 {
             return None;
@@ -372,7 +383,7 @@ impl Nearest {
         let mean = logarithms.iter().sum::<f64>() / n;
         let variance = logarithms.iter().map(|l| (l - mean).powi(2)).sum::<f64>() / (n - 1.0);
         // Both the next one and the mean are uncertain.
-        let t = (distance.ln() - mean) / (variance * (1.0 + 1.0 / people)).sqrt();
+        let t = (value.ln() - mean) / (variance * (1.0 + 1.0 / people)).sqrt();
         t_above(t, people - 1.0)
     }
 }
@@ -433,7 +444,12 @@ impl Calibration {
     }
 }
 
-fn recognized(labels: &[String], distances: &[Option<f64>], calibration: Calibration, nearest: &Nearest) -> Recognized {
+fn recognized(
+    labels: &[String],
+    (distances, amount): (&[Option<f64>], f64),
+    calibration: Calibration,
+    usual: &Usual,
+) -> Recognized {
     let probabilities = calibration.probabilities(distances);
     // Of two equally near ones the first.
     let at = (0..distances.len())
@@ -445,7 +461,7 @@ fn recognized(labels: &[String], distances: &[Option<f64>], calibration: Calibra
         label: labels[at].clone(),
         probability: probabilities[at],
         distance,
-        typicality: nearest.typicality(distance),
+        typicality: usual.typicality(distance, amount),
         probabilities,
     }
 }

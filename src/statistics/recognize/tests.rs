@@ -72,6 +72,26 @@ fn what_nobody_showed_is_none_of_the_labels() {
 }
 
 #[test]
+fn a_face_that_does_not_move_is_none_of_the_labels() {
+    for (count, level) in [(5, 0.02), (60, 0.02)] {
+        let recognizer = recognizer(&people(count, 0.3, 3)).unwrap();
+        // As far as a tracker's noise, and not at all.
+        for noise in [0.01, 0.0] {
+            let mut still = people(1, noise, 4).remove(0).0;
+            let frames = still.model.frames().iter().map(|frame| {
+                FrameExpressionModel::new(frame.nodes().iter().map(|node| Point2::from(node.coords * noise)).collect())
+            });
+            still.model = DynamicExpressionModel::new(frames.collect()).unwrap();
+            let found = recognizer.recognize(&still).unwrap();
+            assert!(found.is_none(level), "{count} people, {noise}: {found:?}");
+        }
+    }
+    // Those who move least of all known are typical, but for a few.
+    let recognizer = recognizer(&people(60, 0.5, 3)).unwrap();
+    assert!(recognizer.left_out.iter().filter(|found| found.is_none(0.02)).count() <= 5);
+}
+
+#[test]
 fn what_nobody_showed_is_none_of_few_sequences_too() {
     // 2 labels of 4 people: the smallest share that can be counted is 1/9.
     let recognizer = recognizer(&people(4, 0.5, 3)).unwrap();
@@ -91,14 +111,18 @@ fn what_nobody_showed_is_none_of_few_sequences_too() {
 #[test]
 fn beyond_all_that_are_known_their_scatter_tells() {
     // Logarithms 0, 1 and 2: mean 1, standard deviation 1. Of t with 2 degrees of freedom P(T > t) = (1 - t / sqrt(2 + t^2)) / 2.
-    let nearest = Nearest { distances: [0.0, 1.0, 2.0].map(f64::exp).to_vec(), people: 3 };
+    let usual = Usual { distances: [0.0, 1.0, 2.0].map(f64::exp).to_vec(), amounts: vec![2.0, 3.0, 4.0], people: 3 };
+    let chance = |distance: f64| usual.chance_above(&usual.distances, distance);
     let t = 4.0 / (4.0f64 / 3.0).sqrt();
     let expected = f64::midpoint(1.0, -t / (2.0 + t * t).sqrt());
-    assert!((nearest.chance_as_far(5.0f64.exp()).unwrap() - expected).abs() < 1e-9);
-    assert_eq!(nearest.typicality(5.0f64.exp()), nearest.chance_as_far(5.0f64.exp()).unwrap());
-    assert_eq!(nearest.typicality(1.5), 0.75, "two of three are as far, and it is one more itself");
-    assert_eq!(Nearest { people: 1, ..nearest }.chance_as_far(5.0), None);
-    assert_eq!(Nearest { distances: vec![0.0, 0.0, 1.0], people: 3 }.chance_as_far(5.0), None);
+    assert!((chance(5.0f64.exp()).unwrap() - expected).abs() < 1e-9);
+    assert_eq!(usual.typicality(5.0f64.exp(), 3.0), chance(5.0f64.exp()).unwrap());
+    assert_eq!(usual.typicality(1.5, 3.0), 0.75, "two of three are as far, and it is one more itself");
+    // To move a tenth of something is as rare as that the reciprocal is ten times as large.
+    let turned: Vec<f64> = usual.amounts.iter().map(|amount| 1.0 / amount).collect();
+    assert_eq!(usual.typicality(1.5, 0.1), usual.chance_above(&turned, 10.0).unwrap());
+    assert_eq!(Usual { people: 1, ..usual.clone() }.chance_above(&usual.distances, 5.0), None);
+    assert_eq!(usual.chance_above(&[0.0, 0.0, 1.0], 5.0), None);
 }
 
 #[test]
