@@ -261,8 +261,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         eprintln!("note: {note}");
     }
     let marks = folder.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-    write_segments(&args.output, &marks, &added, &rows)?;
-    proposed.write(&args.output)?;
+    proposed.write(&args.output, || write_segments(&args.output, &marks, &added, &rows))?;
     if !args.general.quiet {
         println!("{} written to {}", count(rows.len(), "sequence", "sequences"), args.output.display());
     }
