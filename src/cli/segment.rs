@@ -14,9 +14,9 @@ use grimace::{
     dataset::{check_file_name, list_recording},
     output::count,
     pipeline::{
-        EarlierSegments, GivenForAll, ManifestColumns, PipelineOptions, Recording, RecordingFiles, RecordingStep, SegmentRow,
-        UNLABELLED, Workbench, reuse_recording, segment_recording, segments_folder, write_recording, write_recording_film,
-        write_segments,
+        EarlierSegments, GivenForAll, ManifestColumns, PipelineOptions, Recording, RecordingError, RecordingFiles, RecordingStep,
+        SegmentRow, UNLABELLED, Workbench, reuse_recording, segment_recording, segments_folder, write_recording,
+        write_recording_film, write_segments,
     },
     segment::SegmentOptions,
     sequence::check_video,
@@ -240,6 +240,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                 done.push((columns, files));
             }
             Err(_) if stop.load(Ordering::Relaxed) => anyhow::bail!("interrupted; recordings that are done are kept"),
+            // The table would be written over without its rows, though nothing is wrong with it.
+            Err(error) if matches!(error.downcast_ref(), Some(RecordingError::Newer { .. })) => return Err(error),
             Err(error) => {
                 failed += 1;
                 eprintln!("failed: {}: {}", path.display(), super::chain(&error));
