@@ -13,7 +13,7 @@ use crate::{
     correspondence::write_correspondences,
     features::ACTION_UNITS,
     fit::MarkKind,
-    input::{RecordError, read_record},
+    input::record_at,
     output::{self, MADE_BY, OutputError, is_inside, nine_digits, write_records},
     overlay::{png_bytes, thumbnail},
     pipeline::Workbench,
@@ -92,11 +92,7 @@ fn inputs_of(recording: &Recording, content: &str, options: &SegmentOptions, ben
 /// The record of a recording in a folder, if there is one that reads. One of a later version is refused.
 fn record_of(folder: &Path, stem: &str) -> Result<Option<RecordingFiles>, RecordingError> {
     let path = folder.join(format!("{stem}.json"));
-    let Ok(bytes) = crate::input::read(&path) else { return Ok(None) };
-    match read_record(&bytes, SCHEMA) {
-        Err(source @ RecordError::Newer { .. }) => Err(RecordingError::Newer { path, source }),
-        read => Ok(read.ok()),
-    }
+    record_at(&path, SCHEMA).map_err(|source| RecordingError::Newer { path, source })
 }
 
 /// What became of a file since it was written.
