@@ -24,7 +24,7 @@ use crate::{formula::without_apostrophe, text::excerpt};
 
 pub use error::{InputError, InputErrorKind};
 pub use open::{MAX_BYTES, file_blake3, is_stdin, open_file, open_or_stdin, read, read_or_stdin};
-pub use record::{RecordError, read_record};
+pub use record::{RecordError, read_record, record_at};
 
 /// First bytes of files that are taken for tables, and what they are.
 const KINDS: [(&[u8], &str); 9] = [

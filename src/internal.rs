@@ -130,7 +130,7 @@ pub mod render {
     pub use crate::modules::render::{Canvas, Labelled, Shade, Vertex};
 }
 pub mod report {
-    pub use crate::modules::report::{ApexFap, Failure, ReportData, Stage, render_html};
+    pub use crate::modules::report::{ApexFap, Failure, ReportData, Stage, failed_name, render_html};
 }
 pub mod segment {
     pub use crate::modules::segment::{Phase, SegmentOptions};

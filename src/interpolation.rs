@@ -14,6 +14,14 @@ pub const FPS: u32 = 25;
 /// Most frames that are made evenly of frames that are not.
 pub(crate) const MOST_EVEN: u32 = 100_000;
 
+/// Says that a motion has too many frames with those between its own.
+pub(crate) fn too_many_between(frames: f64, most: u32) -> String {
+    format!(
+        "with frames put between where some are missing or have times of their own it has {frames} frames; at most {most} are made: number its \
+         frames one after the other if none is missing, or take a part of it, without those far from the others"
+    )
+}
+
 /// Frames that are evenly apart, in place of frames that are not.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Even {

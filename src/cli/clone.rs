@@ -240,7 +240,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                     unchanged += usize::from(!written);
                 }
                 Err(error) if pairs == 1 || stop.load(Ordering::Relaxed) => return Err(error),
-                Err(error) => failed.push(super::chain(&error)),
+                Err(error) => {
+                    // Its place stays free, so that those behind it stand in the columns of their sources.
+                    row.push(Labelled { picture: RgbImage::new(0, 0), label: String::new() });
+                    failed.push(super::chain(&error));
+                }
             }
         }
         sheet.push_labelled_row(row);

@@ -4,7 +4,7 @@ use std::{fs, path::Path};
 
 use grimace::{
     clone::{CLONE_SCHEMA, FRAMES_RECORD},
-    input::{RecordError, read_record},
+    input::record_at,
     output::{FolderRecord, MADE_BY},
 };
 use image::RgbImage;
@@ -30,12 +30,7 @@ pub fn pictures_hash(pictures: &[RgbImage]) -> String {
 /// The record of the clone that is in a folder, if there is one that reads. One of a later version is refused.
 pub fn record_of(folder: &Path) -> anyhow::Result<Option<Value>> {
     let path = folder.join("clone.json");
-    let Ok(bytes) = fs::read(&path) else { return Ok(None) };
-    match read_record(&bytes, CLONE_SCHEMA) {
-        Err(newer @ RecordError::Newer { .. }) => anyhow::bail!("{}: {newer}, or choose another folder", path.display()),
-        // A damaged one is of no finished clone.
-        read => Ok(read.ok()),
-    }
+    record_at(&path, CLONE_SCHEMA).map_err(|newer| anyhow::anyhow!("{}: {newer}, or choose another folder", path.display()))
 }
 
 /// The apex frame of the clone that is in a folder and has this record, if it was made of these inputs, and nobody changed it since.

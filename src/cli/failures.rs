@@ -10,7 +10,7 @@ use grimace::{
     dataset::Dataset,
     output::{count, listed},
     pipeline::AnalyzedModel,
-    report::Failure,
+    report::{Failure, failed_name},
     units::SequenceId,
 };
 
@@ -86,15 +86,6 @@ impl Repeated {
     }
 }
 
-/// What a sequence that failed is called. A row of a manifest of which nothing reads has no name, but its reason begins with file and line.
-pub fn name_of(subject: &str, sequence: &str, reason: &str) -> String {
-    if subject.is_empty() && sequence.is_empty() {
-        reason.split_once(": ").map_or(reason, |(place, _)| place).to_owned()
-    } else {
-        format!("{subject}_{sequence}")
-    }
-}
-
 /// Says of sequences that failed why, with the table that has all reasons, if it was written.
 pub fn say_failures<'a>(failures: impl IntoIterator<Item = &'a Failure>, table: Option<&Path>) {
     lines_of(failures, table).iter().for_each(|line| eprintln!("{line}"));
@@ -119,7 +110,7 @@ pub fn say_unlisted(models: &[AnalyzedModel], dataset: Option<&Dataset>) {
 fn lines_of<'a>(failures: impl IntoIterator<Item = &'a Failure>, table: Option<&Path>) -> Vec<String> {
     let (mut repeated, mut lines) = (Repeated::default(), Vec::new());
     for Failure { subject, sequence, stage, reason } in failures {
-        let name = name_of(subject, sequence, reason);
+        let name = failed_name(subject, sequence, reason);
         let line = if reason.starts_with(&name) {
             format!("failed at {stage}: {reason}")
         } else {

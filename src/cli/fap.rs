@@ -304,15 +304,15 @@ fn convert(args: &ConvertArgs) -> anyhow::Result<Outcome> {
             note(&format!("rounded {} to integers", count(rounded, "value")));
         }
     }
-    if to_csv {
-        write_tidy_csv(output, &sequence)?;
-        return Ok(Outcome::Done);
-    }
     for Finding { line: frame, field, message, times, .. } in beyond_range(&sequence) {
         let more = if times > 1 { format!("; so it is in {times} frames") } else { String::new() };
         eprintln!(
             "warning: {field} in frame {frame}: {message}{more}; it is written as it is, and readers may limit or refuse it"
         );
+    }
+    if to_csv {
+        write_tidy_csv(output, &sequence)?;
+        return Ok(Outcome::Done);
     }
     let format = if values == Values::Integer { ValueFormat::Integer } else { ValueFormat::Float };
     if is_stdin(output) {

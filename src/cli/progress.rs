@@ -5,10 +5,10 @@ use std::sync::{
     atomic::{AtomicU64, Ordering},
 };
 
-use grimace::pipeline::Event;
+use grimace::{pipeline::Event, report::failed_name};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use super::failures::{Repeated, name_of};
+use super::failures::Repeated;
 
 /// Bar over sequences with a count of frames and the time left. Hidden when standard error is no terminal.
 #[derive(Debug)]
@@ -41,7 +41,7 @@ impl SequenceBar {
             }
             Event::Finished { id, failure, .. } => {
                 if let Some(reason) = failure {
-                    let id = name_of(&id.subject, &id.sequence, reason);
+                    let id = failed_name(&id.subject, &id.sequence, reason);
                     let line = if reason.contains(&id) { reason.clone() } else { format!("{id}: {reason}") };
                     if self.repeated.lock().unwrap_or_else(PoisonError::into_inner).is_first(&id, reason, &line) {
                         self.bar.suspend(|| eprintln!("{line}"));

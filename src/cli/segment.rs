@@ -14,9 +14,9 @@ use grimace::{
     dataset::{check_file_name, list_recording},
     output::count,
     pipeline::{
-        EarlierSegments, GivenForAll, ManifestColumns, PipelineOptions, Recording, RecordingFiles, RecordingStep, SegmentRow,
-        UNLABELLED, Workbench, reuse_recording, segment_recording, segments_folder, write_recording, write_recording_film,
-        write_segments,
+        EarlierSegments, GivenForAll, ManifestColumns, PipelineOptions, Recording, RecordingError, RecordingFiles, RecordingStep,
+        SegmentRow, UNLABELLED, Workbench, reuse_recording, segment_recording, segments_folder, write_recording,
+        write_recording_film, write_segments,
     },
     segment::SegmentOptions,
     sequence::check_video,
@@ -241,6 +241,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                 done.push((columns, files));
             }
             Err(_) if stop.load(Ordering::Relaxed) => anyhow::bail!("interrupted; recordings that are done are kept"),
+            // The table would be written over without its rows, though nothing is wrong with it.
+            Err(error) if matches!(error.downcast_ref(), Some(RecordingError::Newer { .. })) => return Err(error),
             Err(error) => {
                 failed += 1;
                 eprintln!("failed: {}: {}", path.display(), super::chain(&error));
@@ -262,8 +264,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         eprintln!("note: {note}");
     }
     let marks = folder.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-    write_segments(&args.output, &marks, &added, &rows)?;
-    proposed.write(&args.output)?;
+    proposed.write(&args.output, || write_segments(&args.output, &marks, &added, &rows))?;
     if !args.general.quiet {
         println!("{} written to {}", count(rows.len(), "sequence", "sequences"), args.output.display());
         let run = format!("grimace run {} -o results", quoted(&args.output.display().to_string()));

@@ -1,10 +1,10 @@
 //! The pictures that a track was made from, for commands that show them.
 
-use std::{collections::BTreeMap, path::Path};
+use std::path::Path;
 
 use grimace::{
     clone::SourceMotion,
-    dataset::{FrameSource, has_picture_name, list_readable},
+    dataset::{FrameSource, list_readable},
     sequence::{ImageSize, content_blake3, read_colour_frames},
     track::TrackInfo,
 };
@@ -59,15 +59,7 @@ fn check_content(folder: &Path, listed: &FrameSource, motion: &SourceMotion, inf
 /// Whether frames are images as those of the track were, or a video as it was. Of frames that were taken out of a video since, or made into
 /// one, neither names nor bytes say anything.
 fn is_same_kind(listed: &FrameSource, info: &TrackInfo) -> bool {
-    let was_video = matches!(&info.source[..], [only] if !has_picture_name(Path::new(only)));
-    was_video == matches!(listed, FrameSource::Video { .. })
-}
-
-/// Pictures with their numbers in the order of these: of frames that go back in time, the last one is read first.
-fn in_order(mut read: Vec<(u32, RgbImage)>, numbers: &[u32]) -> Vec<RgbImage> {
-    let places: BTreeMap<u32, usize> = numbers.iter().enumerate().map(|(place, &number)| (number, place)).collect();
-    read.sort_by_key(|(number, _)| places.get(number));
-    read.into_iter().map(|(_, picture)| picture).collect()
+    info.has_pictures() && info.is_of_video() == matches!(listed, FrameSource::Video { .. })
 }
 
 /// The pictures of a track's frames, in its order: those that were tracked, by their names, content and size, as far as these are known.
@@ -107,22 +99,5 @@ pub fn source_pictures(folder: &Path, motion: &SourceMotion, info: Option<&Track
     if let Some(info) = comparable {
         check_content(folder, &listed, motion, info)?;
     }
-    Ok(in_order(read, &numbers))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn pictures_are_in_the_order_of_the_frames() {
-        let picture = |number: u32| (number, RgbImage::new(number, 1));
-        let order = |numbers: &[u32]| -> Vec<u32> {
-            let read = [3, 4, 5, 9].map(picture).to_vec();
-            in_order(read, numbers).iter().map(RgbImage::width).collect()
-        };
-        assert_eq!(order(&[3, 4, 5, 9]), [3, 4, 5, 9]);
-        // From a neutral frame behind the apex.
-        assert_eq!(order(&[9, 5, 4, 3]), [9, 5, 4, 3]);
-    }
+    Ok(read.into_iter().map(|(_, picture)| picture).collect())
 }

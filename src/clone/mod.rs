@@ -29,6 +29,7 @@ use crate::{
     dataset::MarksFileError,
     fap::{ConvertError, FapReadError, FapWriteError},
     fit::{FitError, MarksError, SpringError},
+    interpolation::too_many_between,
     model::ModelError,
     normalize::NormalizeError,
     output::OutputError,
@@ -206,10 +207,7 @@ pub enum CloneError {
         most: usize,
     },
     /// More frames between those of a motion than make sense.
-    #[error(
-        "{name}: with frames put between where some are missing or have times of their own it has {frames} frames; at most {most} are \
-         made: give the track its rate, or number its frames one by one"
-    )]
+    #[error("{name}: {}", too_many_between(*frames, *most))]
     TooManyBetween {
         /// Name of the motion.
         name: String,

@@ -32,7 +32,7 @@ impl Sheet {
         self.push_labelled_row(pictures.into_iter().map(|picture| Labelled { picture, label: String::new() }).collect());
     }
 
-    /// Adds a row of pictures with their labels below; all get the height of the highest, in proportion.
+    /// Adds a row of pictures with their labels below; all get the height of the highest, in proportion. An empty picture leaves its place free.
     pub fn push_labelled_row(&mut self, pictures: Vec<Labelled>) {
         self.rows.push(even(pictures, self.max_height));
     }
@@ -196,6 +196,17 @@ mod tests {
 
     fn frames() -> Vec<RgbImage> {
         (0..3).map(|k| RgbImage::from_pixel(20, 10, Rgb([80 * k, 10, 200]))).collect()
+    }
+
+    #[test]
+    fn an_empty_picture_leaves_its_place_in_the_columns_free() {
+        let of = |k: u8| RgbImage::from_pixel(20, 10, Rgb([k, 10, 200]));
+        let mut sheet = Sheet::new(10);
+        sheet.push_row(vec![of(1), of(2), of(3)]);
+        sheet.push_row(vec![of(4), RgbImage::new(0, 0), of(6)]);
+        let drawn = sheet.draw();
+        let at = |column: u32, row: u32| drawn.get_pixel(GAP + column * (20 + GAP) + 5, GAP + row * (10 + GAP) + 5).0[0];
+        assert_eq!([[at(0, 0), at(1, 0), at(2, 0)], [at(0, 1), at(1, 1), at(2, 1)]], [[1, 2, 3], [4, PAPER.0[0], 6]]);
     }
 
     #[test]

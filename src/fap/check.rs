@@ -53,6 +53,8 @@ fn ranges(findings: &mut Findings, catalog: &FapCatalog, line: usize, frame: &Fa
             if !(min..=max).contains(&value) {
                 let message = || format!("{} is {value}; the standard allows {min} to {max}", field_row.name);
                 findings.warning(line, field(), Rule::Range, message);
+                // Once for a frame, however many of its fields are.
+                break;
             }
         }
         let (Some(value), Some((min, max))) = (frame.value(row.number), row.range) else { continue };
@@ -130,6 +132,15 @@ mod tests {
         let sequence = FapSequence { version: "2.1".into(), name: "x".into(), fps: 25.0, frames };
         let text = fap_text(&sequence, Profile::Strict, ValueFormat::Integer).unwrap();
         check_fap(text.as_bytes()).into_iter().map(|f| (f.line, f.field, f.rule, f.times)).collect()
+    }
+
+    #[test]
+    fn frames_are_counted_and_not_their_fields() {
+        let mut frame = FapFrame::default();
+        frame.set_fields(fap(1), Some(vec![99, 99, 0, 0]));
+        let sequence = FapSequence { version: "2.1".into(), name: "x".into(), fps: 25.0, frames: vec![frame; 3] };
+        let found: Vec<_> = beyond_range(&sequence).into_iter().map(|f| (f.line, f.field, f.times)).collect();
+        assert_eq!(found, [(0, "FAP 1".to_owned(), 3)]);
     }
 
     #[test]

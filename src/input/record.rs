@@ -1,5 +1,7 @@
 //! Records in JSON that say the version of their layout.
 
+use std::path::Path;
+
 use serde::{Deserialize, de::DeserializeOwned};
 
 /// Why a record does not read.
@@ -32,6 +34,18 @@ pub fn read_record<T: DeserializeOwned>(bytes: &[u8], reads: u32) -> Result<T, R
     match version.and_then(|number| number.as_u64()) {
         Some(found) if found > u64::from(reads) => Err(RecordError::Newer { found, reads }),
         _ => Ok(serde_json::from_slice(bytes)?),
+    }
+}
+
+/// The record in a file, if there is one that reads: a damaged one is of nothing that is finished.
+///
+/// # Errors
+/// [`RecordError::Newer`] alone.
+pub fn record_at<T: DeserializeOwned>(path: &Path, reads: u32) -> Result<Option<T>, RecordError> {
+    let Ok(bytes) = super::read(path) else { return Ok(None) };
+    match read_record(&bytes, reads) {
+        Err(newer @ RecordError::Newer { .. }) => Err(newer),
+        read => Ok(read.ok()),
     }
 }
 

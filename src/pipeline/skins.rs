@@ -80,9 +80,11 @@ pub(super) fn collect_skins(analysis: &mut Analysis, pictures: &Pictures, out: &
         let samples: BTreeMap<SequenceId, SkinSample> = ids.par_iter().filter_map(measure).collect();
         for (class, ids) in analysis.classes[from..from + count].iter_mut().zip(&chosen[from..]) {
             let own: Vec<&SkinSample> = ids.iter().filter_map(|id| samples.get(id)).collect();
-            class.skin = match ids.as_slice() {
-                [] => Err(too_few(&class.representative.sequences, 0, pictures)),
-                _ => Skin::mean(&own),
+            // Of a smaller class nobody was measured.
+            class.skin = if ids.len() < LEAST_SKIN_PEOPLE {
+                Err(too_few(&class.representative.sequences, ids.len(), pictures))
+            } else {
+                Skin::mean(&own)
             };
             if matches!(class.skin, Err(NoSkin::NoShading { .. })) {
                 flat.push(class.stem.clone());

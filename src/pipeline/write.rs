@@ -19,7 +19,7 @@ use crate::{
     clone::{NoSkin, SKIN_SUFFIX},
     fap::{self, ConvertError, FapCatalog, FapMotion, FapNumber, ValueFormat},
     output::{self, OutputError, beside_ours, nine_digits, write_records},
-    report::{ApexFap, GroupsData, ReportData, VariationData, mean_course_svg, render_html},
+    report::{ApexFap, GroupsData, ReportData, VariationData, failed_id, mean_course_svg, render_html},
     statistics::{self, MedianSums, Representative, Weighting, dispersion::Dispersions},
     track::TrackQuality,
     units::{FaceUnit, SequenceId},
@@ -293,10 +293,7 @@ fn write_trimming(path: &Path, analysis: &Analysis, bench: &Workbench) -> Result
 /// [`OutputError`].
 pub(super) fn write_failures(path: &Path, failures: &[Failure]) -> Result<blake3::Hash, OutputError> {
     let rows = failures.iter().map(|f| {
-        // A row of which nothing reads has no name; its reason has file and line.
-        let is_named = !(f.subject.is_empty() && f.sequence.is_empty());
-        let id = SequenceId { subject: f.subject.clone(), sequence: f.sequence.clone() };
-        let id = if is_named { id.to_string() } else { String::new() };
+        let id = failed_id(&f.subject, &f.sequence).map(|id| id.to_string()).unwrap_or_default();
         vec![f.subject.clone(), f.sequence.clone(), f.stage.to_string(), f.reason.clone(), id]
     });
     write_table(path, &["subject", "sequence", "stage", "reason", "id"], &[], rows)

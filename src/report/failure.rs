@@ -4,6 +4,8 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+use crate::units::SequenceId;
+
 /// A stage of the main job, as named in `failures.csv`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -46,4 +48,43 @@ pub struct Failure {
     pub stage: Stage,
     /// The error in full.
     pub reason: String,
+}
+
+/// Id of a sequence that failed; `None` for a row of a manifest of which nothing reads.
+pub fn failed_id(subject: &str, sequence: &str) -> Option<SequenceId> {
+    let is_named = !(subject.is_empty() && sequence.is_empty());
+    is_named.then(|| SequenceId { subject: subject.to_owned(), sequence: sequence.to_owned() })
+}
+
+/// What a sequence that failed is called: by its id, or, a row that has none, by file and line, with which its reason begins.
+pub fn failed_name(subject: &str, sequence: &str, reason: &str) -> String {
+    failed_id(subject, sequence).map_or_else(|| place_in(reason).to_owned(), |id| id.to_string())
+}
+
+/// File and line with which a reason begins, or all of it.
+fn place_in(reason: &str) -> &str {
+    const LINE: &str = ", line ";
+    let end = |(at, _): (usize, &str)| {
+        let number = at + LINE.len();
+        let behind = reason[number..].trim_start_matches(|c: char| c.is_ascii_digit());
+        let end = reason.len() - behind.len();
+        (end > number && behind.starts_with(": ")).then_some(end)
+    };
+    reason.match_indices(LINE).find_map(end).map_or(reason, |end| &reason[..end])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_failed_has_a_name() {
+        assert_eq!(failed_name("S001", "5", "m.csv, line 3: no frames"), "S001_5");
+        assert_eq!(failed_name("", "", "m.csv, line 3: a quotation mark is not closed"), "m.csv, line 3");
+        // A folder's name may hold anything.
+        let reason = "data/Study: joy, line of 2/m.csv, line 31: emotion is `a: b, line 4: c`";
+        assert_eq!(failed_name("", "", reason), "data/Study: joy, line of 2/m.csv, line 31");
+        assert_eq!(failed_name("", "", "no place"), "no place");
+        assert_eq!(failed_id("", "5").map(|id| id.to_string()).as_deref(), Some("_5"));
+    }
 }

@@ -36,7 +36,7 @@ use crate::{
 };
 
 pub use courses::{mean_course, mean_course_svg};
-pub use failure::{Failure, Stage};
+pub use failure::{Failure, Stage, failed_id, failed_name};
 pub use groups::p_value;
 pub use variation::{BandCurve, VariationData};
 

@@ -1,6 +1,6 @@
 //! Pictures in colour: the target of cloning, and source frames whose wrinkles and teeth are carried over.
 
-use std::path::Path;
+use std::{collections::BTreeMap, path::Path};
 
 use image::{DynamicImage, GrayImage, ImageBuffer, Rgb, RgbImage, RgbaImage};
 
@@ -97,13 +97,13 @@ pub fn first_in_colour(source: &FrameSource) -> Option<RgbImage> {
     }
 }
 
-/// The colour frames of a sequence with their numbers, at most `wanted` of them held by the caller's choice of numbers. 16-bit channels are
-/// scaled by the bits that the first wanted frame uses.
+/// The colour frames of a sequence with their numbers, at most `wanted` of them held by the caller's choice of numbers, and in the order of these:
+/// of frames that go back in time, the last one is read first. 16-bit channels are scaled by the bits that the first wanted frame uses.
 ///
 /// # Errors
 /// [`SequenceError`] when a frame does not read, or the video ends before the last number.
 pub fn read_colour_frames(source: &FrameSource, wanted: &[u32]) -> Result<Vec<(u32, RgbImage)>, SequenceError> {
-    match source {
+    let mut frames: Vec<(u32, RgbImage)> = match source {
         FrameSource::Images(files) => {
             let mut bits = None;
             let is_first = |file: &&FrameFile| Some(&file.number) == wanted.first();
@@ -112,7 +112,7 @@ pub fn read_colour_frames(source: &FrameSource, wanted: &[u32]) -> Result<Vec<(u
                 Some(picture) => Ok((file.number, picture)),
                 None => Ok((file.number, read_with(&file.path, &mut bits)?)),
             };
-            files.iter().filter(|file| wanted.contains(&file.number)).map(read).collect()
+            files.iter().filter(|file| wanted.contains(&file.number)).map(read).collect::<Result<_, _>>()?
         }
         FrameSource::Video { path, .. } => {
             let error = |reason: &str| SequenceError::Video { path: path.clone(), reason: reason.to_owned() };
@@ -127,9 +127,12 @@ pub fn read_colour_frames(source: &FrameSource, wanted: &[u32]) -> Result<Vec<(u
                     frames.push((number, RgbImage::from_raw(width, height, data).unwrap_or_default()));
                 }
             }
-            Ok(frames)
+            frames
         }
-    }
+    };
+    let places: BTreeMap<u32, usize> = wanted.iter().enumerate().map(|(place, &number)| (number, place)).collect();
+    frames.sort_by_key(|(number, _)| places.get(number));
+    Ok(frames)
 }
 
 /// Gives all frames of a sequence in colour, one after the other, with their numbers.
@@ -281,7 +284,7 @@ mod tests {
         };
         assert_eq!(read(&[1, 2, 3]), [(1, 255), (2, 51), (3, 255)]);
         // Back in time the third is the neutral one: 16 bits.
-        assert_eq!(read(&[3, 2, 1]), [(1, 16), (2, 3), (3, 255)]);
+        assert_eq!(read(&[3, 2, 1]), [(3, 255), (2, 3), (1, 16)]);
         // In grey, a part of the sequence and one frame alone are as bright as in the whole.
         let part = FrameSource::Images(files[1..].to_vec());
         let grey = |frame: &super::super::Frame| frame.image().get_pixel(0, 0).0[0];

@@ -187,7 +187,10 @@ mod tests {
         let uneven = read("frame,fp,dx,dy\n0,8.4,0,0\n2,8.4,2,0\n3,8.4,6,0\n").unwrap();
         let x: Vec<f64> = uneven.frames.iter().map(|f| f.offsets[0].unwrap().x).collect();
         assert_eq!(x, [0.0, 1.0, 2.0, 6.0]);
-        assert!(read("frame,fp,dx,dy\n0,8.4,0,0\n4000000000,8.4,2,0\n").is_err());
+        // As many frames are made as of tracks and of clones.
+        let frames = |last: u32| read(&format!("frame,fp,dx,dy\n1,8.4,0,0\n{last},8.4,2,0\n")).map(|motion| motion.frames.len());
+        assert_eq!(frames(100_000).unwrap(), 100_000);
+        assert!(frames(100_001).is_err() && frames(4_000_000_000).is_err());
         assert!(read("frame,fp,dx,dy,dz\n3,8.4,1,2,\n").unwrap().frames[0].planar);
         assert!(read("frame,fp,dx,dy\n3,8.4,1,2\n").unwrap().frames[0].planar);
     }

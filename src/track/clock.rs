@@ -13,12 +13,40 @@ pub(crate) fn whole_steps(numbers: &[u32]) -> Option<(u32, u64)> {
     steps().all(|step| step.is_multiple_of(usual)).then(|| (usual, steps().map(|step| u64::from(step / usual)).sum()))
 }
 
-/// `clock` for seconds by the numbers of frames; of `pictures` it counts pictures, which may be numbered in steps.
-pub(super) fn by_number(clock: Clock, pictures: bool, numbers: impl IntoIterator<Item = u32>) -> Clock {
+/// What the numbers of a track's frames are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Counted {
+    /// Frames of a video.
+    Frames,
+    /// Pictures, which may be numbered in steps.
+    Pictures,
+    /// Whatever landmarks are numbered by.
+    Landmarks,
+}
+
+impl Counted {
+    /// Whether a step of numbers is one frame.
+    fn is_in_steps(self, step: u32, clock: &Clock) -> bool {
+        match self {
+            Self::Frames => false,
+            Self::Pictures => true,
+            // The milliseconds of a frame; small steps may well be every tenth frame of a fast camera.
+            Self::Landmarks => {
+                let is_frame = |fps: f64| (1000.0 / fps).round() == f64::from(step);
+                u64::from(step) > MOST_FILLED && clock.times.is_none() && clock.fps.is_some_and(is_frame)
+            }
+        }
+    }
+}
+
+/// `clock` for seconds by the numbers of frames, whose rate counts steps of them where these are frames.
+pub(super) fn by_number(clock: Clock, counted: Counted, numbers: impl IntoIterator<Item = u32>) -> Clock {
     let mut numbers: Vec<u32> = numbers.into_iter().collect();
     numbers.sort_unstable();
     match whole_steps(&numbers) {
-        Some((usual, _)) if pictures && usual > 1 => Clock::even(clock.fps.map(|fps| fps * f64::from(usual))),
+        Some((usual, _)) if usual > 1 && counted.is_in_steps(usual, &clock) => {
+            Clock::even(clock.fps.map(|fps| fps * f64::from(usual)))
+        }
         _ => clock,
     }
 }
@@ -55,7 +83,9 @@ pub(crate) fn clock_of_frames(numbers: &[u32], info: Option<&TrackInfo>) -> Cloc
         Some(info) if info.times.is_some() || info.is_of_video() || may_count_frames(&numbers) => {
             info.clock_of_numbers(numbers.iter().copied())
         }
-        None if counts_frames(&numbers) => by_number(Clock::even(Some(f64::from(FPS))), true, numbers.iter().copied()),
+        None if counts_frames(&numbers) => {
+            by_number(Clock::even(Some(f64::from(FPS))), Counted::Pictures, numbers.iter().copied())
+        }
         _ => return Clock::even(fps),
     };
     let (Some(&first), true) = (numbers.first(), numbers.is_sorted_by(|a, b| a < b)) else { return Clock::even(fps) };
@@ -108,8 +138,8 @@ mod tests {
             near(clock_of_frames(other, None), None, &[]);
         }
         // Pictures numbered in steps, of which one is a frame: the rate of numbers is so much higher.
-        assert_eq!(by_number(Clock::even(Some(12.5)), true, [2, 4, 10]), Clock::even(Some(25.0)));
-        assert_eq!(by_number(Clock::even(Some(12.5)), false, [2, 4, 10]), Clock::even(Some(12.5)));
+        assert_eq!(by_number(Clock::even(Some(12.5)), Counted::Pictures, [2, 4, 10]), Clock::even(Some(25.0)));
+        assert_eq!(by_number(Clock::even(Some(12.5)), Counted::Landmarks, [2, 4, 10]), Clock::even(Some(12.5)));
     }
 
     fn info_of_landmarks(fps: f64) -> TrackInfo {
@@ -143,6 +173,17 @@ mod tests {
     }
 
     #[test]
+    fn a_video_is_one_file_that_is_no_picture() {
+        let mut info = info_of_landmarks(25.0);
+        assert!(!info.is_of_video() && !info.has_pictures());
+        info.image_size = ImageSize { width: 64, height: 48 };
+        for (source, is_of_video) in [(&["smile.mp4"][..], true), (&["1.png"], false), (&["1.png", "2.png"], false)] {
+            info.source = source.iter().map(|&name| name.to_owned()).collect();
+            assert_eq!(info.is_of_video(), is_of_video, "{source:?}");
+        }
+    }
+
+    #[test]
     fn numbers_that_count_something_else_put_nothing_between_at_a_known_rate() {
         // Of landmarks: nobody knows what their numbers count.
         let mut info = info_of_landmarks(25.0);
@@ -150,10 +191,16 @@ mod tests {
         for other in [&[20_240_101, 20_240_102, 20_240_201][..], &[0, 33, 66, 100, 133], &[1, 2, 900]] {
             assert_eq!(clock(other, &info), Clock::even(Some(25.0)), "{other:?}");
         }
+        // Milliseconds of frames at this rate, one of them missing; every 25th frame is one a second.
+        assert_eq!(clock(&[0, 40, 80, 160], &info).times.unwrap_or_default(), [0.0, 0.04, 0.08, 0.16]);
+        assert_eq!(clock(&[40, 80, 120], &info), Clock::even(Some(25.0)));
+        assert_eq!(clock(&[1, 26, 51], &info), Clock::even(Some(1.0)));
+        assert_eq!(clock(&[1, 11, 21], &info_of_landmarks(100.0)), Clock::even(Some(10.0)));
         let missing = |info: &TrackInfo| clock(&[1, 5, 9, 20], info).times.unwrap_or_default();
         assert_eq!(missing(&info), [0.0, 0.16, 0.32, 0.76]);
         // A video counts its frames, and who has times of their own is believed.
         (info.source, info.image_size) = (vec!["smile.mp4".to_owned()], ImageSize { width: 64, height: 48 });
         assert_eq!(clock(&[1, 2, 901], &info).times.unwrap_or_default(), [0.0, 0.04, 36.0]);
+        assert_eq!(clock(&[1, 41, 81], &info), Clock::even(Some(1.0 / 1.6)));
     }
 }

@@ -11,10 +11,11 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     NodeState, TrackCorrections, TrackOptions, TrackSummary, TrackedFrame, TrackedNode,
-    clock::by_number,
+    clock::{Counted, by_number},
     in_picture::{NotInPicture, check_in_picture},
 };
 use crate::{
+    dataset::has_picture_name,
     fit::FitOptions,
     input::{CsvFile, InputError, RecordError, read_record},
     output::{self, OutputError, count, nine_digits},
@@ -138,15 +139,25 @@ impl TrackInfo {
         Clock { fps: self.fps, times: self.times.clone() }
     }
 
-    /// The clock for seconds by the numbers of the frames: pictures may be numbered in steps, and their rate counts pictures, while
-    /// landmarks and videos have times by their numbers.
+    /// The clock for seconds by the numbers of the frames: pictures may be numbered in steps, and their rate counts pictures, while videos
+    /// have times by their numbers, and landmarks, too, but where these are milliseconds.
     pub fn clock_of_numbers(&self, numbers: impl IntoIterator<Item = u32>) -> Clock {
-        by_number(self.clock(), self.source.len() > 1 && self.image_size.width > 0, numbers)
+        let counted = match (self.has_pictures(), self.is_of_video()) {
+            (false, _) => Counted::Landmarks,
+            (true, false) => Counted::Pictures,
+            (true, true) => Counted::Frames,
+        };
+        by_number(self.clock(), counted, numbers)
     }
 
-    /// Whether it was made from a video: one file, with pictures.
+    /// Whether it was made from pictures or a video, and not from landmarks.
+    pub(crate) fn has_pictures(&self) -> bool {
+        self.image_size.width > 0
+    }
+
+    /// Whether it was made from a video: one file, and no picture.
     pub(crate) fn is_of_video(&self) -> bool {
-        self.source.len() == 1 && self.image_size.width > 0
+        self.has_pictures() && matches!(&self.source[..], [only] if !has_picture_name(Path::new(only)))
     }
 
     /// Nodes with a mark, and where it is, px.

@@ -76,6 +76,13 @@ fn a_clone_is_the_same_to_the_byte_and_is_not_written_over() {
     assert_eq!(work.files("a/frames").len(), 11);
     clone(&work, "--source S001_005.csv -o a --force").exit(0);
     assert_eq!(work.files("a/frames").len(), 6, "frames of the longer clone are gone");
+    // Of a later version it is left as it is, forced or not.
+    let (record, files) = (work.read("a/clone.json"), work.files("a/frames"));
+    work.write("a/clone.json", record.replacen("\"schema_version\": 1", "\"schema_version\": 9", 1));
+    let said = ["a/clone.json: schema version 9", "or choose another folder"];
+    clone(&work, "--source S001_005.csv -o a --fps 50 --force").exit(1).says(&said);
+    crate::common::assert_same_files(&work.files("a/frames"), &files);
+    work.write("a/clone.json", record);
     // What somebody put there, or changed, stays.
     clone(&work, "--source S001_005.csv -o a --fps 50 --force").exit(0);
     work.write("a/frames/mine.png", "mine");

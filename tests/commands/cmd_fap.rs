@@ -242,6 +242,9 @@ fn convert_names_what_is_beyond_the_range_of_the_standard() {
     work.fap("convert big.csv --fps 25 -o big.fap").success().stderr(contains(said));
     assert!(work.read("big.fap").contains("\n1 9000\n"));
     work.fap("check --strict big.fap").code(1);
+    // A table as well.
+    work.fap("convert big.fap -o again.csv").success().stderr(contains(said));
+    assert!(work.read("again.csv").contains("1,3,open_jaw,9000\n"));
 }
 
 #[test]

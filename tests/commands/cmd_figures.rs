@@ -68,7 +68,13 @@ fn a_run_gives_figures_as_svg_and_pdf_with_captions() {
     work.write("file", "").grimace("figures results -o file --force").exit(1).says(&["file: this is a file"]);
     // A run that has not come to its end is said.
     work.write("results/run.journal", "representatives/happiness.csv\t\n");
+    let record = work.read("results/run.json");
+    work.write("results/run.json", record.replacen("\"complete\": true", "\"complete\": false", 1));
     work.grimace("figures results -o half -q").exit(0).says(&["note: results: the run is not finished (run.journal is there)"]);
+    // A journal that a whole run left behind is not.
+    work.write("results/run.json", record);
+    let whole = work.grimace("figures results -o whole -q").exit(0);
+    assert!(!whole.stderr.contains("not finished"), "{}", whole.stderr);
     std::fs::remove_file(work.path("results/run.journal")).unwrap();
     // What is missing is said.
     let record = work.read("results/run.json");

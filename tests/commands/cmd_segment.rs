@@ -131,6 +131,15 @@ fn labels_that_a_person_wrote_stay_when_a_recording_is_cut_again() {
     assert_eq!(work.read("segments.csv"), edited);
     segment("--emotion joy").says(&["the table that was there had other labels: talk-01 (happiness, now joy)"]);
     assert_eq!(work.rows("segments.csv")[0]["emotion"], "joy");
+    // A recording of which a later version knows more leaves the table as it is.
+    let (table, known) = (work.read("segments.csv"), work.read("segments/talk.json"));
+    record(&work, "dark", &[Shot::Black; 40]);
+    work.write("segments/talk.json", known.replacen("\"schema_version\": 2", "\"schema_version\": 9", 1));
+    work.grimace("segment dark talk -o segments.csv --no-faces --force")
+        .exit(1)
+        .says(&["talk.json: schema version 9", "give the table of `segment` another name"]);
+    assert_eq!(work.read("segments.csv"), table);
+    work.write("segments/talk.json", known);
     work.write("segments.csv", format!("{edited}P7,talk-02\n"));
     work.grimace("segment talk -o segments.csv --no-faces --force")
         .exit(1)

@@ -24,7 +24,13 @@ fn json(work: &Work, name: &str) -> Value {
 #[test]
 fn a_run_collects_the_skin_of_a_class_and_a_clone_puts_it_on() {
     let work = work();
+    // Another emotion is shown by fewer people than a skin is made of.
+    let row = |s: &str| format!("{s},006,surprise,{s}/005,{s}/005/correspondences.csv\n");
+    let rows = work.read("faces/manifest.csv") + &row("S001") + &row("S002");
+    work.write("faces/manifest.csv", rows);
     work.grimace("run faces -o out -q").exit(0);
+    let why = json(&work, "out/representatives/surprise.json")["no_skin"].clone();
+    assert_eq!(why, "2 of at least 5 people have pictures that show folds");
     let skin = work.bytes("out/representatives/happiness_skin.png");
     let about = json(&work, "out/representatives/happiness.json");
     assert_eq!((&about["skin_people"], &about["no_skin"]), (&Value::from(5), &Value::Null));

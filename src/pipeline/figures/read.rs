@@ -163,10 +163,11 @@ impl Results {
             key(a).cmp(&key(b))
         });
         let people = classes.iter().flat_map(|c| &c.about.sequences).map(of).collect::<BTreeSet<String>>().len();
+        // A journal that is left behind a whole run says nothing that its record does not.
+        let unfinished = out.join(JOURNAL).exists() && run.as_ref().is_none_or(|run| !run.complete);
         let significance = run.map_or_else(CompareOptions::default, |r| r.options.groups.compare).significance;
         let without_features = [with_features.len(), with_features.values().filter(|there| !**there).count()];
         let missing = TABLES.into_iter().filter(|(name, _)| !out.join(name).exists()).collect();
-        let unfinished = out.join(JOURNAL).exists();
         Ok(Self { pairs: pairs(out)?, classes, significance, people, without_features, unfinished, missing })
     }
 }

@@ -13,7 +13,7 @@ use crate::{
     correspondence::write_correspondences,
     features::ACTION_UNITS,
     fit::MarkKind,
-    input::{RecordError, read_record},
+    input::record_at,
     output::{self, MADE_BY, OutputError, is_inside, nine_digits, write_records},
     overlay::{png_bytes, thumbnail},
     pipeline::Workbench,
@@ -92,11 +92,7 @@ fn inputs_of(recording: &Recording, content: &str, options: &SegmentOptions, ben
 /// The record of a recording in a folder, if there is one that reads. One of a later version is refused.
 fn record_of(folder: &Path, stem: &str) -> Result<Option<RecordingFiles>, RecordingError> {
     let path = folder.join(format!("{stem}.json"));
-    let Ok(bytes) = crate::input::read(&path) else { return Ok(None) };
-    match read_record(&bytes, SCHEMA) {
-        Err(source @ RecordError::Newer { .. }) => Err(RecordingError::Newer { path, source }),
-        read => Ok(read.ok()),
-    }
+    record_at(&path, SCHEMA).map_err(|source| RecordingError::Newer { path, source })
 }
 
 /// What became of a file since it was written.
@@ -414,11 +410,28 @@ mod tests {
     fn a_record_of_a_later_version_is_refused_and_its_files_stay() {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
-        std::fs::write(at("talk.json"), "{\"schema_version\": 9, \"files\": [\"talk-01.csv\"]}").unwrap();
-        std::fs::write(at("talk-01.csv"), "node,x,y\n").unwrap();
+        let marks = "node,x,y\n";
+        let record = |schema_version: u32| RecordingFiles {
+            schema_version,
+            made_by: String::new(),
+            units: BTreeMap::new(),
+            inputs_blake3: String::new(),
+            fps: 25.0,
+            uneven: false,
+            frames: [0, 0],
+            segments: Vec::new(),
+            notes: Vec::new(),
+            files: [("talk-01.csv".to_owned(), blake3::hash(marks.as_bytes()).to_hex().to_string())].into(),
+        };
+        std::fs::write(at("talk-01.csv"), marks).unwrap();
+        output::write_json(&at("talk.json"), &record(9)).unwrap();
         let said = make_room(folder.path(), "talk").unwrap_err().to_string();
         assert!(said.contains("talk.json: schema version 9; this program reads 2"), "{said}");
         assert!(at("talk.json").is_file() && at("talk-01.csv").is_file());
+        // One of this version makes room.
+        output::write_json(&at("talk.json"), &record(SCHEMA)).unwrap();
+        assert!(make_room(folder.path(), "talk").is_ok_and(|notes| notes.is_empty()));
+        assert!(!at("talk.json").exists() && !at("talk-01.csv").exists());
         // One that does not read is of nothing that is finished.
         std::fs::write(at("talk.json"), "{\"schema_version\": 2,").unwrap();
         assert!(make_room(folder.path(), "talk").is_ok_and(|notes| notes.is_empty()));

@@ -40,9 +40,27 @@ struct Proposal {
     numbers: [u32; 2],
 }
 
-/// Whether two sequences have more in common than the frame where one ends and the other begins.
-fn overlap(a: [u32; 2], b: [u32; 2]) -> bool {
-    a.iter().min().max(b.iter().min()) < a.iter().max().min(b.iter().max())
+/// Whether two sequences are the same stretch of a recording: the frames in common are more than half of the longer one. Neighbours that share
+/// frames are not, and neither is a part of what was cut otherwise.
+fn is_same_stretch(a: [u32; 2], b: [u32; 2]) -> bool {
+    let ends = |[first, last]: [u32; 2]| (u64::from(first.min(last)), u64::from(first.max(last)));
+    let ((a_first, a_last), (b_first, b_last)) = (ends(a), ends(b));
+    let common = (a_last.min(b_last) + 1).saturating_sub(a_first.max(b_first));
+    2 * common > (a_last - a_first).max(b_last - b_first) + 1
+}
+
+/// Pairs each of `count` things with one of `others`, one to one: by the first of the rules as many as possible, of the rest by the next.
+fn paired(count: usize, others: usize, rules: &[&dyn Fn(usize, usize) -> bool]) -> Vec<Option<usize>> {
+    let (mut of, mut is_taken) = (vec![None; count], vec![false; others]);
+    for rule in rules {
+        for (k, own) in of.iter_mut().enumerate().filter(|(_, own)| own.is_none()) {
+            *own = (0..others).find(|&other| !is_taken[other] && rule(k, other));
+            if let Some(other) = *own {
+                is_taken[other] = true;
+            }
+        }
+    }
+    of
 }
 
 impl Proposal {
@@ -51,16 +69,9 @@ impl Proposal {
         Self { sequence: row.segment.name.clone(), frames: place(&row.of.frames), numbers }
     }
 
-    /// Whether a row of the table is this sequence, whatever a person changed in it.
-    fn is_in(&self, row: &EarlierRow) -> bool {
-        let is_named = self.sequence == row.sequence;
-        let [Some(neutral), Some(apex)] = row.numbers else { return is_named };
-        (is_named || self.frames == row.frames) && overlap(self.numbers, [neutral, apex])
-    }
-
     /// Whether it is the same stretch of the same recording.
     fn is_same(&self, other: &Self) -> bool {
-        self.frames == other.frames && overlap(self.numbers, other.numbers)
+        self.frames == other.frames && is_same_stretch(self.numbers, other.numbers)
     }
 }
 
@@ -91,20 +102,19 @@ struct EarlierRow {
 }
 
 impl EarlierRow {
-    fn is_of(&self, row: &SegmentRow<'_>) -> bool {
-        self.frames == place(&row.of.frames)
+    fn is_of(&self, proposal: &Proposal) -> bool {
+        self.frames == proposal.frames
     }
 
-    fn is_same(&self, row: &SegmentRow<'_>) -> bool {
-        self.numbers == [Some(row.segment.neutral_frame), Some(row.segment.apex_frame)]
+    /// Whether it is this very sequence, whatever it is called.
+    fn is_exactly(&self, proposal: &Proposal) -> bool {
+        self.is_of(proposal) && self.numbers == proposal.numbers.map(Some)
     }
 
-    /// Whether it is of the same name and has frames in common: its frames were changed, or are found otherwise now.
-    fn is_near(&self, row: &SegmentRow<'_>) -> bool {
+    /// Whether it is the same stretch of the same recording.
+    fn is_same(&self, proposal: &Proposal) -> bool {
         let [Some(neutral), Some(apex)] = self.numbers else { return false };
-        let found = [row.segment.neutral_frame, row.segment.apex_frame];
-        let (low, high) = (found[0].min(found[1]), found[0].max(found[1]));
-        self.sequence == row.segment.name && neutral.min(apex) <= high && low <= neutral.max(apex)
+        self.is_of(proposal) && is_same_stretch([neutral, apex], proposal.numbers)
     }
 
     /// Name, label and frames.
@@ -160,23 +170,43 @@ impl EarlierSegments {
     /// the table that replaces it was proposed.
     pub fn keep_in(self, rows: &mut Vec<SegmentRow<'_>>, is_given: GivenForAll) -> (Vec<String>, Proposed) {
         let (mut labels, mut other, mut moved) = (0, Vec::new(), Vec::new());
-        let is_deleted = |proposal: &Proposal| !self.rows.iter().any(|row| proposal.is_in(row));
-        let deleted: Vec<Proposal> = self.proposed.iter().filter(|proposal| is_deleted(proposal)).cloned().collect();
-        let mut proposed: Vec<Proposal> = rows.iter().map(Proposal::of).collect();
-        let (left_out, kept): (Vec<_>, Vec<_>) = std::mem::take(rows).into_iter().partition(|row| {
-            let found = Proposal::of(row);
-            deleted.iter().any(|old| old.is_same(&found)) && is_deleted(&found)
-        });
-        *rows = kept;
-        proposed.extend(deleted.into_iter().filter(|old| !left_out.iter().any(|row| Proposal::of(row).is_same(old))));
-        let mut earlier = self.rows;
+        let (earlier, old) = (&self.rows, &self.proposed);
+        // The row of what was proposed, whatever a person changed in it: what has none was deleted.
+        let row_of = paired(
+            old.len(),
+            earlier.len(),
+            &[
+                &|p, row| earlier[row].is_exactly(&old[p]),
+                &|p, row| earlier[row].is_of(&old[p]) && earlier[row].sequence == old[p].sequence,
+                &|p, row| earlier[row].is_same(&old[p]),
+                &|p, row| earlier[row].sequence == old[p].sequence,
+            ],
+        );
+        let found: Vec<Proposal> = rows.iter().map(Proposal::of).collect();
+        let was_proposed = |k: usize, row: usize| {
+            earlier[row].is_of(&found[k])
+                && row_of.iter().zip(old).any(|(of, proposal)| *of == Some(row) && proposal.is_same(&found[k]))
+        };
+        let kept_from = paired(
+            found.len(),
+            earlier.len(),
+            &[&|k, row| earlier[row].is_exactly(&found[k]), &was_proposed, &|k, row| earlier[row].is_same(&found[k])],
+        );
+        let deleted: Vec<&Proposal> = old.iter().zip(&row_of).filter(|(_, row)| row.is_none()).map(|(old, _)| old).collect();
+        let is_left_out = |k: usize| kept_from[k].is_none() && deleted.iter().any(|old| old.is_same(&found[k]));
+        let (left_out, kept): (Vec<_>, Vec<_>) = std::mem::take(rows).into_iter().enumerate().partition(|(k, _)| is_left_out(*k));
+        let is_left_out_now = |old: &Proposal| left_out.iter().any(|(k, _)| old.is_same(&found[*k]));
+        let mut gone: Vec<Proposal> = left_out.iter().map(|(k, _)| found[*k].clone()).collect();
+        gone.extend(deleted.into_iter().filter(|old| !is_left_out_now(old)).cloned());
+        let proposed = Proposed { rows: kept.iter().map(|(k, _)| found[*k].clone()).collect(), deleted: gone };
         let width = self.columns.len();
-        for row in rows.iter_mut() {
+        for (k, mut row) in kept {
             row.more.resize(width, String::new());
-            let of_same = |is: &dyn Fn(&EarlierRow) -> bool| earlier.iter().position(|old| old.is_of(row) && is(old));
-            let found = of_same(&|old| old.is_same(row)).or_else(|| of_same(&|old| old.is_near(row)));
-            let Some(old) = found.map(|k| earlier.remove(k)) else { continue };
-            if !old.is_same(row) {
+            let Some(old) = kept_from[k].map(|row| &earlier[row]) else {
+                rows.push(row);
+                continue;
+            };
+            if !old.is_exactly(&found[k]) {
                 let (first, last) = (row.segment.neutral_frame, row.segment.apex_frame);
                 moved.push(format!("{}, now frames {first} to {last}", old.said()));
             }
@@ -190,17 +220,19 @@ impl EarlierSegments {
                 row.of.subject.clone_from(&old.subject);
             }
             row.more.clone_from(&old.more);
+            rows.push(row);
         }
-        let is_worth = |old: &&EarlierRow| {
-            let is_redone = rows.iter().any(|row| old.is_of(row));
+        let is_worth = |old: &EarlierRow| {
+            let is_redone = proposed.rows.iter().any(|found| old.is_of(found));
             !is_redone || old.emotion != UNLABELLED || old.more.iter().any(|field| !field.is_empty())
         };
-        let gone: Vec<String> = earlier.iter().filter(is_worth).map(EarlierRow::said).collect();
+        let is_gone = |(k, old): &(usize, &EarlierRow)| !kept_from.contains(&Some(*k)) && is_worth(old);
+        let gone: Vec<String> = earlier.iter().enumerate().filter(is_gone).map(|(_, old)| old.said()).collect();
         let mut said = Vec::new();
         if !left_out.is_empty() {
             let names: Vec<String> = left_out
                 .iter()
-                .map(|row| {
+                .map(|(_, row)| {
                     let Segment { name, neutral_frame, apex_frame, .. } = row.segment;
                     format!("{name} (frames {neutral_frame} to {apex_frame})")
                 })
@@ -225,25 +257,35 @@ impl EarlierSegments {
                 said.push(format!("{what}: {}", list.join("; ")));
             }
         }
-        (said, Proposed(proposed))
+        (said, proposed)
     }
 }
 
-/// All that was proposed for a table of segments, deleted rows, too.
+/// All that was proposed for a table of segments.
 #[derive(Clone, Debug)]
-pub struct Proposed(Vec<Proposal>);
+pub struct Proposed {
+    /// What has a row in it.
+    rows: Vec<Proposal>,
+    /// What a person deleted.
+    deleted: Vec<Proposal>,
+}
 
 impl Proposed {
-    /// Writes it into the folder beside the table, so that a deleted row can be told from one that is new.
+    /// Writes the table with `write_table`, and what was proposed into the folder beside it, so that a deleted row can be told from one that is new.
+    /// Only what was deleted stands there before the table does: whatever ends the program between, nothing else is taken for deleted.
     ///
     /// # Errors
-    /// [`OutputError`] when it cannot be written.
-    pub fn write(&self, table: &Path) -> Result<(), OutputError> {
+    /// [`OutputError`] when one of them cannot be written.
+    pub fn write(&self, table: &Path, write_table: impl FnOnce() -> Result<(), OutputError>) -> Result<(), OutputError> {
+        let path = segments_folder(table).join(PROPOSED);
         let row = |p: &Proposal| {
             let [first, last] = p.numbers.map(|number| number.to_string());
             vec![p.sequence.clone(), p.frames.clone(), first, last]
         };
-        write_records(&segments_folder(table).join(PROPOSED), PROPOSED_COLUMNS, self.0.iter().map(row)).map(|_| ())
+        write_records(&path, PROPOSED_COLUMNS, self.deleted.iter().map(row))?;
+        write_table()?;
+        // Those of the rows first: of two of one name the row is theirs.
+        write_records(&path, PROPOSED_COLUMNS, self.rows.iter().chain(&self.deleted).map(row)).map(|_| ())
     }
 }
 
@@ -281,8 +323,7 @@ mod tests {
         let mut rows: Vec<SegmentRow<'_>> = segments.iter().map(row).collect();
         let earlier = EarlierSegments::read(table).unwrap();
         let (said, proposed) = earlier.keep_in(&mut rows, GivenForAll { emotion: false, subject: false });
-        write_segments(table, "segments", &[], &rows).unwrap();
-        proposed.write(table).unwrap();
+        proposed.write(table, || write_segments(table, "segments", &[], &rows)).unwrap();
         (rows.iter().map(|row| row.segment.name.clone()).collect(), said)
     }
 
@@ -320,6 +361,85 @@ mod tests {
         assert_eq!(again(&table, &moved).0, ["talk-01", "talk-02", "talk-04", "talk-05"]);
         std::fs::remove_file(&table).unwrap();
         assert_eq!(again(&table, &segments).0.len(), 4);
+    }
+
+    /// A table of what is found, and the folder that it is in.
+    fn table_of(segments: &[Segment]) -> (tempfile::TempDir, std::path::PathBuf) {
+        let folder = tempfile::tempdir().unwrap();
+        let table = folder.path().join("segments.csv");
+        std::fs::create_dir(segments_folder(&table)).unwrap();
+        assert_eq!(again(&table, segments).0.len(), segments.len());
+        (folder, table)
+    }
+
+    #[test]
+    fn parts_of_a_proposal_that_was_deleted_are_new() {
+        let mut merged = found();
+        merged.truncate(1);
+        merged[0].apex_frame = 100;
+        let (_folder, table) = table_of(&merged);
+        edit(&table, |line| (!line.contains("talk-01")).then(|| line.to_owned()));
+        let mut split = found();
+        split.truncate(2);
+        (split[1].neutral_frame, split[1].apex_frame) = (40, 60);
+        assert_eq!(again(&table, &split).0, ["talk-01", "talk-02"]);
+        // Cut as before it is still deleted, though others of its name and stretch were proposed since.
+        let (names, said) = again(&table, &merged);
+        assert!(names.is_empty() && said[0].contains("talk-01 (frames 10 to 100)"), "{said:?}");
+    }
+
+    #[test]
+    fn what_a_neighbour_is_changed_to_brings_no_deleted_row_back() {
+        let segments = found();
+        let (_folder, table) = table_of(&segments);
+        let change = |line: &str| (!line.contains("talk-03")).then(|| line.replace(",50,70,", ",50,75,"));
+        edit(&table, change);
+        let mut near = segments.clone();
+        near[2].apex_frame = 68;
+        for segments in [&segments, &near] {
+            assert_eq!(again(&table, segments).0, ["talk-01", "talk-02", "talk-04"]);
+        }
+        // The rows behind it may be numbered anew.
+        let (_folder, table) = table_of(&segments);
+        edit(&table, |line| (!line.contains("talk-03")).then(|| line.replace("talk-04", "talk-03")));
+        assert_eq!(again(&table, &segments).0, ["talk-01", "talk-02", "talk-04"]);
+    }
+
+    #[test]
+    fn a_row_that_was_given_other_frames_is_not_deleted_and_keeps_its_label() {
+        for frames in [",45,50,", ",30,44,", ",,,"] {
+            let (_folder, table) = table_of(&found());
+            let joy = |line: &str| line.replace("talk-02,unlabelled", "talk-02,joy").replace(",50,70,", frames);
+            edit(&table, |line| Some(joy(line)));
+            let (names, said) = again(&table, &found());
+            assert_eq!(names, ["talk-01", "talk-02", "talk-03", "talk-04"], "{said:?}");
+            let text = std::fs::read_to_string(&table).unwrap();
+            assert!(text.contains("talk-02,joy,talk,50,70,"), "{frames}: {text}");
+            assert!(said.iter().any(|said| said.contains("other frames: talk-02 (joy, frames ")), "{said:?}");
+        }
+    }
+
+    #[test]
+    fn what_ends_the_program_between_two_files_deletes_nothing() {
+        let full = || Err(OutputError::at(Path::new("segments.csv"))(std::io::Error::other("disk full")));
+        for is_written in [false, true] {
+            let (_folder, table) = table_of(&found());
+            edit(&table, |line| (!line.contains("talk-03")).then(|| line.to_owned()));
+            // Another cut finds less, and ends before or after the table was written.
+            let fewer = found()[..1].to_vec();
+            let of = ManifestColumns { subject: "P1".to_owned(), emotion: UNLABELLED.to_owned(), frames: "talk".to_owned() };
+            let mut rows = vec![SegmentRow { of, more: Vec::new(), fps: Some(25.0), segment: &fewer[0] }];
+            let earlier = EarlierSegments::read(&table).unwrap();
+            let (_, proposed) = earlier.keep_in(&mut rows, GivenForAll { emotion: false, subject: false });
+            let ended = proposed.write(&table, || {
+                if is_written {
+                    write_segments(&table, "segments", &[], &rows)?;
+                }
+                full()
+            });
+            assert!(ended.is_err());
+            assert_eq!(again(&table, &found()).0, ["talk-01", "talk-02", "talk-04"], "{is_written}");
+        }
     }
 
     #[test]

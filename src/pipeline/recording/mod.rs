@@ -195,7 +195,7 @@ pub enum RecordingError {
         reasons: Vec<String>,
     },
     /// The record of an earlier time is of a later version.
-    #[error("{}: {source}, or choose another folder", path.display())]
+    #[error("{}: {source}, or give the table of `segment` another name, or `run` another `-o`", path.display())]
     Newer {
         /// The record.
         path: PathBuf,

@@ -11,7 +11,7 @@ use super::{
 use crate::{
     fap::{FapCatalog, FapMask, FapNumber, offsets_from_frame, read_fap},
     input::CsvFile,
-    interpolation::MOST_EVEN,
+    interpolation::{MOST_EVEN, too_many_between},
     normalize::{NormalizeOptions, Normalizer},
     plausible::{FaceSize, check_face_units},
     pose::without_turns,
@@ -127,7 +127,7 @@ fn read_points(file: &CsvFile, bank: &Bank) -> Result<Motion, SynthesisError> {
 fn filled(frames: BTreeMap<u32, FpMotion>, of: impl FnOnce(Vec<FpMotion>) -> Motion) -> Result<Motion, String> {
     let (numbers, keys): (Vec<u32>, Vec<FpMotion>) = frames.into_iter().unzip();
     let (Some(first), Some(last)) = (numbers.first(), numbers.last()) else { return Err("the table has no rows".to_owned()) };
-    if last - first > MOST_EVEN {
+    if last - first >= MOST_EVEN {
         return Err(format!("{} frames, numbered from {first} to {last}: number frames one after the other", numbers.len()));
     }
     let steps: Vec<u32> = numbers.windows(2).map(|pair| pair[1] - pair[0]).collect();
@@ -182,8 +182,7 @@ fn read_track_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, Synthes
     let motion = face.motion(MotionKind::Track, (&model, lids), clock.fps, path)?;
     let Some(times) = clock.times else { return Ok(motion) };
     motion.evenly(&times).map_err(|frames| {
-        let reason = format!("with frames put between where some are missing or have times of their own it has {frames} frames; at most {MOST_EVEN} are made: give the track its rate, or \
-             number its frames one by one");
+        let reason = too_many_between(frames, MOST_EVEN);
         SynthesisError::Motion { path: path.to_owned(), reason }
     })
 }

@@ -23,6 +23,7 @@ use crate::simulate::{CameraOptions, Emotion, SimulateOptions, SimulatedSequence
 use grimace::internal::{
     dataset::{Dataset, DatasetError, FrameSource, LandmarkSelection, SequenceEntry, correspondences_from_landmarks},
     fit::{Correspondence, Fitter},
+    report::failed_name,
     sequence::{Frame, SequenceError, SequenceReader},
     track::{TrackPlan, eye_distance_px},
     units::NodeId,
@@ -147,11 +148,8 @@ pub fn dataset_cases(path: &Path, by: Option<&str>) -> Result<(Vec<TrackingCase>
     let dataset = Dataset::open(path)?;
     let mut failures: Vec<Failed> = Vec::new();
     for f in &dataset.failures {
-        failures.push(Failed {
-            id: format!("{}_{}", f.subject, f.sequence),
-            variant: String::new(),
-            reason: f.error.to_string(),
-        });
+        let reason = f.error.to_string();
+        failures.push(Failed { id: failed_name(&f.subject, &f.sequence, &reason), variant: String::new(), reason });
     }
     let mut cases = Vec::new();
     for entry in dataset.sequences {

@@ -12,6 +12,7 @@ use grimace::internal::{
     fit::Fitter,
     output::{write_atomic, write_bytes},
     pipeline::{Event, PipelineOptions, Workbench, run as run_dataset},
+    report::{Failure, failed_name},
     synthesis::candide_study,
     wireframe::{Tables, Wireframe},
 };
@@ -99,8 +100,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         _ => {}
     })?;
     progress.finish_and_clear();
-    let mut missing: Vec<String> =
-        summary.failures.iter().map(|f| format!("{}_{}: {}: {}", f.subject, f.sequence, f.stage, f.reason)).collect();
+    let said = |Failure { subject, sequence, stage, reason }: &Failure| {
+        let name = failed_name(subject, sequence, reason);
+        // That of a row without one is where its reason begins.
+        if reason.starts_with(&name) { format!("{stage}: {reason}") } else { format!("{name}: {stage}: {reason}") }
+    };
+    let mut missing: Vec<String> = summary.failures.iter().map(said).collect();
 
     let (mut plates, not_made) = KpFigures::new(&dataset, &out, &who, &bench)?.plates()?;
     missing.extend(not_made);
