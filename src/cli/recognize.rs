@@ -28,7 +28,7 @@ Example:
 
 Columns: subject, sequence, emotion (where the track's .json names one), recognized, probability, p_LABEL for every label, distance \
 (squared, in standard deviations within labels), typicality (share of known sequences that are as far from their label; beyond all of them, by how their distances scatter; of a sequence that moves \
-less than all of them, the chance of that), id. A sequence that is less typical than --none is `none of these`. Probabilities are calibrated on people who were left out.")]
+less than all of them, at most the chance of that), id. A sequence that is less typical than --none is `none of these`. Probabilities are calibrated on people who were left out.")]
 pub struct Args {
     /// Tracks to label: files, or folders of them
     #[arg(required = true, value_name = "TRACK")]

@@ -74,6 +74,12 @@ fn leading_zeros(near: &Path) -> String {
     format!("; {} is there: spreadsheets drop leading zeros, format the column as text", near.display())
 }
 
+/// What a path of another system has wrong.
+fn backslashes(path: &Path) -> &'static str {
+    let is_of_windows = !cfg!(windows) && path.to_string_lossy().contains('\\');
+    if is_of_windows { "; folders are separated by / here, and drives have no letters" } else { "" }
+}
+
 impl FrameSource {
     /// Number of the neutral frame.
     #[must_use]
@@ -114,7 +120,10 @@ pub enum FramesError {
         reason: io::Error,
     },
     /// No such folder or file.
-    #[error("{}: there is no such folder of frames or video file{}", path.display(), near.as_deref().map(leading_zeros).unwrap_or_default())]
+    #[error(
+        "{}: there is no such folder of frames or video file{}{}",
+        path.display(), near.as_deref().map(leading_zeros).unwrap_or_default(), backslashes(path)
+    )]
     NotFound {
         /// The path.
         path: PathBuf,

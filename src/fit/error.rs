@@ -51,7 +51,7 @@ pub enum FitError {
     /// Left and right were exchanged.
     #[error(
         "the marks fit the mirrored face: left and right are exchanged, which are the subject's own (the subject's left is on the right of the \
-         image; or were x and y exchanged?){}{}",
+         image){}{}",
         mirrored(pairs),
         and_then(then)
     )]
@@ -61,6 +61,12 @@ pub enum FitError {
         /// Nodes that are exchanged beside that, in pairs.
         then: Vec<(NodeId, NodeId)>,
     },
+    /// Columns of the table were exchanged.
+    #[error(
+        "the marks fit a mirrored face that lies on its side: x and y are exchanged; x goes to the right, y downwards, both from the upper left corner \
+         of the image"
+    )]
+    AxesExchanged,
     /// Rows were counted from the bottom of the image.
     #[error(
         "the marks fit the face in a mirror below it: y is counted from the top of the image, downwards; where it was counted from the bottom, \

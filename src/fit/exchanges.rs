@@ -37,7 +37,7 @@ pub(super) struct Exchange {
 
 impl Exchange {
     /// Where the marks are with their names exchanged, for the face as it is, or in the mirror.
-    fn places(&self, seen: &[Point2<f64>]) -> Vec<Point2<f64>> {
+    pub(super) fn places(&self, seen: &[Point2<f64>]) -> Vec<Point2<f64>> {
         let mut places: Vec<_> = seen.iter().map(|p| Point2::new(if self.mirrored { -p.x } else { p.x }, p.y)).collect();
         self.pairs.iter().for_each(|&(i, j)| places.swap(i, j));
         places
@@ -176,6 +176,25 @@ mod tests {
             right.sort_unstable();
             assert_eq!((pairs(&found), then.len()), (right, 0), "{nodes:?}");
             assert!(said(nodes, &[]).is_ok(), "{nodes:?}");
+        }
+    }
+
+    #[test]
+    fn columns_that_are_exchanged_are_said_and_not_taken_for_left_and_right() {
+        let wireframe = Wireframe::candide3();
+        let fit = |marks: &[Correspondence]| Fitter::new(&wireframe, super::super::FitOptions::default()).fit(&wireframe, marks);
+        for nodes in [&SEVEN[..], &BROWS] {
+            for roll in [0.0_f64, 0.3, -0.3] {
+                let place = |node: u16, swap: bool| {
+                    let p = nalgebra::Rotation2::new(roll) * wireframe.frontal()[usize::from(node)];
+                    let (x, y) = (320.0 + 160.0 * p.x, 240.0 - 160.0 * p.y);
+                    Correspondence::mark(NodeId(node), if swap { Point2::new(y, x) } else { Point2::new(x, y) })
+                };
+                let marks = |swap: bool| nodes.iter().map(|&node| place(node, swap)).collect::<Vec<_>>();
+                let error = fit(&marks(true)).map(drop).unwrap_err();
+                assert!(matches!(error, FitError::AxesExchanged), "{roll}: {error}");
+                assert!(fit(&marks(false)).is_ok(), "{roll}");
+            }
         }
     }
 

@@ -146,7 +146,7 @@ impl PlausibleFaces {
     /// Refuses marks that no face has, and gives those that should be looked at. `seen` are the marks' places, y up.
     ///
     /// # Errors
-    /// [`FitError::Mirrored`], [`FitError::YUpwards`], [`FitError::UpsideDown`], [`FitError::Exchanged`] or [`FitError::Outlier`].
+    /// [`FitError::Mirrored`], [`FitError::AxesExchanged`], [`FitError::YUpwards`], [`FitError::UpsideDown`], [`FitError::Exchanged`] or [`FitError::Outlier`].
     pub(super) fn check(&self, marks: &[Correspondence], seen: &[Point2<f64>]) -> Result<Vec<Stray>, FitError> {
         let nodes: Vec<NodeId> = marks.iter().map(|m| m.node).collect();
         let errors: Vec<f64> = marks.iter().map(|m| m.expected_error.unwrap_or(0.0) / MEDIAN_OVER_DEVIATION).collect();
@@ -156,6 +156,11 @@ impl PlausibleFaces {
         let strays = view.strays();
         let wrong = strays.iter().any(Stray::is_wrong);
         if let Some(exchange) = exchanges::find(&measure, &view, &nodes, &self.mirror, seen) {
+            // People lie on their side as they are, and not in the mirror.
+            let on_its_side = || measure.view(&exchange.places(seen)).is_some_and(|view| view.lies_on_its_side());
+            if exchange.mirrored && exchange.pairs.is_empty() && on_its_side() {
+                return Err(FitError::AxesExchanged);
+            }
             return Err(self.named(exchange, &nodes));
         }
         if wrong && let Some(pairs) = exchanges_by_steps(&measure, seen, &view) {
@@ -374,6 +379,11 @@ impl View<'_> {
             }
         }
         best.map(|b| b.1)
+    }
+
+    /// Whether its roll is nearer to a quarter of a turn than to none or half of one.
+    fn lies_on_its_side(&self) -> bool {
+        self.roll.0.cos().abs() < std::f64::consts::FRAC_1_SQRT_2
     }
 
     /// The roll of a face that surely stands upside down.

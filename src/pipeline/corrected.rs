@@ -1,17 +1,21 @@
 //! Hand work in the tracks of a run: applied again after every new tracking.
 
-use std::path::Path;
+use std::{collections::BTreeSet, path::Path};
 
 use super::{SequenceFailure, SequenceSource, Stage, Workbench};
 use crate::{
     fit::Springs,
+    output::listed,
     sequence::{ImageSize, SequenceReader},
     track::{
-        Confidence, Corrections, SavedCorrections, TrackCorrections, TrackError, TrackInfo, TrackedFrame, correct_nodes,
-        corrections_in_track, expect_errors, fitting_corrections, read_corrections, read_track_info, resume_with, summarize,
-        window_px, write_corrections,
+        CORRECTIONS_FOLDER, Confidence, Corrections, SavedCorrections, TrackCorrections, TrackError, TrackInfo, TrackedFrame,
+        correct_nodes, corrections_in_track, expect_errors, fitting_corrections, read_corrections, read_track_info, resume_with,
+        summarize, window_px, write_corrections,
     },
 };
+
+/// Most files that a note names.
+const MOST_NAMED: usize = 6;
 
 /// The corrections saved for a track; those that an older version kept in the track alone get their file now, before the track is made
 /// again.
@@ -66,6 +70,23 @@ pub fn correct_track(
     apply(&saved, earlier.as_ref(), frames, info, bench, |frames, fit| source.track_corrected(frames, fit, &inputs, bench))
 }
 
+/// That corrections in the folder of a run are of none of its sequences, whose names are given: a typing error in a file's name would be
+/// work in vain.
+pub(super) fn unused_corrections(out: &Path, ids: &BTreeSet<String>) -> Option<String> {
+    let entries = std::fs::read_dir(out.join(CORRECTIONS_FOLDER)).ok()?;
+    let names = entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned());
+    let is_unused = |name: &String| name.strip_suffix(".csv").is_some_and(|stem| !stem.starts_with('.') && !ids.contains(stem));
+    let mut unused: Vec<String> = names.filter(is_unused).collect();
+    unused.sort();
+    let (they, their) = if unused.len() == 1 { ("is", "its") } else { ("are", "their") };
+    (!unused.is_empty()).then(|| {
+        format!(
+            "{} in {CORRECTIONS_FOLDER}/ {they} of no sequence of this run, and not applied: {their} names have to be SUBJECT_SEQUENCE.csv",
+            listed(&unused, MOST_NAMED)
+        )
+    })
+}
+
 fn known(size: ImageSize, otherwise: ImageSize) -> ImageSize {
     if size.width > 0 && size.height > 0 { size } else { otherwise }
 }
@@ -111,4 +132,23 @@ pub(super) fn correct_frames(
         Ok(TrackedFrame { number: frame.number, nodes })
     };
     frames.iter().map(one).collect::<Result<_, _>>().map_err(SequenceFailure::at(Stage::Track))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn corrections_of_no_sequence_are_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let ids = BTreeSet::from(["P1_2".to_owned()]);
+        assert_eq!(unused_corrections(folder.path(), &ids), None);
+        std::fs::create_dir(folder.path().join(CORRECTIONS_FOLDER)).unwrap();
+        let write = |name: &str| std::fs::write(folder.path().join(CORRECTIONS_FOLDER).join(name), "").unwrap();
+        ["P1_2.csv", ".P9_2.csv", "notes.txt"].into_iter().for_each(write);
+        assert_eq!(unused_corrections(folder.path(), &ids), None);
+        ["P1.csv", "P1_02.csv"].into_iter().for_each(write);
+        let said = unused_corrections(folder.path(), &ids).unwrap();
+        assert!(said.starts_with("P1.csv; P1_02.csv in corrections/ are of no sequence of this run"), "{said}");
+    }
 }

@@ -16,6 +16,7 @@ use rayon::prelude::*;
 use super::{
     Analysis, Failure, RunJson, SequenceRecord, Stage, Workbench,
     analysis::{AnalysisError, analyze_with},
+    corrected::unused_corrections,
     file_blake3 as hash_of,
     folder::{RUN_JSON, new_record, open},
     ledger::{Ledger, remove_journal},
@@ -340,6 +341,7 @@ pub fn run(
             said.push(format!("{folder}: {pictures} of people who may not be shown, made before; remove what nobody is to see"));
         }
     }
+    said.extend(unused_corrections(out, &planned.iter().map(|p| p.id.to_string()).collect()));
     event(Event::Analyzing);
 
     let pictures = picture_sources(&planned, bench);

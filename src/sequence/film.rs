@@ -49,7 +49,11 @@ pub enum FilmError {
     #[error(transparent)]
     Output(#[from] OutputError),
     /// The program that encodes videos is not there, or ended in the middle.
-    #[error("{}: {source}", path.display())]
+    #[error(
+        "{}: {source}{}",
+        path.display(),
+        if matches!(source, CompanionError::NotInstalled) { "; GIF and animated PNG are made without it" } else { "" }
+    )]
     Program {
         /// The file.
         path: PathBuf,

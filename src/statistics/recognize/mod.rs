@@ -8,7 +8,8 @@
 //! that can be counted is 1 / (n + 1). How typical a sequence is that is farther off than all of them follows from how the logarithms of
 //! their distances scatter: the chance that one more is as far off, by Student's t. Sequences of one person are no chances of their own, so
 //! its degrees of freedom are counted in people. A face that does not move lies between all labels, and no farther from the nearest than
-//! people do who show it strongly: a sequence that moves less than all that are known is as typical as the chance that one more moves so little.
+//! people do who show it strongly: a sequence that moves less than all that are known is at most as typical as the chance that
+//! any of as many people moves so little.
 
 mod lda;
 
@@ -69,7 +70,7 @@ pub struct Recognized {
     /// Squared distance to the most probable label's mean, in within-label standard deviations.
     pub distance: f64,
     /// Share of left-out sequences that are as far from their nearest label, or farther; beyond all of them, the chance that one is, by the
-    /// scatter of their distances. At most the chance that one moves as little, where it moves less than all of them.
+    /// scatter of their distances. At most the chance that any of as many people moves as little, where it moves less than all of them.
     pub typicality: f64,
 }
 
@@ -369,6 +370,8 @@ impl Usual {
         let is_least = self.amounts.iter().all(|&known| known > amount);
         let turned = || self.amounts.iter().map(|known| known.recip()).collect::<Vec<_>>();
         let below = is_least.then(|| self.chance_above(&turned(), amount.max(f64::MIN_POSITIVE).recip())).flatten();
+        // One of them moves least, whatever they show.
+        let below = below.map(|chance| chance * (1 + self.people) as f64);
         [beyond, below].into_iter().flatten().fold(share, f64::min)
     }
 

@@ -120,7 +120,8 @@ fn beyond_all_that_are_known_their_scatter_tells() {
     assert_eq!(usual.typicality(1.5, 3.0), 0.75, "two of three are as far, and it is one more itself");
     // To move a tenth of something is as rare as that the reciprocal is ten times as large.
     let turned: Vec<f64> = usual.amounts.iter().map(|amount| 1.0 / amount).collect();
-    assert_eq!(usual.typicality(1.5, 0.1), usual.chance_above(&turned, 10.0).unwrap());
+    assert_eq!(usual.typicality(1.5, 0.1), 4.0 * usual.chance_above(&turned, 10.0).unwrap());
+    assert_eq!(usual.typicality(1.5, 1.9), 0.75, "one of four moves least");
     assert_eq!(Usual { people: 1, ..usual.clone() }.chance_above(&usual.distances, 5.0), None);
     assert_eq!(usual.chance_above(&[0.0, 0.0, 1.0], 5.0), None);
 }
