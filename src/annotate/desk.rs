@@ -30,7 +30,7 @@ use crate::{
     fit::{Correspondence, read_correspondences, write_correspondences},
     output::{count, remove_durably, write_durable},
     pipeline::Workbench,
-    sequence::{ImageSize, first_in_colour, read_first_frame},
+    sequence::{ImageSize, read_first_in_colour},
     units::SequenceId,
 };
 
@@ -290,8 +290,8 @@ impl Desk {
             Ok(None) => None,
             Err(note) => Some(note),
         };
-        let frame = read_first_frame(&frames).map_err(RequestError::refused)?;
-        match propose_from_face(&frame, first_in_colour(&frames).as_ref()) {
+        let (frame, colour) = read_first_in_colour(&frames).map_err(RequestError::refused)?;
+        match propose_from_face(&frame, colour.as_ref()) {
             Ok(Some((found, doubt))) => return Ok(Proposed { note: doubt.or(note), ..Proposed::of(&found) }),
             Ok(None) => {}
             Err(reason) => return Ok(Proposed { source: None, marks: Vec::new(), note: Some(note.unwrap_or(reason)) }),

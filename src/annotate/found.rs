@@ -8,7 +8,7 @@ use crate::{
     fit::Correspondence,
     locate::FacePart,
     pipeline::{FoundFace, found_face},
-    sequence::{Frame, first_in_colour, read_first_frame},
+    sequence::{Frame, read_first_in_colour},
     units::SequenceId,
 };
 
@@ -78,9 +78,8 @@ impl Desk {
 
     fn sure_marks(&self, id: &SequenceId, limit: f64) -> Result<Vec<Correspondence>, String> {
         let frames = self.neutral_frames(id).map_err(|e| e.to_string())?;
-        let frame = read_first_frame(&frames).map_err(|e| e.to_string())?;
-        let face =
-            found_face(&frame, first_in_colour(&frames).as_ref()).map_err(|e| e.to_string())?.ok_or("no face was found")?;
+        let (frame, colour) = read_first_in_colour(&frames).map_err(|e| e.to_string())?;
+        let face = found_face(&frame, colour.as_ref()).map_err(|e| e.to_string())?.ok_or("no face was found")?;
         let percent = 100.0 * face.expected_error;
         if !face.trusted || percent >= limit {
             return Err(format!("half of the points are expected to be more than {percent:.1} % of the eye distance off"));

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use grimace::{
-    clone::{CloneError, Skin, SourceKind, SourceMotion, Target},
+    clone::{Skin, SourceKind, SourceMotion, Target},
     dataset::LandmarkSelection,
     output,
     pipeline::{PORTRAIT_NAME, PipelineOptions, Workbench, id_of, showcase_target},
@@ -118,8 +118,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let html = page(&title, &shown, &faces, &heads, &bench)?;
     output::write_bytes(&args.output, html.as_bytes())?;
     // As the page has them: with those that are put between.
-    let frames: Vec<usize> =
-        motions.iter().map(|motion| Ok(motion.evenly()?.frame_count())).collect::<Result<_, CloneError>>()?;
+    let frames = motions.iter().map(SourceMotion::even_frame_count).collect::<Result<Vec<_>, _>>()?;
     if let Some(said) = too_large(html.len(), &labels, &frames, faces.len() + heads.len()) {
         eprintln!("note: {}: {said}", args.output.display());
     }

@@ -180,9 +180,7 @@ impl SourceMotion {
     /// # Errors
     /// [`CloneError::TooManyBetween`] where too many frames would be put between its own.
     pub fn evenly(&self) -> Result<Self, CloneError> {
-        let Some(&end) = self.times.as_ref().and_then(|times| times.last()) else { return Ok(self.clone()) };
-        let Even { last, fps } = Even::over(end, self.fps.unwrap_or(f64::from(FPS)))
-            .map_err(|frames| CloneError::TooManyBetween { name: self.name.clone(), frames, most: MOST_EVEN })?;
+        let Some(Even { last, fps }) = self.even()? else { return Ok(self.clone()) };
         let course = self.course();
         let moments: Vec<Moment> = (0..=last).map(|k| course.at(self.place(k as f64 / last as f64))).collect();
         Ok(Self {
@@ -193,6 +191,21 @@ impl SourceMotion {
             times: None,
             ..self.clone()
         })
+    }
+
+    /// How many frames [`SourceMotion::evenly`] gives.
+    ///
+    /// # Errors
+    /// As there.
+    pub(crate) fn even_frame_count(&self) -> Result<usize, CloneError> {
+        Ok(self.even()?.map_or(self.frame_count(), |even| even.last + 1))
+    }
+
+    /// The frames that take the place of its own; `None` where these are evenly apart.
+    fn even(&self) -> Result<Option<Even>, CloneError> {
+        let Some(&end) = self.times.as_ref().and_then(|times| times.last()) else { return Ok(None) };
+        let even = Even::over(end, self.fps.unwrap_or(f64::from(FPS)));
+        even.map(Some).map_err(|frames| CloneError::TooManyBetween { name: self.name.clone(), frames, most: MOST_EVEN })
     }
 
     /// The place between frames at a share of the way through the motion's time.
@@ -323,7 +336,7 @@ mod tests {
             ..happiness()
         };
         let even = of(1.0).evenly().unwrap();
-        assert_eq!((even.frame_count(), even.fps, even.times), (11, Some(10.0), None));
+        assert_eq!((of(1.0).even_frame_count().unwrap(), even.frame_count(), even.fps, even.times), (11, 11, Some(10.0), None));
         let said = of(20_240_201.0).evenly().unwrap_err().to_string();
         assert!(said.starts_with("happiness: with frames put between") && said.contains("202402011 frames"), "{said}");
     }

@@ -12,7 +12,7 @@ use crate::{
         Dataset, DatasetError, FrameSource, IMAGE_EXTENSIONS, MANIFEST_COLUMNS, MANIFEST_NAME, is_picture, may_publish, visible,
     },
     input::CsvFile,
-    sequence::{Frame, Portrait, SequenceError, first_in_colour, read_first_frame},
+    sequence::{Frame, Portrait, SequenceError, read_first_in_colour},
 };
 
 /// A picture to look for faces in.
@@ -83,7 +83,8 @@ impl PictureSource {
                 Ok(ReadPicture { frame: Frame::new(0, portrait.grey), colour: Some(portrait.picture), remark })
             }
             Frames::First(source) => {
-                Ok(ReadPicture { frame: read_first_frame(source)?, colour: first_in_colour(source), remark: None })
+                let (frame, colour) = read_first_in_colour(source)?;
+                Ok(ReadPicture { frame, colour, remark: None })
             }
         }
     }

@@ -5,8 +5,9 @@ use std::{collections::BTreeMap, path::Path};
 use image::{DynamicImage, GrayImage, ImageBuffer, Rgb, RgbImage, RgbaImage};
 
 use super::{
-    DecodeError, GrayDecoder, SequenceError,
+    DecodeError, Frame, GrayDecoder, SequenceError,
     decode::{bits_of, grey_of, other_pixels},
+    read_first_frame,
     still::{Wanted, decode, is_jpeg},
     stream::{self, Next, Stream},
 };
@@ -89,12 +90,16 @@ fn read_with(path: &Path, bits: &mut Option<u32>) -> Result<RgbImage, SequenceEr
     decoded.map_err(|source| SequenceError::Decode { path: path.to_owned(), source })
 }
 
-/// The first frame of a sequence of pictures in colour; `None` of a video, which would be started again for it, and where it does not read.
-pub fn first_in_colour(source: &FrameSource) -> Option<RgbImage> {
-    match source {
-        FrameSource::Images(files) => read_colour(&files.first()?.path).ok(),
+/// The first frame of a sequence, and the same in colour: not of a video, which would be started again for it, nor where it does not read.
+///
+/// # Errors
+/// As [`read_first_frame`].
+pub fn read_first_in_colour(source: &FrameSource) -> Result<(Frame, Option<RgbImage>), SequenceError> {
+    let colour = match source {
+        FrameSource::Images(files) => files.first().and_then(|file| read_colour(&file.path).ok()),
         FrameSource::Video { .. } => None,
-    }
+    };
+    Ok((read_first_frame(source)?, colour))
 }
 
 /// The colour frames of a sequence with their numbers, at most `wanted` of them held by the caller's choice of numbers, and in the order of these:

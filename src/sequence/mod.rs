@@ -27,7 +27,7 @@ use crate::{
 };
 
 pub use clock::Clock;
-pub use colour::{ColourReader, MAX_SIDE, Portrait, colour_of, first_in_colour, read_colour, read_colour_frames};
+pub use colour::{ColourReader, MAX_SIDE, Portrait, colour_of, read_colour, read_colour_frames, read_first_in_colour};
 pub use content::content_blake3;
 pub use decode::{DecodeError, GrayDecoder, grey_of};
 pub use film::{FilmError, LONGEST_FRAME_S, check_video, write_video};
