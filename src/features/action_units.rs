@@ -124,6 +124,9 @@ const SHAPE_ERROR: f64 = 6.0;
 /// Intensity, 0 to 5, from which an action unit counts as present, where it also exceeds twice its expected error.
 const PRESENT: f64 = 1.0;
 
+/// What two explanations of a motion differ by, in logarithms of likelihood, when they differ.
+const SURE: f64 = 15.0;
+
 /// The intensity of one action unit in one frame.
 ///
 /// ```
@@ -235,23 +238,58 @@ impl ActionUnits {
         0.5 * jaw.filter_map(|(_, members)| members.first()).map(gap).sum::<f64>()
     }
 
-    /// Intensities that explain neutral offsets (face units) of nodes with these expected errors (face units).
-    pub fn intensities(&self, offsets: &[Vector2<f64>], nodes: &[(NodeId, f64)]) -> Vec<Intensity> {
+    /// What speaks for each unknown in neutral offsets (face units) of nodes with these expected errors (face units), and how all go together:
+    /// `N` and `A' W d` of the minimum of `x' N x / 2 - (A' W d - rarities)' x`.
+    fn system(&self, offsets: &[Vector2<f64>], nodes: &[(NodeId, f64)]) -> (DMatrix<f64>, DVector<f64>) {
         let count = self.rarities.len();
         let mut normal = DMatrix::<f64>::identity(count, count) / (STRENGTH * STRENGTH);
-        let mut right = DVector::<f64>::from_iterator(count, self.rarities.iter().map(|rarity| -rarity));
+        let mut seen = DVector::<f64>::zeros(count);
         let mut rows = Rows::new(count);
         for &(node, expected) in nodes {
             let k = node.index();
             let inverse = MEDIAN / expected.hypot(SHAPE_ERROR);
             for (axis, along) in self.along(k).into_iter().enumerate() {
                 rows.add_mixture([inverse], [along]);
-                add_mixture(right.as_mut_slice(), [inverse * inverse * offsets[k][axis]], [along]);
+                add_mixture(seen.as_mut_slice(), [inverse * inverse * offsets[k][axis]], [along]);
             }
         }
         rows.add_products(&rows, &mut normal);
         normal.fill_upper_triangle_with_lower_triangle();
-        let strengths = non_negative(&normal, &right);
+        (normal, seen)
+    }
+
+    /// How much better neutral offsets (face units) are explained than their opposite, of nodes with these expected errors (face units): 1 where
+    /// only what was seen is an expression, -1 where only its opposite is, as of a face that goes back from an expression, 0 where nothing moved.
+    ///
+    /// Muscles only pull: an expression is a non-negative sum of action units, its opposite is badly explained by any. Of either, what the
+    /// best strengths `x` explain is `x' N x / 2`, in logarithms of likelihood; the order is the difference over the sum. Differences of less than
+    /// 15 are none.
+    ///
+    /// ```
+    /// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+    /// # use grimace::{features::ActionUnits, normalize::Normalizer, pose::HeadModel};
+    /// # use nalgebra::Vector2;
+    /// # let normalizer = Normalizer::new(&wireframe, &tables, Default::default())?;
+    /// # let units = ActionUnits::new(&HeadModel::shipped(&wireframe, &tables), &wireframe, &normalizer)?;
+    /// let nodes: Vec<_> = wireframe.live_nodes().iter().map(|node| (*node, 5.0)).collect();
+    /// assert_eq!(units.order(&vec![Vector2::zeros(); 113], &nodes), 0.0);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn order(&self, offsets: &[Vector2<f64>], nodes: &[(NodeId, f64)]) -> f64 {
+        let (normal, seen) = self.system(offsets, nodes);
+        let rarities = DVector::from_column_slice(&self.rarities);
+        let explained = |seen: DVector<f64>| {
+            let strengths = non_negative(&normal, &(seen - &rarities));
+            0.5 * (&normal * &strengths).dot(&strengths)
+        };
+        let [there, back] = [explained(seen.clone()), explained(-seen)];
+        if (there - back).abs() < SURE { 0.0 } else { (there - back) / (there + back) }
+    }
+
+    /// Intensities that explain neutral offsets (face units) of nodes with these expected errors (face units).
+    pub fn intensities(&self, offsets: &[Vector2<f64>], nodes: &[(NodeId, f64)]) -> Vec<Intensity> {
+        let (normal, seen) = self.system(offsets, nodes);
+        let strengths = non_negative(&normal, &(seen - DVector::from_column_slice(&self.rarities)));
         let covariance = normal.cholesky().map(|factor| factor.inverse());
         let one = |(unit, members): (&ActionUnit, &Vec<(usize, f64)>)| {
             let strength = members.iter().map(|&(i, share)| share * strengths[i]).sum::<f64>();
@@ -332,6 +370,9 @@ mod tests {
             }
         }
         let nodes: Vec<(NodeId, f64)> = w.live_nodes().iter().map(|&n| (n, 2.0)).collect();
+        let back: Vec<Vector2<f64>> = offsets.iter().map(|offset| -offset).collect();
+        let [order, reversed] = [&offsets, &back].map(|offsets| units.order(offsets, &nodes));
+        assert!(order > 0.02 && (order + reversed).abs() < 1e-9, "{order} {reversed}");
         for found in units.intensities(&offsets, &nodes) {
             let expected = FULL * strength(found.number);
             assert!((found.value - expected).abs() < 0.4, "AU {}: {} for {expected}", found.number, found.value);

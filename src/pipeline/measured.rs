@@ -7,7 +7,7 @@ use nalgebra::Point2;
 use super::{SequenceFailure, Stage, Workbench};
 use crate::{
     fap::{ValueFormat, write_fap_as},
-    features::{ColumnNames, FrameFeatures, fap_sequence, pose_warning, turn_warning, write_features},
+    features::{ColumnNames, FrameFeatures, fap_sequence, order_warning, pose_warning, turn_warning, write_features},
     model::DynamicExpressionModel,
     normalize::PoseMode,
     plausible::FaceSize,
@@ -27,10 +27,12 @@ pub(super) struct Normalized {
 }
 
 impl Normalized {
-    /// Enters what the head's pose says of a track into its summary.
-    pub fn judge(&self, summary: &mut TrackSummary, frames: &[TrackedFrame]) {
+    /// Enters what the head's pose says of a track, and the order of its frames, into its summary.
+    pub fn judge(&self, summary: &mut TrackSummary, frames: &[TrackedFrame], bench: &Workbench) {
         let Some(fit) = &self.fit else { return };
-        for warning in [turn_warning(fit, frames), pose_warning(fit, frames)].into_iter().flatten() {
+        let order = bench.order(frames, &self.head_free).unwrap_or(0.0);
+        for warning in [turn_warning(fit, frames), pose_warning(fit, frames), order_warning(order, frames)].into_iter().flatten()
+        {
             if !summary.reasons.contains(&warning) {
                 summary.verdict = Verdict::LookAgain;
                 summary.reasons.push(warning);

@@ -56,7 +56,7 @@ use crate::{
     report::{Failure, Stage},
     statistics::{StatisticsOptions, compare::GroupOptions},
     track::{LandmarkPlan, TrackOptions, TrackPlan, TrackedFrame},
-    units::{NodeId, Px},
+    units::{FaceUnit, NodeId, Px},
     wireframe::{Face, FapusError, WfmError, Wireframe, read_wfm},
 };
 
@@ -364,12 +364,34 @@ impl Workbench {
         fit: &HeadFit,
         model: &DynamicExpressionModel<Px>,
     ) -> Result<Vec<FrameFeatures>, String> {
+        self.measured(model, |meter, normalizer, model| {
+            meter.measure(Measured { track, fit, model }, normalizer, &self.tables).map_err(|e| e.to_string())
+        })?
+    }
+
+    /// How much better action units explain the way from the first to the last frame than the way back, -1 to 1, of a track whose model without
+    /// the head's motion is given ([`FeatureMeter::order`]).
+    ///
+    /// # Errors
+    /// A sentence when the track has no features.
+    pub fn order(&self, track: &[TrackedFrame], model: &DynamicExpressionModel<Px>) -> Result<f64, String> {
+        let [neutral, .., apex] = model.frames() else { return Ok(0.0) };
+        let ends = DynamicExpressionModel::new(vec![neutral.clone(), apex.clone()]).map_err(|e| e.to_string())?;
+        self.measured(&ends, |meter, normalizer, model| meter.order(track, model, normalizer, &self.tables))
+    }
+
+    /// With a meter of features, its normalizer, and every frame of a model normalized by it.
+    fn measured<T>(
+        &self,
+        model: &DynamicExpressionModel<Px>,
+        measure: impl FnOnce(&FeatureMeter, &Normalizer<'_>, &DynamicExpressionModel<FaceUnit>) -> T,
+    ) -> Result<T, String> {
         let normalize = FeatureMeter::normalize_options(self.options.normalize);
         let normalizer = Normalizer::new(&self.wireframe, &self.tables, normalize).map_err(|e| e.to_string())?;
         let make = || FeatureMeter::new(self.head_fitter().model(), &self.wireframe, &normalizer).map_err(|e| e.to_string());
         let meter = self.meter.get_or_init(make).as_ref().map_err(Clone::clone)?;
         let model = normalizer.normalize_every_frame(model).map_err(|e| e.to_string())?;
-        meter.measure(Measured { track, fit, model: &model }, &normalizer, &self.tables).map_err(|e| e.to_string())
+        Ok(measure(meter, &normalizer, &model))
     }
 
     /// Normalizes tracked models.

@@ -172,7 +172,7 @@ fn load(
         Some(earlier) => summary.told_by_the_picture_of(earlier),
         None => summary,
     };
-    normalized.judge(&mut summary, &frames);
+    normalized.judge(&mut summary, &frames, bench);
     let course = measure(&normalized, &frames, bench)?.as_deref().and_then(Course::of);
     let model = normalized.model;
     let quality = TrackQuality::new(id.clone(), emotion.clone(), summary, &frames, &bench.wireframe);

@@ -354,7 +354,7 @@ fn process(
         )?;
     }
     let mut summary = info.summary.clone();
-    normalized.judge(&mut summary, &frames);
+    normalized.judge(&mut summary, &frames, bench);
     let mut outputs = BTreeMap::from([(csv_name, hashes.csv), (json_name, hashes.json)]);
     let features = measure(&normalized, &frames, bench)?;
     if let Some(features) = &features {

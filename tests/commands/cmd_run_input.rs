@@ -223,6 +223,26 @@ fn a_sequence_of_one_frame_is_no_sequence() {
 }
 
 /// 68 landmarks of the neutral frame of a sequence, from its true nodes; nothing where no node stands for a landmark.
+#[test]
+fn a_sequence_that_is_played_backwards_is_one_to_look_at_again() {
+    let work = Work::new();
+    let is_frame = |name: &str| name.starts_with("S001/005/") && name.ends_with(".png");
+    let frames: Vec<_> = FACES.iter().filter(|(name, _)| is_frame(name)).collect();
+    for (name, bytes) in &frames {
+        work.write(&format!("faces/{name}"), bytes);
+    }
+    let verdict = |(neutral, apex): (usize, usize), out: &str| {
+        let row = format!("S001,005,happiness,{neutral},{apex}\n");
+        work.write("faces/manifest.csv", format!("subject,sequence,emotion,first_frame,last_frame\n{row}"));
+        work.grimace(&format!("run faces -o {out}")).exit(0);
+        work.rows(&format!("{out}/verdicts.csv"))[0]["reasons"].clone()
+    };
+    let said = "it seems to go from an expression back to neutral";
+    assert!(!verdict((1, frames.len()), "there").contains(said));
+    let back = verdict((frames.len(), 1), "back");
+    assert!(back.contains(said) && back.contains("if frame 1 is the neutral one, exchange first_frame and last_frame"), "{back}");
+}
+
 fn landmarks(id: &str) -> Vec<(f64, f64)> {
     let truth = csv::Reader::from_reader(FACES[&format!("truth/{id}.csv")].as_slice())
         .deserialize::<(u32, usize, f64, f64)>()
