@@ -94,7 +94,7 @@ mod tests {
     use nalgebra::Vector3;
 
     use super::*;
-    use crate::synthesis::{RegionScheme, SynthesisOptions, testing};
+    use crate::synthesis::{Bank, BankInfo, RegionScheme, SynthesisOptions, testing};
 
     /// The answers of the bank's first two members, right and up, to one motion of all three feature points.
     fn answered(offset: Vector3<f64>, solver: Solver, smoothing_frames: f64) -> (Vec<FrameAnswer>, Option<Unshown>) {
@@ -136,5 +136,24 @@ mod tests {
         assert_eq!(synthesizer.unshown(&answers), Some(Unshown { regions: vec!["right"], frames: 1, moving: 1 }));
         assert_eq!(answers[0].weights[0], [0.0]);
         assert!((answers[0].weights[1][0] - 1.0).abs() < 1e-9, "{:?}", answers[0].weights);
+    }
+
+    #[test]
+    fn a_direction_without_a_length_is_no_answer() {
+        // An upper lid goes down and the lower one as far up. `lid` moves the lower one aside; `stray` moves both exactly that way, by a
+        // hundredth, and a point that rests by much more.
+        let mesh = testing::bank().mesh().clone();
+        let (zero, lid) = ([0.0; 3], [[0.0, -1.0, 0.0], [0.3, 0.1, 0.0], [0.0; 3]]);
+        let stray = [[0.0, -0.01, 0.0], [0.0, 0.01, 0.0], [0.5, 0.0, 0.0]];
+        let displacements = [lid.as_slice(), &[zero], &stray, &[zero]].concat();
+        let names = ["lid", "stray"].map(str::to_owned).to_vec();
+        let points = testing::bank().feature_points().to_vec();
+        let bank = Bank::new(mesh, names, displacements, points, BankInfo::default()).unwrap();
+        let synthesizer = Synthesizer::new(&bank, SynthesisOptions { bound_starts: 0, ..SynthesisOptions::default() }).unwrap();
+        let offsets = vec![Some(-Vector3::y()), Some(Vector3::y()), Some(Vector3::zeros())];
+        let answer = &synthesizer.animate(&[FpMotion { offsets, planar: true }], || {})[0];
+        let weights = &answer.weights[0];
+        assert!(weights[0] > 1.0, "{weights:?}");
+        assert!(answer.fitness.is_some_and(|fitness| fitness > 0.5), "{answer:?}");
     }
 }

@@ -236,6 +236,16 @@ impl Goal {
         rests
     }
 
+    /// What of the motion asked for weights show, scaled as [`Goal::fit_length`] does: 1 where all points go as far along it as they are asked to.
+    pub fn shown(&self, weights: &[f64]) -> f64 {
+        let mut scaled = weights.to_vec();
+        self.fit_length(&mut scaled);
+        let motion = self.motion(&scaled);
+        let along: f64 = motion.iter().zip(&self.target).map(|(v, d)| v * d).sum();
+        let all: f64 = motion.iter().zip(&self.target).map(|(_, d)| d * d).sum();
+        if all > 0.0 { along / all } else { 0.0 }
+    }
+
     /// Scales weights so that the summed length of their motion is the target's [ZL, section 3]; what does not move stays. Where a point
     /// that should stay would go farther than [`REST_REACH`] of the longest target motion, they are scaled so that all points come closest
     /// to what is asked for, that one to [`REST_REACH`] at most: what a bank cannot move alone it would otherwise move at the cost of the

@@ -107,14 +107,22 @@ pub fn genetic(goal: &Goal, options: &GaOptions, frame: usize, region: usize) ->
     Solution { weights: runs[best].weights.clone(), fitness: runs[best].fitness, runs }
 }
 
+/// Share of a motion below which an answer shows next to nothing of it, however fit: a direction without a length.
+const NEXT_TO_NOTHING: f64 = 0.25;
+/// Fitness of least squares from which they are an answer instead: most points go about the way they are asked to.
+const ABOUT_THAT_WAY: f64 = 0.5;
+
 /// The genetic algorithm's answer refined by a climb. Where points that should stay hold it back, least squares are the answer if they are
-/// fitter, those points counted.
+/// fitter, those points counted, or if they show at least twice as much, about the way asked for, where the climb's shows less than a quarter.
 pub fn refined(goal: &Goal, options: &GaOptions, is_signed: bool, frame: usize, region: usize) -> Solution {
     let found = genetic(goal, options, frame, region);
     let (mut weights, fitness) = climb(goal, &found.weights, Climb::with_pull(is_signed));
     if goal.fit_length(&mut weights.clone()) {
         let closest = least_squares(goal);
-        if goal.fitness_of(&closest.weights) > goal.fitness_of(&weights) {
+        let [climbed, least] = [&weights, &closest.weights].map(|weights| goal.shown(weights));
+        let fitness = goal.fitness_of(&closest.weights);
+        let shows_more = climbed < NEXT_TO_NOTHING && least > 2.0 * climbed && fitness > ABOUT_THAT_WAY;
+        if shows_more || fitness > goal.fitness_of(&weights) {
             weights = closest.weights;
         }
         return Solution { fitness: goal.fitness_of(&weights), weights, runs: found.runs };
