@@ -39,7 +39,7 @@ pub use groups::{
     is_missing, measures_said, missing_words_said,
 };
 pub use representative::{NEUTRAL_TOLERANCE, check_models, representative};
-pub use spelling::{common_spellings, likely_emotion, near_twins, spelling_key};
+pub use spelling::{common_spellings, likely_emotion, near_twins, spelling_key, synonyms};
 pub use trimming::TrimLevel;
 pub use weights::Weighting;
 pub(crate) use weights::sequence_weights;
