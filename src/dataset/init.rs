@@ -71,7 +71,8 @@ pub struct ProposedManifest {
     pub pictures_of_people: Vec<PicturesOfPeople>,
     /// Videos and pictures of formats that are not read, relative to the manifest.
     pub unread: Vec<String>,
-    /// Folders with results of a run, relative to the manifest; they were not looked into.
+    /// Folders with results of ours, relative to the manifest: of runs and clones, which were not looked into, and of pictures or videos that a
+    /// command wrote, such as overlays.
     pub results: Vec<String>,
     /// The folder that holds everything, where it was not taken for a person.
     pub holds_all: Option<String>,
@@ -102,6 +103,7 @@ pub fn propose_manifest(root: &Path) -> Result<ProposedManifest, DatasetError> {
                 DatasetError::PicturesOfPeople { root, found: found.iter().map(ToString::to_string).collect() }
             }
             ProposedManifest { unread: files, .. } if !files.is_empty() => DatasetError::NothingReadable { root, files },
+            ProposedManifest { results, .. } if !results.is_empty() => DatasetError::OnlyResults { root, results },
             _ => DatasetError::NothingFound { root },
         });
     }
@@ -525,6 +527,35 @@ mod tests {
         ]);
         let manifest = propose_manifest(folder.path()).unwrap();
         assert_eq!((manifest.rows.len(), manifest.results), (1, vec!["smile".to_owned()]), "a clone is no recording");
+    }
+
+    #[test]
+    fn pictures_that_a_command_of_ours_wrote_are_no_sequence() {
+        let root = folder(&[
+            "S1/a/1.png",
+            "S1/a/2.png",
+            "overlays/S1_a_00000001_overlay.png",
+            "overlays/S1_a_00000002_overlay.png",
+            "made/turntable.png",
+            "made/contact_sheet.png",
+            "made/films/clone.mp4",
+            "S1/mixed/1.png",
+            "S1/mixed/2.png",
+            "S1/mixed/S1_a_00000001_overlay.png",
+        ]);
+        let record = "00  turntable.png\n00  contact_sheet.png\n00  films/clone.mp4\n";
+        fs::write(root.path().join("made/synthesize.b3"), record).unwrap();
+        let manifest = propose_manifest(root.path()).unwrap();
+        assert_eq!(manifest.rows.iter().map(|row| row.frames.as_str()).collect::<Vec<_>>(), ["S1/a", "S1/mixed"]);
+        assert_eq!(manifest.results, ["made", "made/films", "overlays"]);
+        // A recording among what was made is taken, and checksums of recordings are no record of ours.
+        fs::write(root.path().join("S1/checksums.b3"), "00  a/1.png\n00  a/2.png\n").unwrap();
+        fs::write(root.path().join("made/films/anna.mp4"), "").unwrap();
+        assert_eq!(propose_manifest(root.path()).unwrap().rows.len(), 3);
+        // In the folder of the results themselves.
+        let out = folder(&["run.json", "overlays/S1_1_00000001_overlay.png", "representatives/joy_skin.png"]);
+        let error = propose_manifest(out.path()).unwrap_err().to_string();
+        assert!(error.contains("only what grimace wrote itself, in overlays; representatives; give the folder"), "{error}");
     }
 
     #[test]
