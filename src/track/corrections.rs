@@ -272,10 +272,11 @@ mod tests {
 
     #[test]
     fn corrections_far_off_the_face_are_named_and_bold_ones_are_not() {
+        type Set = Vec<(NodeId, Point2<f64>)>;
         let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
         let frames = lost_track(&wireframe);
         let at = |node: u16, dx: f64, dy: f64| (NodeId(node), frames[1].nodes[usize::from(node)].position + Vector2::new(dx, dy));
-        let said = |list: Vec<(u32, Vec<(NodeId, Point2<f64>)>)>| {
+        let said = |list: Vec<(u32, Set)>| {
             let corrections = list.into_iter().map(|(frame, nodes)| (frame, nodes.into_iter().collect())).collect();
             far_corrections(&corrections, &frames, &wireframe, &tables)
         };
