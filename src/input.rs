@@ -7,6 +7,7 @@
 //! Fields are separated by commas. What people fill in themselves may be separated by semicolons, as spreadsheets write it where decimals
 //! have commas: see [`CsvFile::or_semicolons`].
 
+mod encoding;
 mod error;
 mod fields;
 mod open;
@@ -16,6 +17,7 @@ use std::{
     borrow::Cow,
     ops::Range,
     path::{Path, PathBuf},
+    sync::OnceLock,
 };
 
 use fields::{Ends, Lines, end_of_fields, is_blank, split_fields};
@@ -54,6 +56,8 @@ pub struct CsvFile {
     header_line: usize,
     /// Offset and line number of what follows the header.
     body: (usize, usize),
+    /// Whether what is not UTF-8 looks like Windows-1252, once somebody asked.
+    windows_1252: OnceLock<bool>,
 }
 
 /// One row of a [`CsvFile`], as many fields as the header has columns.
@@ -85,9 +89,18 @@ impl CsvFile {
         }
         let mut lines = lines_of(&bytes);
         let (line, text) = lines.by_ref().find(|(_, text)| !is_blank(text)).ok_or_else(|| error(None, InputErrorKind::Empty))?;
-        let header = names(text, b',').map_err(|kind| error(Some(line), kind))?;
+        let header =
+            names(text, b',').map_err(|kind| error(Some(line), with_encoding(kind, || encoding::is_windows_1252(&bytes))))?;
         let body = (lines.offset, lines.line);
-        let file = Self { path: path.to_owned(), bytes, separator: b',', header, header_line: line, body };
+        let file = Self {
+            path: path.to_owned(),
+            bytes,
+            separator: b',',
+            header,
+            header_line: line,
+            body,
+            windows_1252: OnceLock::new(),
+        };
         file.check_names()?;
         Ok(file)
     }
@@ -230,7 +243,8 @@ impl CsvFile {
     /// A row; `None` when all its fields are empty.
     fn row<'a>(&'a self, line: usize, text: &'a [u8]) -> Result<Option<CsvRow<'a>>, InputError> {
         let error = |kind| InputError { path: self.path.clone(), line: Some(line), kind };
-        let mut fields = split_fields(text, self.separator).map_err(error)?;
+        let looks_like = || *self.windows_1252.get_or_init(|| encoding::is_windows_1252(&self.bytes));
+        let mut fields = split_fields(text, self.separator).map_err(|kind| error(with_encoding(kind, looks_like)))?;
         if fields.iter().all(|f| f.trim().is_empty()) {
             return Ok(None);
         }
@@ -300,6 +314,14 @@ fn names(text: &[u8], separator: u8) -> Result<Vec<String>, InputErrorKind> {
     Ok(split_fields(text, separator)?.iter().map(|f| without_apostrophe(f.trim()).to_owned()).collect())
 }
 
+/// A fault of a line, with what the file as a whole says of its encoding.
+fn with_encoding(kind: InputErrorKind, looks_like_windows_1252: impl FnOnce() -> bool) -> InputErrorKind {
+    match kind {
+        InputErrorKind::NotUtf8 { byte, .. } => InputErrorKind::NotUtf8 { byte, windows_1252: looks_like_windows_1252() },
+        other => other,
+    }
+}
+
 #[cfg(test)]
 #[allow(clippy::float_cmp, clippy::unnecessary_wraps)]
 mod tests {
@@ -337,6 +359,17 @@ mod tests {
         assert!(rows[2].as_ref().unwrap_err().starts_with("a.csv, line 4: byte 1 of the line is not UTF-8"));
         assert_eq!(rows[3], row(5, &["5", "6"]));
         assert_eq!(texts(b"a,b\n5\",x\n\"y\"z\",\"\"\n"), [row(2, &["5\"", "x"]), row(3, &["yz\"", ""])]);
+    }
+
+    #[test]
+    fn a_file_of_a_spreadsheet_that_is_not_utf_8_is_told_how_to_become_it() {
+        let rows = texts(b"a,b\nRen\xE9,4\n5,6\nM\xFCller,7\n");
+        let said = "not UTF-8; the file looks like Windows-1252 (Latin-1): save it as UTF-8 text, or convert it (iconv -f WINDOWS-1252 -t UTF-8 OLD.csv > NEW.csv)";
+        assert_eq!(rows[0], Err(format!("a.csv, line 2: byte 4 of the line is {said}")));
+        assert_eq!((&rows[1], rows[2].is_err()), (&row(3, &["5", "6"]), true));
+        assert!(file(b"pr\xE9nom,b\n1,2\n").unwrap_err().to_string().contains(said));
+        // One byte of the file that is no letter there.
+        assert!(!texts(b"a,b\nRen\xE9,4\n\xA4,7\n")[0].as_ref().unwrap_err().contains("Windows"));
     }
 
     #[test]

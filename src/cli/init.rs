@@ -25,7 +25,7 @@ Example:
 
 Every folder of two images or more and every video, at any depth, becomes a row of recordings/manifest.csv: the first folder that is no \
 emotion is the subject (but for one such as `videos` that holds everything), the others are the sequence, and the emotion is what a folder or file name says (happy, S001_anger.mp4), else \
-`?`, to be filled in. A folder in the layout of Cohn-Kanade gets its labels and landmarks. people.csv has a column `subject`; its other \
+`?`, to be filled in. Results, overlays and other pictures that grimace wrote are left out. A folder in the layout of Cohn-Kanade gets its labels and landmarks. people.csv has a column `subject`; its other \
 columns, such as gender, go to every sequence of that subject, to group by with --by.
 
 Emotions may be named in German, too (Freude, Trauer, Wut). Single pictures of several people in one folder (neutral/anna.jpg and \
@@ -93,7 +93,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             );
         }
         if !manifest.results.is_empty() {
-            println!("note: results of runs, not looked into: {}", shortened(&manifest.results));
+            println!("note: left out, written by grimace itself: {}", shortened(&manifest.results));
         }
         if open > 0 {
             println!("note: the emotion of {} is not known; fill in what stands as `?`", count(open, "sequence", "sequences"));

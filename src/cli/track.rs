@@ -6,7 +6,8 @@ use grimace::{
     dataset::{FrameSource, list_frames_among},
     overlay::png_bytes,
     pipeline::{
-        OverlayFolder, PipelineOptions, SequenceFailure, SequenceSource, correct_track, id_of, overlay_pictures, track_one,
+        OverlayFolder, PipelineOptions, SequenceFailure, SequenceSource, correct_track, corrections_said, id_of,
+        overlay_pictures, track_one,
     },
     report::Stage,
     sequence::read_first_frame,
@@ -159,8 +160,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         for note in info.clock().remark().iter().chain(&info.notes) {
             println!("  {note}");
         }
-        for misfit in info.corrections.iter().flat_map(|c| &c.not_applied) {
-            println!("  {} does not fit any more and is kept: {misfit}", corrections_path(&args.output).display());
+        let path = corrections_path(&args.output).display().to_string();
+        for said in info.corrections.iter().flat_map(|c| corrections_said(c, &path)) {
+            println!("  {said}");
         }
         for reason in &s.reasons {
             println!("  {reason}");

@@ -79,6 +79,17 @@ pub enum DatasetError {
         /// The files, relative to it.
         files: Vec<String>,
     },
+    /// No sequences, but results of ours.
+    #[error(
+        "{}: no sequences found, only what grimace wrote itself, in {}; give the folder with the recordings",
+        root.display(), listed(results, 6)
+    )]
+    OnlyResults {
+        /// The folder.
+        root: PathBuf,
+        /// The folders with results, relative to it.
+        results: Vec<String>,
+    },
     /// Images in Cohn-Kanade's layout without the folder of labels.
     #[error("{}: there is no folder Emotion beside it; put CK+'s emotion labels there, or let `grimace init` write manifest.csv and fill in the emotions", images.display())]
     NoEmotionFolder {

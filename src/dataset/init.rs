@@ -4,6 +4,8 @@ mod emotions;
 mod kept;
 mod people;
 mod search;
+#[cfg(test)]
+mod tests;
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -71,7 +73,8 @@ pub struct ProposedManifest {
     pub pictures_of_people: Vec<PicturesOfPeople>,
     /// Videos and pictures of formats that are not read, relative to the manifest.
     pub unread: Vec<String>,
-    /// Folders with results of a run, relative to the manifest; they were not looked into.
+    /// Folders with results of ours, relative to the manifest: of runs and clones, which were not looked into, and of pictures or videos that a
+    /// command wrote, such as overlays.
     pub results: Vec<String>,
     /// The folder that holds everything, where it was not taken for a person.
     pub holds_all: Option<String>,
@@ -102,6 +105,7 @@ pub fn propose_manifest(root: &Path) -> Result<ProposedManifest, DatasetError> {
                 DatasetError::PicturesOfPeople { root, found: found.iter().map(ToString::to_string).collect() }
             }
             ProposedManifest { unread: files, .. } if !files.is_empty() => DatasetError::NothingReadable { root, files },
+            ProposedManifest { results, .. } if !results.is_empty() => DatasetError::OnlyResults { root, results },
             _ => DatasetError::NothingFound { root },
         });
     }
@@ -325,232 +329,4 @@ fn subject_and_sequence(root: &Path, names: &[String], people_first: bool) -> (S
 /// Where the manifest of a folder lies.
 pub fn manifest_path(root: &Path) -> PathBuf {
     root.join(MANIFEST_NAME)
-}
-
-#[cfg(test)]
-mod tests {
-    use std::fs;
-
-    use super::*;
-
-    fn folder(files: &[&str]) -> tempfile::TempDir {
-        let folder = tempfile::tempdir().unwrap();
-        for file in files {
-            let path = folder.path().join(file);
-            fs::create_dir_all(path.parent().unwrap()).unwrap();
-            fs::write(path, "").unwrap();
-        }
-        folder
-    }
-
-    fn rows(files: &[&str]) -> Vec<[String; 4]> {
-        let manifest = propose_manifest(folder(files).path()).unwrap();
-        manifest.rows.into_iter().map(|r| [r.subject, r.sequence, r.emotion, r.frames]).collect()
-    }
-
-    #[test]
-    fn folders_and_videos_of_any_depth_become_rows() {
-        let files = ["S1/happy/1.png", "S1/happy/2.png", "S1/clip.mp4", "S2/a/sad_01/1.jpg", "S2/a/sad_01/2.jpg", "S2/notes.txt"];
-        let expected = [
-            ["S1", "clip", "?", "S1/clip.mp4"],
-            ["S1", "happy", "happiness", "S1/happy"],
-            ["S2", "a-sad_01", "sadness", "S2/a/sad_01"],
-        ];
-        assert_eq!(rows(&files), expected.map(|r| r.map(str::to_owned)));
-    }
-
-    #[test]
-    fn names_that_say_no_emotion_leave_it_open() {
-        let files = ["S1/happy/not_happy/1.png", "S1/happy/not_happy/2.png", "S1/x/1.png", "S1/x/2.png"];
-        assert_eq!(rows(&files).iter().map(|r| r[2].as_str()).collect::<Vec<_>>(), ["?", "?"]);
-    }
-
-    #[test]
-    fn emotions_first_and_flat_videos_name_their_people() {
-        let files = ["anger/P1/1.png", "anger/P1/2.png", "fear/P1/1.png", "fear/P1/2.png"];
-        let expected = [["P1", "anger", "anger", "anger/P1"], ["P1", "fear", "fear", "fear/P1"]];
-        assert_eq!(rows(&files), expected.map(|r| r.map(str::to_owned)));
-        let expected = [["anna", "surprised", "surprise", "anna_surprised.avi"], ["ben", "2", "?", "ben-2.mov"]];
-        assert_eq!(rows(&["anna_surprised.avi", "ben-2.mov"]), expected.map(|r| r.map(str::to_owned)));
-        // The emotion first: it is no person.
-        let expected = [
-            ["P01", "happy", "happiness", "happy_P01.mp4"],
-            ["P01", "sad_2", "sadness", "sad-P01-2.mp4"],
-            ["happy", "sad", "?", "happy_sad.mp4"],
-        ];
-        assert_eq!(rows(&["happy_P01.mp4", "happy_sad.mp4", "sad-P01-2.mp4"]), expected.map(|r| r.map(str::to_owned)));
-    }
-
-    #[test]
-    fn people_may_be_called_joy_and_names_that_differ_by_case_are_told_apart() {
-        let files =
-            ["Joy/clip1/1.png", "Joy/clip1/2.png", "anna/happy/1.png", "anna/happy/2.png", "ben/sad/1.png", "ben/sad/2.png"];
-        let expected = [
-            ["Joy", "clip1", "?", "Joy/clip1"],
-            ["anna", "happy", "happiness", "anna/happy"],
-            ["ben", "sad", "sadness", "ben/sad"],
-        ];
-        assert_eq!(rows(&files), expected.map(|r| r.map(str::to_owned)));
-        let files = ["S1/Take/1.png", "S1/Take/2.png", "S1/take/1.png", "S1/take/2.png"];
-        assert_eq!(rows(&files).iter().map(|r| r[1].as_str()).collect::<Vec<_>>(), ["Take", "take-2"]);
-    }
-
-    #[test]
-    fn marks_of_a_labelled_dataset_are_named_and_what_has_no_label_is_said() {
-        let folder = folder(&["1", "2"].map(|f| format!("cohn-kanade-images/S005/001/{f}.png")).each_ref().map(String::as_str));
-        for (file, text) in [
-            ("cohn-kanade-images/S005/001/correspondences.csv", "node,x,y\n"),
-            ("cohn-kanade-images/S005/002/1.png", ""),
-            ("cohn-kanade-images/S005/002/2.png", ""),
-            ("Emotion/S005/001/S005_001_00000002_emotion.txt", "   3.0000000e+00\n"),
-        ] {
-            let path = folder.path().join(file);
-            fs::create_dir_all(path.parent().unwrap()).unwrap();
-            fs::write(path, text).unwrap();
-        }
-        let manifest = propose_manifest(folder.path()).unwrap();
-        assert_eq!(manifest.skipped, ["S005_002: it has no emotion label"]);
-        let path = manifest_path(folder.path());
-        manifest.write(&path).unwrap();
-        let expected = "subject,sequence,emotion,frames,correspondences\n\
-                        S005,001,disgust,cohn-kanade-images/S005/001,cohn-kanade-images/S005/001/correspondences.csv\n";
-        assert_eq!(fs::read_to_string(&path).unwrap(), expected);
-    }
-
-    #[test]
-    fn cohn_kanade_without_labels_is_read_and_people_are_joined() {
-        let folder = folder(&["cohn-kanade/S005/001/1.png", "cohn-kanade/S005/001/2.png", "cohn-kanade/S010/001/1.png"]);
-        fs::write(folder.path().join("cohn-kanade/S010/001/2.png"), "").unwrap();
-        let people = folder.path().join("people.csv");
-        fs::write(&people, "subject,gender\nS005,f\nS099,m\n").unwrap();
-        let mut manifest = propose_manifest(folder.path()).unwrap();
-        manifest.join_people(&people).unwrap();
-        assert_eq!(manifest.unknown_people, ["S010"]);
-        assert!(manifest.not_joined.is_empty());
-        let path = manifest_path(folder.path());
-        manifest.write(&path).unwrap();
-        let expected = "subject,sequence,emotion,frames,gender\n\
-                        S005,001,?,cohn-kanade/S005/001,f\nS010,001,?,cohn-kanade/S010/001,\n";
-        assert_eq!(fs::read_to_string(&path).unwrap(), expected);
-        fs::write(&people, "name,gender\nS005,f\n").unwrap();
-        assert!(manifest.join_people(&people).unwrap_err().to_string().contains("has no column `subject`"));
-        fs::write(&people, "subject,gender\nX,f\n").unwrap();
-        assert!(manifest.join_people(&people).unwrap_err().to_string().contains("none of its subjects"));
-        assert!(propose_manifest(&folder.path().join("cohn-kanade/S005/001")).is_ok(), "a folder of images is one sequence");
-    }
-
-    #[test]
-    fn columns_of_people_that_are_not_taken_are_named() {
-        let folder = folder(&["S1/a.mp4"]);
-        let people = folder.path().join("people.csv");
-        let joined = |table: &str| {
-            fs::write(&people, table).unwrap();
-            let mut manifest = propose_manifest(folder.path()).unwrap();
-            manifest.join_people(&people).unwrap();
-            (manifest.person_columns, manifest.not_joined)
-        };
-        let (taken, left) = joined("subject,Emotion,gender,,frames,\nS1,joy,f,old,12,\n");
-        assert_eq!(taken, ["gender"]);
-        let own = |name: &str| format!("`{name}`, which every sequence has of its own");
-        assert_eq!(left, [own("Emotion"), own("frames"), "column 4, which has no name".to_owned()]);
-        assert_eq!(joined("person,gender\nS1,f\n"), (vec!["gender".to_owned()], Vec::new()));
-    }
-
-    #[test]
-    fn who_is_in_no_table_of_consents_has_given_none() {
-        let folder = folder(&["anna/happy.mp4", "ben/happy.mp4", "carl/happy.mp4"]);
-        let people = folder.path().join("people.csv");
-        fs::write(&people, "subject,publish\nanna,yes\nBEN,no\ndora,yes\n").unwrap();
-        let mut manifest = propose_manifest(folder.path()).unwrap();
-        manifest.join_people(&people).unwrap();
-        let said: Vec<(&str, &str)> = manifest.rows.iter().map(|row| (row.subject.as_str(), row.person[0].as_str())).collect();
-        assert_eq!(said, [("anna", "yes"), ("ben", "no"), ("carl", "no")]);
-        assert_eq!((manifest.unknown_people, manifest.people_without_rows), (vec!["carl".to_owned()], vec!["dora".to_owned()]));
-    }
-
-    #[cfg(unix)]
-    #[test]
-    fn links_back_lead_nowhere() {
-        let outside = folder(&["other/secret/1.png", "other/secret/2.png", "set/anna/happy/1.png", "set/anna/happy/2.png"]);
-        let root = outside.path().join("set");
-        std::os::unix::fs::symlink("../..", root.join("anna/loop")).unwrap();
-        let manifest = propose_manifest(&root).unwrap();
-        assert_eq!(manifest.rows.iter().map(|row| row.frames.as_str()).collect::<Vec<_>>(), ["anna/happy"]);
-    }
-
-    #[test]
-    fn folders_that_hold_no_sequence_are_named() {
-        let folder = folder(&["anna/smile/1.png", "anna/smile/2.png", "ben/fear/1.png"]);
-        fs::create_dir(folder.path().join("carl")).unwrap();
-        let manifest = propose_manifest(folder.path()).unwrap();
-        assert_eq!((manifest.rows.len(), manifest.left_out), (1, vec!["ben/fear".to_owned(), "carl".to_owned()]));
-    }
-
-    #[test]
-    fn one_person_alone_is_one_person() {
-        let two = |folder: &str| ["1.png", "2.png"].map(|file| format!("{folder}/{file}"));
-        let subjects = |folders: &[&str]| -> Vec<String> {
-            let files: Vec<String> = folders.iter().flat_map(|f| two(f)).collect();
-            rows(&files.iter().map(String::as_str).collect::<Vec<_>>()).into_iter().map(|[subject, ..]| subject).collect()
-        };
-        assert_eq!(subjects(&["S1/happy", "S1/sad"]), ["S1", "S1"]);
-        assert_eq!(subjects(&["anna/happy", "anna/sad"]), ["anna", "anna"]);
-        assert_eq!(subjects(&["S1/s01/happy", "S1/s02/happy"]), ["S1", "S1"]);
-        assert_eq!(subjects(&["S1/happy_01", "S1/sad_01"]), ["S1", "S1"]);
-        assert_eq!(subjects(&["videos/anna/happy", "videos/ben/happy"]), ["anna", "ben"]);
-        assert_eq!(subjects(&["data2/S1/happy", "data2/S1/sad"]), ["S1", "S1"]);
-        for (name, expected) in
-            [("S1", true), ("sub-01", true), ("012", true), ("video3", false), ("anna", false), ("S1b", false)]
-        {
-            assert_eq!(is_label(name), expected, "{name}");
-        }
-        let folder = folder(&["videos/anna/1.png", "videos/anna/2.png"]);
-        assert_eq!(propose_manifest(folder.path()).unwrap().holds_all.as_deref(), Some("videos"));
-    }
-
-    #[test]
-    fn what_is_not_read_and_results_are_named() {
-        let folder = folder(&["S1/a.mp4", "S2/b.wmv", "S2/c.HEIC", "out/run.json", "out/overlays/1.png", "out/overlays/2.png"]);
-        let manifest = propose_manifest(folder.path()).unwrap();
-        assert_eq!((manifest.rows.len(), manifest.rows[0].subject.as_str()), (1, "S1"));
-        assert_eq!(manifest.unread, ["S2/b.wmv", "S2/c.HEIC"]);
-        assert_eq!(manifest.results, ["out"]);
-        let folder = self::tests::folder(&[
-            "S1/a.mp4",
-            "smile/clone.json",
-            "smile/sheet.png",
-            "smile/overlay.png",
-            "smile/frames/a_1.png",
-            "smile/frames/a_2.png",
-        ]);
-        let manifest = propose_manifest(folder.path()).unwrap();
-        assert_eq!((manifest.rows.len(), manifest.results), (1, vec!["smile".to_owned()]), "a clone is no recording");
-    }
-
-    #[test]
-    #[cfg(unix)]
-    fn links_in_circles_are_not_followed() {
-        let folder = folder(&["S1/a.mp4", "S2/b.mp4"]);
-        std::os::unix::fs::symlink(folder.path(), folder.path().join("S1/loop")).unwrap();
-        assert_eq!(propose_manifest(folder.path()).unwrap().rows.len(), 2);
-    }
-
-    #[test]
-    fn people_who_stand_twice_must_be_the_same() {
-        let folder = folder(&["A/a.mp4", "B/b.mp4"]);
-        let people = folder.path().join("people.csv");
-        let mut manifest = propose_manifest(folder.path()).unwrap();
-        fs::write(&people, "subject,gender\nA,f\nA,f\nB,m\n").unwrap();
-        manifest.join_people(&people).unwrap();
-        fs::write(&people, "subject,gender\nA,f\nB,m\nA,m\n").unwrap();
-        let error = manifest.join_people(&people).unwrap_err().to_string();
-        assert!(error.contains("line 4") && error.contains("`A`"), "{error}");
-    }
-
-    #[test]
-    fn nothing_is_said() {
-        let empty = tempfile::tempdir().unwrap();
-        assert!(propose_manifest(empty.path()).unwrap_err().to_string().contains("no sequences found"));
-        assert!(matches!(propose_manifest(&empty.path().join("x")), Err(DatasetError::NotFound { .. })));
-    }
 }

@@ -131,7 +131,11 @@ fn a_bad_row_costs_that_sequence_only() {
         ("S1", "007", "M, line 9: first_frame is `one`; a whole number of 0 or more was expected"),
         ("S1", "008", "M, line 10: fps is `0`; a number of frames per second from 0.1 to 1000 was expected"),
         ("S1", "009", "M, line 11: the row has 2 fields where the header has 6"),
-        ("S\u{FFFD}", "010", "M, line 12: byte 2 of the line is not UTF-8; save the file as UTF-8 text"),
+        (
+            "S\u{FFFD}",
+            "010",
+            "M, line 12: byte 2 of the line is not UTF-8; the file looks like Windows-1252 (Latin-1): save it as UTF-8 text, or convert it (iconv -f WINDOWS-1252 -t UTF-8 OLD.csv > NEW.csv)",
+        ),
         ("", "", "M, line 13: a quotation mark is not closed"),
         ("S1", "001_x", "M, line 16: results of this sequence and of that in line 15 would both be named `S1_001_x`; rename one"),
         ("S1", "013", "M, line 17: emotion is `a/b`, with a path separator in it; results are named after it"),

@@ -20,10 +20,12 @@ pub enum InputErrorKind {
         what: &'static str,
     },
     /// Bytes that are not UTF-8.
-    #[error("byte {byte} of the line is not UTF-8; save the file as UTF-8 text")]
+    #[error("byte {byte} of the line is not UTF-8; {}", encoding_hint(*windows_1252))]
     NotUtf8 {
         /// Place in the line, from 1.
         byte: usize,
+        /// Whether all such bytes of the file could be letters of Windows-1252, of which Latin-1 is a part.
+        windows_1252: bool,
     },
     /// A quoted field without its closing quotation mark.
     #[error("a quotation mark is not closed")]
@@ -86,6 +88,14 @@ struct LineSuffix(Option<usize>);
 impl fmt::Display for LineSuffix {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.0.map_or(Ok(()), |line| write!(f, ", line {line}"))
+    }
+}
+
+fn encoding_hint(windows_1252: bool) -> &'static str {
+    if windows_1252 {
+        "the file looks like Windows-1252 (Latin-1): save it as UTF-8 text, or convert it (iconv -f WINDOWS-1252 -t UTF-8 OLD.csv > NEW.csv)"
+    } else {
+        "save the file as UTF-8 text"
     }
 }
 

@@ -59,7 +59,8 @@ pub(super) fn is_blank(text: &[u8]) -> bool {
 
 /// Fields of one line, as RFC 4180 has it but for the separator, which is ASCII; a quotation mark within an unquoted field is text.
 pub(super) fn split_fields(text: &[u8], separator: u8) -> Result<Vec<Cow<'_, str>>, InputErrorKind> {
-    let text = std::str::from_utf8(text).map_err(|e| InputErrorKind::NotUtf8 { byte: e.valid_up_to() + 1 })?;
+    let text =
+        std::str::from_utf8(text).map_err(|e| InputErrorKind::NotUtf8 { byte: e.valid_up_to() + 1, windows_1252: false })?;
     if !text.contains('"') {
         return Ok(text.split(char::from(separator)).map(Cow::Borrowed).collect());
     }

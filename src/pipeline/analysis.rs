@@ -26,7 +26,7 @@ use crate::{
         bootstrap::DispersionInterval,
         check_columns,
         compare::{Comparisons, Strata},
-        group_models, is_missing, missing_words_said, spelling_key,
+        group_models, is_missing, measures_said, missing_words_said, spelling_key,
     },
     track::{TrackQuality, Verdict},
     units::SequenceId,
@@ -166,7 +166,9 @@ pub(super) fn analyze_with(
     let courses = models.iter().filter_map(|m| Some((m.model.id.clone(), m.course.clone()?))).collect();
     let grouped = labelled(models);
     let spelled = spelling_warnings(&grouped, &options.by);
-    let missing = missing_words_said(&grouped, &[options.by.as_slice(), &options.strata].concat());
+    let told_apart_by = [options.by.as_slice(), &options.strata].concat();
+    let missing = missing_words_said(&grouped, &told_apart_by);
+    let measures = measures_said(&grouped, &told_apart_by);
     check_columns(&options.strata, grouped.iter().map(|m| &m.metadata))?;
     let strata = strata_of(&grouped, &options.strata);
     let strata = strata.as_ref();
@@ -193,6 +195,7 @@ pub(super) fn analyze_with(
     warnings.extend(comparisons.iter().flat_map(|c| c.warnings(options.groups.compare.significance)));
     warnings.extend(spelled);
     warnings.extend(missing);
+    warnings.extend(measures);
     let amplitudes = AmplitudeResults::new(&emotions, &grouped, strata, bench);
     warnings.extend(amplitudes.warnings());
     let recognition = recognize_left_out(&grouped, bench);

@@ -9,7 +9,7 @@ use crate::{
     output::listed,
     statistics::{
         ClassLabel, LabelledModel, Representative, StatisticsOptions, Weighting, bootstrap::DispersionInterval, likely_emotion,
-        near_twins, scale::MANY_MODELS, sequence_weights, spelling_key, trimming::trimmed_count,
+        near_twins, scale::MANY_MODELS, sequence_weights, spelling_key, synonyms, trimming::trimmed_count,
     },
     text::composed,
     units::SequenceId,
@@ -196,7 +196,12 @@ fn heaviest_person(r: &Representative, weighting: Weighting) -> Option<(&str, f6
 pub(super) fn spelling_warnings(models: &[LabelledModel], by: &[String]) -> Vec<String> {
     let mut twins: Vec<String> = Vec::new();
     let emotions: BTreeSet<&str> = models.iter().map(|m| m.emotion.as_str()).collect();
-    twins.extend(near_twins(emotions.iter().copied()).into_iter().map(|(a, b)| format!("emotion {a} and {b}")));
+    let words = synonyms(emotions.iter().copied());
+    // `surprised` beside `surprise` is no slip.
+    let are_words = |a: &String, b: &String| words.iter().any(|words| words.contains(a) && words.contains(b));
+    let is_word = |label: &str| words.iter().flatten().any(|word| *word == spelling_key(label));
+    let emotion_twins = near_twins(emotions.iter().copied()).into_iter().filter(|(a, b)| !are_words(a, b));
+    twins.extend(emotion_twins.map(|(a, b)| format!("emotion {a} and {b}")));
     for column in by {
         let values: BTreeSet<&str> = models.iter().filter_map(|m| m.metadata.get(column)).map(String::as_str).collect();
         twins.extend(near_twins(values).into_iter().map(|(a, b)| format!("{column} {a} and {b}")));
@@ -208,10 +213,18 @@ pub(super) fn spelling_warnings(models: &[LabelledModel], by: &[String]) -> Vec<
     let mut warnings = Vec::new();
     let meant: Vec<String> = emotions
         .iter()
+        .filter(|emotion| !is_word(emotion))
         .filter_map(|emotion| likely_emotion(emotion).map(|meant| format!("{emotion} (is {meant} meant?)")))
         .collect();
     if !meant.is_empty() {
         warnings.push(format!("emotions of their own, though they may be misspelt: {}", listed(&meant, MOST_NAMED)));
+    }
+    if !words.is_empty() {
+        let list: Vec<String> = words.iter().map(|words| words.join(" and ")).collect();
+        warnings.push(format!(
+            "emotions of their own, though they are words for the same: {} (if they are meant so, give them one label)",
+            listed(&list, MOST_NAMED)
+        ));
     }
     if !twins.is_empty() {
         warnings.push(format!("kept apart, though one may be misspelt: {}", listed(&twins, MOST_NAMED)));

@@ -9,8 +9,8 @@ use crate::{
     sequence::{ImageSize, SequenceReader},
     track::{
         CORRECTIONS_FOLDER, Confidence, Corrections, SavedCorrections, TrackCorrections, TrackError, TrackInfo, TrackedFrame,
-        correct_nodes, corrections_in_track, expect_errors, fitting_corrections, read_corrections, read_track_info, resume_with,
-        summarize, window_px, write_corrections,
+        correct_nodes, corrections_in_track, expect_errors, far_corrections, fitting_corrections, read_corrections,
+        read_track_info, resume_with, summarize, window_px, write_corrections,
     },
 };
 
@@ -41,14 +41,28 @@ pub(super) fn apply(
 ) -> Result<(), SequenceFailure> {
     let set_on = earlier.map_or(info.image_size, |e| e.corrections.as_ref().map_or(e.image_size, |c| c.image_size));
     let (fit, not_applied) = fitting_corrections(&saved.corrections, set_on, info.image_size, frames, &bench.wireframe);
+    let far = far_corrections(&fit, frames, &bench.wireframe, &bench.tables);
     if !fit.is_empty() {
         *frames = track(frames, &fit)?;
         expect_errors(frames, &bench.wireframe, &bench.tables, Confidence::shipped());
         info.summary = summarize(frames, &bench.wireframe, &bench.tables).told_by_the_picture_of(&info.summary);
     }
     info.corrections =
-        Some(TrackCorrections { blake3: saved.blake3.clone(), image_size: known(set_on, info.image_size), not_applied });
+        Some(TrackCorrections { blake3: saved.blake3.clone(), image_size: known(set_on, info.image_size), not_applied, far });
     Ok(())
+}
+
+/// What a person should know of the corrections of a track, whose file is called `path`: a line for each that does not fit, and one for those
+/// that lie far off the face.
+pub fn corrections_said(corrections: &TrackCorrections, path: &str) -> Vec<String> {
+    let misfits = corrections.not_applied.iter().map(|what| format!("{path} does not fit any more and is kept: {what}"));
+    let far = (!corrections.far.is_empty()).then(|| {
+        format!(
+            "{path} is applied, though these lie far from where the face is expected, look at them again: {}",
+            listed(&corrections.far, MOST_NAMED)
+        )
+    });
+    misfits.chain(far).collect()
 }
 
 /// Puts the corrections saved for the track that is going to be written to `csv_path` (see

@@ -66,7 +66,7 @@ pub use analysis::{Analysis, AnalysisError, AnalyzedClass, AnalyzedModel, analyz
 pub use beside::{face_of_marks, held};
 #[cfg(feature = "columnar")]
 pub use columnar::{analyze_columnar, load_columnar, write_columnar};
-pub use corrected::correct_track;
+pub use corrected::{correct_track, corrections_said};
 pub use divide::{run_emotion, run_part, run_plan};
 pub use figures::{figure_files, figures_of, write_figures};
 pub use files::{RunJson, RunJsonError, SCHEMA_VERSION, SequenceRecord, read_run_json};

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use super::{
     AnalyzedModel, Event, Failure, RunError, RunJson, SequenceFailure, SequenceRecord, SequenceSource, Stage, Workbench,
-    corrected::correct_frames,
+    corrected::{correct_frames, corrections_said},
     file_blake3,
     found::{FoundMarks, found_marks_and_remark},
     inputs::Inputs,
@@ -372,9 +372,9 @@ fn process(
     let model = SequenceModel { id: id.clone(), model };
     let course = features.as_deref().and_then(Course::of);
     let model = AnalyzedModel { model, emotion: item.emotion.clone(), metadata: item.metadata(), quality: Some(quality), course };
-    let misfit = |what: &String| format!("corrections/{id}.csv does not fit any more and is kept: {what}");
-    let misfits = info.corrections.iter().flat_map(|c| &c.not_applied).map(misfit);
-    let notes = remark.iter().chain(&info.notes).map(|said| format!("{id}: {said}")).chain(misfits).collect();
+    let path = format!("corrections/{id}.csv");
+    let of_corrections = info.corrections.iter().flat_map(|c| corrections_said(c, &path));
+    let notes = remark.iter().chain(&info.notes).map(|said| format!("{id}: {said}")).chain(of_corrections).collect();
     Ok(Done { model, reused, outputs, corrections_blake3: info.corrections.map(|c| c.blake3), notes })
 }
 

@@ -40,6 +40,29 @@ pub fn missing_words_said(models: &[LabelledModel], columns: &[String]) -> Optio
     ))
 }
 
+/// Most values of a column of numbers that may well be names of groups, such as 0 and 1 or the numbers of sites.
+const FEW_NUMBERS: usize = 6;
+
+/// What a person should know where columns to group by, or of strata, hold measures and not groups: numbers throughout, of more than 6
+/// values, or of more than 2 and more than half as many as there are people. Each value is a group, as of any column.
+pub fn measures_said(models: &[LabelledModel], columns: &[String]) -> Option<String> {
+    let people = models.iter().map(|m| m.model.id.subject.as_str()).collect::<BTreeSet<_>>().len();
+    let measure = |column: &String| {
+        let values: BTreeSet<&str> =
+            models.iter().filter_map(|m| m.metadata.get(column)).map(|v| v.trim()).filter(|v| !is_missing(v)).collect();
+        let is_number = |value: &&str| value.replacen(',', ".", 1).parse::<f64>().is_ok();
+        let many = values.len() > FEW_NUMBERS || (values.len() > 2 && 2 * values.len() > people);
+        (many && values.iter().all(is_number)).then(|| format!("`{column}` ({} numbers of {people} people)", values.len()))
+    };
+    let found: Vec<String> = columns.iter().collect::<BTreeSet<_>>().into_iter().filter_map(measure).collect();
+    let first = columns.iter().find(|column| measure(column).is_some())?;
+    Some(format!(
+        "each number is a group of its own: {}; for groups of several people, add a column of classes, such as `{first}_group` with \
+         `under 30` and `30 and over`, and name that one",
+        listed(&found, 6)
+    ))
+}
+
 /// A model with what its sequence is labelled with.
 #[derive(Clone, Debug)]
 pub struct LabelledModel {
@@ -299,6 +322,26 @@ mod tests {
         // A column of nothing else is empty.
         let error = group_models(&models[..6], &["land".to_owned()]).unwrap_err();
         assert!(matches!(error, GroupError::EmptyColumn { sequences: 6, .. }), "{error}");
+    }
+
+    #[test]
+    fn numbers_that_measure_are_told_from_those_that_name_groups() {
+        let said = |values: &[&str], columns: &[&str]| {
+            let models: Vec<LabelledModel> =
+                (0..).zip(values).map(|(k, v)| labelled(&k.to_string(), "fear", &[("Age", v)])).collect();
+            measures_said(&models, &columns.iter().map(|&c| c.to_owned()).collect::<Vec<_>>())
+        };
+        let text = said(&["23", "31", "45.5", "NA", ""], &["Age", "Age"]).unwrap();
+        assert!(text.starts_with("each number is a group of its own: `Age` (3 numbers of 5 people); for groups"), "{text}");
+        assert!(text.contains("`Age_group` with `under 30`"), "{text}");
+        assert!(said(&["23", "31,5", " 40"], &["Age"]).is_some());
+        // Seven of twenty, six of twenty, codes of two sexes, words among the numbers, and a column that nobody groups by.
+        let of = |n: usize| (0..20).map(|k| ["1", "2", "3", "4", "5", "6", "7"][k % n]).collect::<Vec<_>>();
+        assert!(said(&of(7), &["Age"]).is_some());
+        for values in [of(6), vec!["0", "1", "1"], vec!["23", "31", "45", "old"]] {
+            assert_eq!(said(&values, &["Age"]), None, "{values:?}");
+        }
+        assert_eq!(said(&["23", "31", "45"], &["sex"]), None);
     }
 
     #[test]

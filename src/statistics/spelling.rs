@@ -1,15 +1,26 @@
 //! Labels that are spelled in several ways.
 //!
 //! `FEMALE` and ` female` are one group: values are compared without regard to case and blanks, and shown as most people spell them.
-//! `happines` beside `happiness` may be a slip: such near twins are kept apart and named.
+//! `happines` beside `happiness` may be a slip, `joy` beside it another word for the same: such labels are kept apart and named.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::EMOTIONS;
 use crate::text::composed;
 
 /// Fewest letters of words that are looked at as near twins.
 const LEAST_LETTERS: usize = 5;
+
+/// Words for the emotions of [`EMOTIONS`], in lower case. `smile` is none: a smile need not be happy.
+const WORDS: [(&str, &[&str]); 7] = [
+    ("anger", &["anger", "angry", "wut", "w\u{fc}tend", "\u{e4}rger"]),
+    ("disgust", &["disgust", "disgusted", "ekel"]),
+    ("fear", &["fear", "fearful", "afraid", "scared", "angst", "\u{e4}ngstlich"]),
+    ("happiness", &["happiness", "happy", "joy", "joyful", "freude", "gl\u{fc}cklich"]),
+    ("sadness", &["sadness", "sad", "trauer", "traurig"]),
+    ("surprise", &["surprise", "surprised", "\u{fc}berraschung", "\u{fc}berrascht"]),
+    ("contempt", &["contempt", "contemptuous", "verachtung"]),
+];
 
 /// Text by which values are compared: accents in their letters, lower case, blanks at the ends removed and others single.
 pub fn spelling_key(value: &str) -> String {
@@ -53,6 +64,19 @@ pub fn likely_emotion(label: &str) -> Option<&'static str> {
     EMOTIONS.into_iter().min_by_key(distance).filter(|emotion| distance(emotion) <= SLIPS)
 }
 
+/// The emotion that a label is a word for, one of [`EMOTIONS`]; `None` where it is no such word as it stands.
+fn emotion_of_word(label: &str) -> Option<&'static str> {
+    let label = spelling_key(label);
+    WORDS.iter().find(|(_, words)| words.contains(&label.as_str())).map(|(emotion, _)| *emotion)
+}
+
+/// Labels that are words for one emotion: those of each emotion that has several, sorted, in the order of [`EMOTIONS`].
+pub fn synonyms<'a>(labels: impl IntoIterator<Item = &'a str>) -> Vec<Vec<String>> {
+    let keys: BTreeSet<String> = labels.into_iter().map(spelling_key).collect();
+    let of = |emotion: &str| keys.iter().filter(|label| emotion_of_word(label) == Some(emotion)).cloned().collect::<Vec<_>>();
+    EMOTIONS.into_iter().map(of).filter(|words| words.len() > 1).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -69,6 +93,15 @@ mod tests {
     fn a_misspelt_emotion_is_known_by_itself() {
         let meant = ["happyness", "suprise", "Sadnes", "happiness", "joy", "pain", "feer", "confusion"].map(likely_emotion);
         assert_eq!(meant, [Some("happiness"), Some("surprise"), Some("sadness"), None, None, None, None, None]);
+    }
+
+    #[test]
+    fn words_for_one_emotion_are_named_together() {
+        let labels =
+            ["joy", "happiness", "Happy", "angry", "anger", "sad", "scared", "afraid", "smile", "pain", "neutral", "joy"];
+        assert_eq!(synonyms(labels), [vec!["anger", "angry"], vec!["afraid", "scared"], vec!["happiness", "happy", "joy"]]);
+        assert!(synonyms(["joy", "sadness", "fear", "happiness-low", "Joyce"]).is_empty());
+        assert!(WORDS.iter().all(|(emotion, words)| EMOTIONS.contains(emotion) && words.contains(emotion)));
     }
 
     #[test]

@@ -4,19 +4,22 @@
 //! saved, and it is never removed by the program: a track is made again from it, whatever else has changed.
 
 use std::{
+    collections::BTreeMap,
     io,
     path::{Path, PathBuf},
 };
 
+use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
-use super::{Corrections, TrackFileError, TrackInfo, TrackedFrame, corrections_of, read_track};
+use super::{Corrections, TrackFileError, TrackInfo, TrackedFrame, corrections_of, eye_distance_px, read_track};
 use crate::{
+    geometry::Similarity,
     input::CsvFile,
     output::{OutputError, nine_digits, write_durable},
     positions::{PositionRow, PositionTable},
     sequence::ImageSize,
-    wireframe::Wireframe,
+    wireframe::{Tables, Wireframe},
 };
 
 /// What a track says of the corrections in it.
@@ -29,6 +32,9 @@ pub struct TrackCorrections {
     /// What of them does not fit the frames there are now, in words.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub not_applied: Vec<String>,
+    /// Which of them were applied though they lie far from where the face is expected, in words ([`far_corrections`]).
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub far: Vec<String>,
 }
 
 /// Corrections as they are in their file.
@@ -137,11 +143,60 @@ pub fn fitting_corrections(
     (fit, misfits)
 }
 
+/// Distance over the eye distance beyond which a correction is likely a slip.
+const FAR: f64 = 0.5;
+
+/// Fewest corrections of a frame that say together where its face is.
+const FEWEST_TOGETHER: usize = 3;
+
+/// In words, those corrections of a frame that lie further than half an eye distance from every place where their node may be expected:
+/// where it was tracked without them, where the head of the tracked frame or the other corrections of that frame carry it from the neutral
+/// frame, and where the last good correction had it. `frames` are the track without corrections, the neutral frame first, px.
+#[must_use]
+pub fn far_corrections(
+    corrections: &Corrections,
+    frames: &[TrackedFrame],
+    wireframe: &Wireframe,
+    tables: &Tables,
+) -> Vec<String> {
+    let places = |frame: &TrackedFrame| frame.nodes.iter().map(|n| n.position).collect::<Vec<_>>();
+    let Some(neutral) = frames.first().map(places) else { return Vec::new() };
+    let Some(eye_distance) = eye_distance_px(tables, &neutral) else { return Vec::new() };
+    let live: Vec<usize> = wireframe.live_nodes().iter().map(|node| node.index()).collect();
+    let (mut good, mut far) = (BTreeMap::new(), Vec::new());
+    for frame in frames.iter().skip(1) {
+        let Some(set) = corrections.get(&frame.number) else { continue };
+        let tracked = places(frame);
+        let head = carried(&neutral, live.iter().filter_map(|&k| Some((k, *tracked.get(k)?))));
+        for (node, place) in set {
+            let others = set.iter().filter(|(other, _)| *other != node).map(|(other, place)| (other.index(), *place));
+            let together = if set.len() > FEWEST_TOGETHER { carried(&neutral, others) } else { None };
+            let from_neutral = [head, together].into_iter().flatten().filter_map(|s| Some(s.apply(neutral.get(node.index())?)));
+            let expected = tracked.get(node.index()).copied().into_iter().chain(from_neutral).chain(good.get(node).copied());
+            let distance = expected.map(|p| (p - place).norm() / eye_distance).min_by(f64::total_cmp).unwrap_or(0.0);
+            if distance > FAR {
+                let at = format!("({:.0}, {:.0})", place.x, place.y);
+                far.push(format!("frame {}, node {node} at {at}: {distance:.1} eye distances", frame.number));
+            } else {
+                good.insert(*node, *place);
+            }
+        }
+    }
+    far
+}
+
+/// How nodes of the neutral frame, by their indices, came to other places; `None` where they do not say it, or say that the face has half or
+/// twice its size.
+fn carried(neutral: &[Point2<f64>], places: impl Iterator<Item = (usize, Point2<f64>)>) -> Option<Similarity> {
+    let (from, to): (Vec<_>, Vec<_>) = places.filter_map(|(k, place)| Some((*neutral.get(k)?, place))).unzip();
+    Similarity::fit(&from, &to, None).ok().filter(|s| (0.5..=2.0).contains(&s.scale))
+}
+
 #[cfg(test)]
 mod tests {
-    use std::{collections::BTreeMap, fs};
+    use std::fs;
 
-    use nalgebra::Point2;
+    use nalgebra::Vector2;
 
     use super::*;
     use crate::{
@@ -204,5 +259,37 @@ mod tests {
             none.is_empty() && all == ["all 3 corrections: they were set on frames of 80x60, which are 160x60 now"],
             "{all:?}"
         );
+    }
+    /// Two frames behind a neutral one of 100 px per unit, 61 px between the eyes; in the third the tracker lost the face by 300 px.
+    fn lost_track(wireframe: &Wireframe) -> Vec<TrackedFrame> {
+        let at = |dx: f64| {
+            let place = |p: Point2<f64>| Point2::new(400.0 + dx + 100.0 * p.x, 300.0 - 100.0 * p.y);
+            let nodes = wireframe.frontal().into_iter().map(|p| TrackedNode::new(place(p), NodeState::Tracked, None));
+            nodes.collect::<Vec<_>>()
+        };
+        [(1, 0.0), (2, 5.0), (3, 305.0)].map(|(number, dx)| TrackedFrame { number, nodes: at(dx) }).to_vec()
+    }
+
+    #[test]
+    fn corrections_far_off_the_face_are_named_and_bold_ones_are_not() {
+        type Set = Vec<(NodeId, Point2<f64>)>;
+        let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
+        let frames = lost_track(&wireframe);
+        let at = |node: u16, dx: f64, dy: f64| (NodeId(node), frames[1].nodes[usize::from(node)].position + Vector2::new(dx, dy));
+        let said = |list: Vec<(u32, Set)>| {
+            let corrections = list.into_iter().map(|(frame, nodes)| (frame, nodes.into_iter().collect())).collect();
+            far_corrections(&corrections, &frames, &wireframe, &tables)
+        };
+        // Half an eye distance is 31 px: a jaw that drops by 28 px is one that the tracker may have missed.
+        assert!(said(vec![(2, vec![at(10, 0.0, 28.0)])]).is_empty());
+        let place = at(31, 0.0, 240.0).1;
+        let text = format!("frame 2, node 31 at ({:.0}, {:.0}): 3.9 eye distances", place.x, place.y);
+        assert_eq!(said(vec![(2, vec![at(10, 0.0, 5.0), at(31, 0.0, 240.0)])]), [text]);
+        // A lost face that is put right: its nodes agree with each other, and one that does not is named.
+        let whole = [10, 20, 31, 53, 64].map(|node| at(node, 3.0, 4.0)).to_vec();
+        assert!(said(vec![(3, whole.clone())]).is_empty());
+        assert_eq!(said(vec![(3, whole[..2].to_vec())]).len(), 2);
+        assert!(said(vec![(2, whole[..2].to_vec()), (3, whole[..2].to_vec())]).is_empty(), "where it was before");
+        assert!(said(vec![(1, whole.clone()), (9, whole)]).is_empty(), "these are not applied");
     }
 }

@@ -39,8 +39,8 @@ pub(crate) use clock::{MOST_FILLED, clock_of_frames, whole_steps};
 pub use confidence::{Confidence, Evidence, NodeFeatures, expect_errors, node_features};
 pub(crate) use corrections::CORRECTIONS_FOLDER;
 pub use corrections::{
-    SavedCorrections, TrackCorrections, corrections_in_track, corrections_path, fitting_corrections, read_corrections,
-    write_corrections,
+    SavedCorrections, TrackCorrections, corrections_in_track, corrections_path, far_corrections, fitting_corrections,
+    read_corrections, write_corrections,
 };
 pub use file::{
     TRACK_SCHEMA, TrackFileError, TrackHashes, TrackInfo, neutral_first, parse_track, parse_track_info, read_track,

@@ -323,6 +323,29 @@ fn spellings_are_one_group_near_twins_are_named_and_people_count_once() {
 }
 
 #[test]
+fn words_for_one_emotion_are_kept_apart_and_said_once() {
+    let work = Work::new();
+    let [one, other] = ["a", "b"].map(|name| (name, 5.0, ""));
+    people(&work, "", &[one, other]);
+    let manifest = work.read("people/manifest.csv");
+    work.write("people/manifest.csv", manifest.clone() + "a,2,Joy,a.csv\na,3,surprise,a.csv\nb,3,surprised,b.csv\n");
+    let said = "words for the same: happiness and joy; surprise and surprised (if they are meant so, give them one label)";
+    let ran = work.grimace("run people -o out --resample linear").exit(0).prints(&[said]);
+    assert!(!ran.stdout.contains("misspelt"));
+    assert_eq!(work.rows("out/statistics.csv").len(), 4);
+}
+
+#[test]
+fn ages_as_groups_are_said() {
+    let work = Work::new();
+    people(&work, ",age", &[("a", 5.0, ",23"), ("b", 6.0, ",31"), ("c", 7.0, ",45.5"), ("d", 8.0, ",23")]);
+    let said = "each number is a group of its own: `age` (3 numbers of 4 people); for groups of several people, add a column of classes, such as `age_group`";
+    work.grimace("run people -o out --resample linear --by age").exit(0).prints(&[said]);
+    let ran = work.grimace("analyze out/tracks -o again --resample linear --force").exit(0);
+    assert!(!ran.stdout.contains("each number"));
+}
+
+#[test]
 fn words_for_missing_values_make_no_group() {
     let work = Work::new();
     let rows: Vec<(String, f64, &str)> = [",20,x", ",20,x", ",30,x", ",30,x", ",NA,n/a", ",na,x", ",,x"]

@@ -151,7 +151,10 @@ fn a_bad_row_costs_its_sequence_and_names_its_line() {
         (b"S009,005,", &["line 4", "emotion is empty"]),
         (b"S009,005", &["line 4", "the row has 2 fields where the header has 3"]),
         (b"S009,\"005,joy", &["line 4", "a quotation mark is not closed"]),
-        (b"S0\xE9,005,joy", &["line 4", "not UTF-8"]),
+        (
+            b"Zo\xE9,005,joy",
+            &["line 4", "not UTF-8; the file looks like Windows-1252 (Latin-1)", "iconv -f WINDOWS-1252 -t UTF-8"],
+        ),
         (b"../S009,005,joy", &["line 4", "subject is `../S009`", "path separator"]),
         (b"S009,005,joy", &["S009_005", "there is no such folder of frames or video file"]),
         (b"S009,a/b,joy", &["line 4", "sequence is `a/b`"]),

@@ -464,3 +464,26 @@ fn a_face_that_is_not_there_is_said_to_be_lost() {
     }
     refused(&work, &["frame 3: only", "of 104 nodes could be tracked; the face is lost"]);
 }
+
+#[test]
+fn corrections_off_the_face_are_applied_and_said_and_those_off_the_picture_are_not_applied() {
+    let work = work();
+    work.grimace(TRACK).exit(0);
+    let place = |node: &str| {
+        let rows = work.rows("S001_005.csv");
+        let row = rows.iter().find(|r| r["frame"] == "3" && r["node"] == node).unwrap().clone();
+        (row["x"].clone(), row["y"].clone(), row["state"].clone())
+    };
+    let tracked = place("64");
+    work.write("corrections/S001_005.csv", "frame,node,x,y\n3,31,5,5\n3,64,9000,1\n");
+    let far = "S001_005.csv is applied, though these lie far from where the face is expected, look at them again: frame 3, node 31 at (5, 5): ";
+    let outside = "does not fit any more and is kept: frame 3, node 64: it lies outside the image";
+    let ran = work.grimace(&format!("{TRACK} --force")).exit(0).prints(&[far, " eye distances", outside]);
+    assert!(!ran.stdout.contains("node 64 at"));
+    assert_eq!(place("31"), ("5".to_owned(), "5".to_owned(), "corrected".to_owned()));
+    assert_eq!(place("64").2, tracked.2);
+    let beside = tracked.0.parse::<f64>().unwrap() + 4.0;
+    work.write("corrections/S001_005.csv", format!("frame,node,x,y\n3,64,{beside},{}\n", tracked.1));
+    assert!(!work.grimace(&format!("{TRACK} --force")).exit(0).stdout.contains("look at them again"));
+    assert_eq!(place("64").2, "corrected");
+}

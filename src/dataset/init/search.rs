@@ -1,6 +1,9 @@
 //! Looking for sequences in folders.
 
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeSet,
+    path::{Path, PathBuf},
+};
 
 use super::super::{
     DatasetError,
@@ -14,6 +17,12 @@ const MOST_LEVELS: usize = 8;
 /// Names of the records that a run and a clone leave in the folder of their results.
 const RECORDS: [&str; 2] = ["run.json", "clone.json"];
 
+/// Names of the records of files that commands leave beside them: lines `HASH  NAME`. Records of other names are somebody else's checksums.
+const FILES_RECORDS: [&str; 6] = ["overlays.b3", "frames.b3", "analyze.b3", "features.b3", "figures.b3", "synthesize.b3"];
+
+/// Ends of the names of pictures that we write: wireframes on frames and skins of representatives. They may have been copied without a record.
+const OWN_PICTURES: [&str; 2] = ["_overlay.png", "_skin.png"];
+
 /// What a folder and those below it hold.
 #[derive(Debug, Default)]
 pub(super) struct Found {
@@ -23,8 +32,10 @@ pub(super) struct Found {
     pub left_out: Vec<PathBuf>,
     /// Files of formats that are not read.
     pub unread: Vec<PathBuf>,
-    /// Folders with the results of a run or a clone.
+    /// Folders with results of ours: whole ones of a run or a clone, and those with pictures or videos of ours and no others.
     pub results: Vec<PathBuf>,
+    /// Files that a record says to be ours.
+    own: BTreeSet<PathBuf>,
 }
 
 impl Found {
@@ -52,14 +63,22 @@ impl Found {
             self.results.push(folder.to_owned());
             return Ok(());
         }
-        match paths.iter().filter(|path| is_picture(path)).count() {
+        self.own.extend(paths.iter().flat_map(|path| recorded(folder, path)));
+        let is_own = |path: &&PathBuf| {
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            self.own.contains(*path) || OWN_PICTURES.iter().any(|end| name.ends_with(end))
+        };
+        let (own, files): (Vec<&PathBuf>, Vec<&PathBuf>) = paths.iter().filter(|path| path.is_file()).partition(is_own);
+        let has_own = own.iter().any(|path| is_picture(path) || is_video(path));
+        let videos: Vec<PathBuf> = files.iter().filter(|path| is_video(path)).map(|&path| path.clone()).collect();
+        match files.iter().filter(|path| is_picture(path)).count() {
+            0 if has_own && videos.is_empty() => self.results.push(folder.to_owned()),
             0 if !paths.is_empty() => {}
             0 | 1 => self.left_out.push(folder.to_owned()),
             _ => self.sequences.push(folder.to_owned()),
         }
-        let files = || paths.iter().filter(|path| path.is_file());
-        self.sequences.extend(files().filter(|path| is_video(path)).cloned());
-        self.unread.extend(files().filter(|path| is_unread(path)).cloned());
+        self.sequences.extend(videos);
+        self.unread.extend(files.into_iter().filter(|path| is_unread(path)).cloned());
         if above.len() < MOST_LEVELS {
             above.push(resolved);
             paths.iter().filter(|path| path.is_dir()).try_for_each(|path| self.look_into(path, above))?;
@@ -67,4 +86,14 @@ impl Found {
         }
         Ok(())
     }
+}
+
+/// The files that `path` lists, where it is a record of what a command wrote into a folder.
+fn recorded(folder: &Path, path: &Path) -> Vec<PathBuf> {
+    if !FILES_RECORDS.iter().any(|record| path.ends_with(record)) {
+        return Vec::new();
+    }
+    let text = crate::input::read(path).unwrap_or_default();
+    let names = String::from_utf8_lossy(&text);
+    names.lines().filter_map(|line| line.split_once("  ")).map(|(_, name)| folder.join(name)).collect()
 }
