@@ -364,7 +364,7 @@ mod tests {
     #[test]
     fn a_file_of_a_spreadsheet_that_is_not_utf_8_is_told_how_to_become_it() {
         let rows = texts(b"a,b\nRen\xE9,4\n5,6\nM\xFCller,7\n");
-        let said = "not UTF-8; the file looks like Windows-1252 (Latin-1): save it as UTF-8 text, or convert it (iconv -f WINDOWS-1252 -t UTF-8 OLD.csv > NEW.csv)";
+        let said = "not UTF-8; the file looks like Windows-1252 (Latin-1): save it as UTF-8 text, or convert it (iconv -f WINDOWS-1252 -t UTF-8 OLD.csv > NEW.csv) and see that names are right";
         assert_eq!(rows[0], Err(format!("a.csv, line 2: byte 4 of the line is {said}")));
         assert_eq!((&rows[1], rows[2].is_err()), (&row(3, &["5", "6"]), true));
         assert!(file(b"pr\xE9nom,b\n1,2\n").unwrap_err().to_string().contains(said));

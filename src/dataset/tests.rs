@@ -134,7 +134,7 @@ fn a_bad_row_costs_that_sequence_only() {
         (
             "S\u{FFFD}",
             "010",
-            "M, line 12: byte 2 of the line is not UTF-8; the file looks like Windows-1252 (Latin-1): save it as UTF-8 text, or convert it (iconv -f WINDOWS-1252 -t UTF-8 OLD.csv > NEW.csv)",
+            "M, line 12: byte 2 of the line is not UTF-8; the file looks like Windows-1252 (Latin-1): save it as UTF-8 text, or convert it (iconv -f WINDOWS-1252 -t UTF-8 OLD.csv > NEW.csv) and see that names are right",
         ),
         ("", "", "M, line 13: a quotation mark is not closed"),
         ("S1", "001_x", "M, line 16: results of this sequence and of that in line 15 would both be named `S1_001_x`; rename one"),

@@ -124,7 +124,8 @@ const SHAPE_ERROR: f64 = 6.0;
 /// Intensity, 0 to 5, from which an action unit counts as present, where it also exceeds twice its expected error.
 const PRESENT: f64 = 1.0;
 
-/// What two explanations of a motion differ by, in logarithms of likelihood, when they differ.
+/// What two explanations of a motion differ by, in logarithms of likelihood, at least: chosen, so that speech and faces that hardly move, of which
+/// either way is as good, have no order (on 50 sequences of photographs and videos speech differs by 5 to 14).
 const SURE: f64 = 15.0;
 
 /// The intensity of one action unit in one frame.

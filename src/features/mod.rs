@@ -194,7 +194,7 @@ impl FeatureMeter {
     }
 
     /// How much better the action units explain the way from the first frame of a track to its last than the way back, -1 to 1
-    /// ([`ActionUnits::order`]); `model` has the same two frames as the first and the last of its own.
+    /// ([`ActionUnits::order`]). `model` is the track's without the head's motion, normalized, or its first and last frame alone.
     pub fn order(
         &self,
         track: &[TrackedFrame],
@@ -402,8 +402,8 @@ pub fn order_warning(order: f64, track: &[TrackedFrame]) -> Option<String> {
     (order < BACKWARDS).then(|| {
         format!(
             "it seems to go from an expression back to neutral: action units explain the way from frame {} to frame {} better than the way back; \
-             if frame {} is the neutral one, exchange first_frame and last_frame",
-            last.number, first.number, last.number
+             if frame {} is the neutral one, make it first_frame and frame {} last_frame in the manifest, with marks of the neutral one if you set any",
+            last.number, first.number, last.number, first.number
         )
     })
 }

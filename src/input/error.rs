@@ -93,7 +93,7 @@ impl fmt::Display for LineSuffix {
 
 fn encoding_hint(windows_1252: bool) -> &'static str {
     if windows_1252 {
-        "the file looks like Windows-1252 (Latin-1): save it as UTF-8 text, or convert it (iconv -f WINDOWS-1252 -t UTF-8 OLD.csv > NEW.csv)"
+        "the file looks like Windows-1252 (Latin-1): save it as UTF-8 text, or convert it (iconv -f WINDOWS-1252 -t UTF-8 OLD.csv > NEW.csv) and see that names are right"
     } else {
         "save the file as UTF-8 text"
     }

@@ -222,7 +222,7 @@ pub(super) fn spelling_warnings(models: &[LabelledModel], by: &[String]) -> Vec<
     if !words.is_empty() {
         let list: Vec<String> = words.iter().map(|words| words.join(" and ")).collect();
         warnings.push(format!(
-            "emotions of their own, though they are words for the same: {} (if they are meant so, give them one label)",
+            "emotions of their own, though they are words for the same: {} (if they mean the same, give them one label)",
             listed(&list, MOST_NAMED)
         ));
     }

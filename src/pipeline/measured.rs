@@ -30,7 +30,9 @@ impl Normalized {
     /// Enters what the head's pose says of a track, and the order of its frames, into its summary.
     pub fn judge(&self, summary: &mut TrackSummary, frames: &[TrackedFrame], bench: &Workbench) {
         let Some(fit) = &self.fit else { return };
-        let order = bench.order(frames, &self.head_free).unwrap_or(0.0);
+        // A head that nods or turns would be explained by action units one way.
+        let is_free = bench.options.normalize.pose == PoseMode::Full;
+        let order = if is_free { bench.order(frames, &self.head_free).unwrap_or(0.0) } else { 0.0 };
         for warning in [turn_warning(fit, frames), pose_warning(fit, frames), order_warning(order, frames)].into_iter().flatten()
         {
             if !summary.reasons.contains(&warning) {

@@ -43,15 +43,20 @@ pub fn missing_words_said(models: &[LabelledModel], columns: &[String]) -> Optio
 /// Most values of a column of numbers that may well be names of groups, such as 0 and 1 or the numbers of sites.
 const FEW_NUMBERS: usize = 6;
 
+/// People of a group from which their numbers may well be names of it, however many groups there are.
+const MANY_PEOPLE: usize = 10;
+
 /// What a person should know where columns to group by, or of strata, hold measures and not groups: numbers throughout, of more than 6
-/// values, or of more than 2 and more than half as many as there are people. Each value is a group, as of any column.
+/// values that less than 10 people share on the mean, or of more than 2 and more than half as many as there are people. Each value is a group, as
+/// of any column.
 pub fn measures_said(models: &[LabelledModel], columns: &[String]) -> Option<String> {
     let people = models.iter().map(|m| m.model.id.subject.as_str()).collect::<BTreeSet<_>>().len();
     let measure = |column: &String| {
         let values: BTreeSet<&str> =
             models.iter().filter_map(|m| m.metadata.get(column)).map(|v| v.trim()).filter(|v| !is_missing(v)).collect();
-        let is_number = |value: &&str| value.replacen(',', ".", 1).parse::<f64>().is_ok();
-        let many = values.len() > FEW_NUMBERS || (values.len() > 2 && 2 * values.len() > people);
+        let is_number = |value: &&str| value.replacen(',', ".", 1).parse::<f64>().is_ok_and(f64::is_finite);
+        let many = (values.len() > FEW_NUMBERS && people < MANY_PEOPLE * values.len())
+            || (values.len() > 2 && 2 * values.len() > people);
         (many && values.iter().all(is_number)).then(|| format!("`{column}` ({} numbers of {people} people)", values.len()))
     };
     let found: Vec<String> = columns.iter().collect::<BTreeSet<_>>().into_iter().filter_map(measure).collect();

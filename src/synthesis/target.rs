@@ -236,11 +236,9 @@ impl Goal {
         rests
     }
 
-    /// What of the motion asked for weights show, scaled as [`Goal::fit_length`] does: 1 where all points go as far along it as they are asked to.
+    /// What of the motion asked for weights show: 1 where all points go as far along it as they are asked to.
     pub fn shown(&self, weights: &[f64]) -> f64 {
-        let mut scaled = weights.to_vec();
-        self.fit_length(&mut scaled);
-        let motion = self.motion(&scaled);
+        let motion = self.motion(weights);
         let along: f64 = motion.iter().zip(&self.target).map(|(v, d)| v * d).sum();
         let all: f64 = motion.iter().zip(&self.target).map(|(_, d)| d * d).sum();
         if all > 0.0 { along / all } else { 0.0 }

@@ -260,6 +260,7 @@ mod tests {
             "{all:?}"
         );
     }
+
     /// Two frames behind a neutral one of 100 px per unit, 61 px between the eyes; in the third the tracker lost the face by 300 px.
     fn lost_track(wireframe: &Wireframe) -> Vec<TrackedFrame> {
         let at = |dx: f64| {

@@ -225,7 +225,6 @@ fn a_sequence_of_one_frame_is_no_sequence() {
     ran.says(&["faces/S002/005: 1 frame from neutral to apex; at least 2 are needed"]);
 }
 
-/// 68 landmarks of the neutral frame of a sequence, from its true nodes; nothing where no node stands for a landmark.
 #[test]
 fn a_sequence_that_is_played_backwards_is_one_to_look_at_again() {
     let work = Work::new();
@@ -243,9 +242,13 @@ fn a_sequence_that_is_played_backwards_is_one_to_look_at_again() {
     let said = "it seems to go from an expression back to neutral";
     assert!(!verdict((1, frames.len()), "there").contains(said));
     let back = verdict((frames.len(), 1), "back");
-    assert!(back.contains(said) && back.contains("if frame 1 is the neutral one, exchange first_frame and last_frame"), "{back}");
+    assert!(
+        back.contains(said) && back.contains("if frame 1 is the neutral one, make it first_frame and frame 6 last_frame"),
+        "{back}"
+    );
 }
 
+/// 68 landmarks of the neutral frame of a sequence, from its true nodes; nothing where no node stands for a landmark.
 fn landmarks(id: &str) -> Vec<(f64, f64)> {
     let truth = csv::Reader::from_reader(FACES[&format!("truth/{id}.csv")].as_slice())
         .deserialize::<(u32, usize, f64, f64)>()

@@ -117,9 +117,10 @@ const ABOUT_THAT_WAY: f64 = 0.5;
 pub fn refined(goal: &Goal, options: &GaOptions, is_signed: bool, frame: usize, region: usize) -> Solution {
     let found = genetic(goal, options, frame, region);
     let (mut weights, fitness) = climb(goal, &found.weights, Climb::with_pull(is_signed));
-    if goal.fit_length(&mut weights.clone()) {
+    let mut scaled = weights.clone();
+    if goal.fit_length(&mut scaled) {
         let closest = least_squares(goal);
-        let [climbed, least] = [&weights, &closest.weights].map(|weights| goal.shown(weights));
+        let [climbed, least] = [&scaled, &closest.weights].map(|weights| goal.shown(weights));
         let fitness = goal.fitness_of(&closest.weights);
         let shows_more = climbed < NEXT_TO_NOTHING && least > 2.0 * climbed && fitness > ABOUT_THAT_WAY;
         if shows_more || fitness > goal.fitness_of(&weights) {
