@@ -329,7 +329,7 @@ fn words_for_one_emotion_are_kept_apart_and_said_once() {
     people(&work, "", &[one, other]);
     let manifest = work.read("people/manifest.csv");
     work.write("people/manifest.csv", manifest.clone() + "a,2,Joy,a.csv\na,3,surprise,a.csv\nb,3,surprised,b.csv\n");
-    let said = "words for the same: happiness and joy; surprise and surprised (if they are meant so, give them one label)";
+    let said = "words for the same: happiness and joy; surprise and surprised (if they mean the same, give them one label)";
     let ran = work.grimace("run people -o out --resample linear").exit(0).prints(&[said]);
     assert!(!ran.stdout.contains("misspelt"));
     assert_eq!(work.rows("out/statistics.csv").len(), 4);
