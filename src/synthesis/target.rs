@@ -239,9 +239,13 @@ impl Goal {
     /// What of the motion asked for weights show: 1 where all points go as far along it as they are asked to.
     pub fn shown(&self, weights: &[f64]) -> f64 {
         let motion = self.motion(weights);
-        let along: f64 = motion.iter().zip(&self.target).map(|(v, d)| v * d).sum();
-        let all: f64 = motion.iter().zip(&self.target).map(|(_, d)| d * d).sum();
-        if all > 0.0 { along / all } else { 0.0 }
+        let all = self.along(&self.target);
+        if all > 0.0 { self.along(&motion) / all } else { 0.0 }
+    }
+
+    /// How far points that move go along the motions asked for, summed: `v . d`.
+    fn along(&self, motion: &[f64]) -> f64 {
+        motion.iter().zip(&self.target).map(|(v, d)| v * d).sum()
     }
 
     /// Scales weights so that the summed length of their motion is the target's [ZL, section 3]; what does not move stays. Where a point
@@ -259,9 +263,8 @@ impl Goal {
             is_held = farthest > reach;
             if is_held {
                 let most = factor * reach / farthest;
-                let along: f64 = motion.iter().zip(&self.target).map(|(v, d)| v * d).sum();
                 let square: f64 = motion.iter().chain(&rest).map(|v| v * v).sum();
-                let closest = along / square;
+                let closest = self.along(&motion) / square;
                 factor = if closest > 0.0 { closest.min(most) } else { most };
             }
             weights.iter_mut().for_each(|w| *w *= factor);
