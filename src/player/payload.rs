@@ -23,8 +23,9 @@ use crate::{
         Opening, RigOpening, TEETH_PICTURES,
         furrows::{self, Furrows},
         hollow::{self, Hollow},
-        lashes,
+        lash_line, lashes,
         lid_skin::{self, LidSkin},
+        shut_lid,
     },
     wireframe::{Face as Wire, Fapu, Fapus},
 };
@@ -118,6 +119,26 @@ pub fn payload(motions: &[Shown], faces: &[Face], wire: &Wire) -> Result<Value, 
             "darkest": lashes::DARKEST,
             "floor": lashes::FLOOR,
             "beyond": lashes::BEYOND,
+        },
+        // The form and the grain of one that shuts, and the line of lashes where lids meet.
+        "shutLid": {
+            "zone": shut_lid::ZONE,
+            "leastWay": shut_lid::LEAST_WAY,
+            "form": [shut_lid::BRIGHTEST, shut_lid::DARKER[0], shut_lid::DARKER[1], shut_lid::SIDES],
+            "below": shut_lid::BELOW,
+            "grain": [shut_lid::AROUND, shut_lid::GRAIN, shut_lid::MOST],
+        },
+        "lashLine": {
+            "closing": lash_line::CLOSING,
+            "width": lash_line::WIDTH,
+            "leastWidth": lash_line::LEAST_WIDTH,
+            "above": lash_line::ABOVE,
+            "below": lash_line::BELOW,
+            "hair": lash_line::HAIR,
+            "share": lash_line::HAIR_SHARE,
+            "hairs": lash_line::HAIRS,
+            "lean": lash_line::LEAN,
+            "apart": lash_line::APART,
         },
         // What shade leaves when brows rise, and what furrows deepen by.
         "hollow": {

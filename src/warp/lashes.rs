@@ -23,13 +23,13 @@ pub const BEYOND: f64 = 0.08;
 /// An upper lid whose skin is without lashes in a frame.
 pub struct BareLid<'a> {
     pub skin: &'a LidSkin,
-    opening: &'a OpeningMesh,
+    pub(super) opening: &'a OpeningMesh,
     /// How far it is, since its eye shuts, and since its lashes stand by themselves below a brow that rises, 0 to 1; on an eye that shuts they are a
     /// line, and do not.
-    shut: f64,
+    pub(super) shut: f64,
     stands: f64,
     /// How the head has moved.
-    head: Similarity,
+    pub(super) head: Similarity,
 }
 
 /// The lids without lashes in a frame.

@@ -26,6 +26,11 @@ const PLACES: usize = 28;
 const BESIDE: usize = 3;
 /// Of the colours above a place, by their brightness, those that are skin without lashes.
 const SKIN: (f64, f64) = (0.75, 0.95);
+/// And those whose hue is the skin's own: brighter ones shine, and what shines has the hue of the light. As much counts the hue of the cheek, so far
+/// below the lower lid and to either side, over the eye distance: above some lids there is only shade.
+const HUE: (f64, f64) = (0.40, 0.75);
+const CHEEK: [f64; 3] = [0.30, 0.36, 0.42];
+const CHEEK_ASIDE: [f64; 3] = [-0.08, 0.0, 0.08];
 /// Lashes end where it is this bright over that skin.
 const LASHLESS: f64 = 0.93;
 /// How fast the lid's height falls along it, over the way.
@@ -97,12 +102,21 @@ impl LidSkin {
             (0..steps).map(|m| texture.sample(at - down * (lid.edge[k] + m as f64 * STEP * unit))).collect()
         };
         let columns: Vec<Vec<[f32; 3]>> = (0..PLACES).map(column).collect();
+        let below = warp.nodes[usize::from(nodes.lower[2])];
+        let at_cheek = |down_by: f64| {
+            CHEEK_ASIDE.map(|aside| texture.sample(below + down * (down_by * unit) + warp.frame.across() * (aside * unit)))
+        };
+        let cheek = mean(&CHEEK.map(at_cheek).concat())?;
         for k in 0..PLACES {
             let beside = &columns[k.saturating_sub(BESIDE)..(k + BESIDE + 1).min(PLACES)];
             let mut colours: Vec<[f32; 3]> = beside.iter().flatten().copied().collect();
             colours.sort_by(|a, b| luma(*a).total_cmp(&luma(*b)));
-            let part = |share: f64| (share * colours.len() as f64) as usize;
-            lid.skin.push(mean(&colours[part(SKIN.0)..part(SKIN.1)])?);
+            let part = |(from, to): (f64, f64)| {
+                let [from, to] = [from, to].map(|share| (share * colours.len() as f64) as usize);
+                mean(&colours[from..to])
+            };
+            let hue = mean(&[as_bright(part(HUE)?, 100.0), as_bright(cheek, 100.0)])?;
+            lid.skin.push(as_bright(hue, luma(part(SKIN)?)));
             let limit = LASHLESS as f32 * luma(lid.skin[k]);
             let row = |m: usize| beside.iter().map(|column| luma(column[m])).sum::<f32>() / beside.len() as f32;
             let reach = (0..steps).find(|&m| m as f64 * STEP >= LEAST_BAND && row(m) >= limit).unwrap_or(steps);
@@ -209,6 +223,11 @@ fn along(k: usize) -> f64 {
 pub(super) fn mean(colours: &[[f32; 3]]) -> Option<[f32; 3]> {
     let count = colours.len() as f32;
     (!colours.is_empty()).then(|| std::array::from_fn(|c| colours.iter().map(|colour| colour[c]).sum::<f32>() / count))
+}
+
+/// The hue of a colour at another brightness, levels.
+fn as_bright(hue: [f32; 3], level: f32) -> [f32; 3] {
+    hue.map(|channel| (channel * level / luma(hue).max(1.0)).min(255.0))
 }
 
 /// Each value by those beside it.

@@ -42,6 +42,7 @@ mod followers;
 pub(crate) mod furrows;
 pub(crate) mod hollow;
 mod iris;
+pub(crate) mod lash_line;
 pub(crate) mod lashes;
 mod layer;
 mod layout;
@@ -58,6 +59,7 @@ mod render;
 mod rig;
 mod sample;
 mod seam;
+pub(crate) mod shut_lid;
 mod softness;
 mod tone;
 

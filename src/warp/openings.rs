@@ -6,6 +6,7 @@ use nalgebra::{Point2, Vector2};
 use super::{
     Deformation, MouthInside, Texture, Warp,
     eyeball::{Eyeball, Turned},
+    lash_line,
     layer::Layer,
     layout::{Frame, OPENINGS, Opening, OpeningNodes},
     mesh::OpeningMesh,
@@ -16,15 +17,10 @@ use super::{
     tone::{self, Tone},
 };
 use crate::{
-    geometry::{
-        Similarity,
-        polygon::{distance_to_line, distance_within},
-    },
+    geometry::{Similarity, polygon::distance_within},
     interpolation::smooth_step,
 };
 
-/// Lids nearer than this share of their distance on the photograph show lashes where they meet.
-const CLOSING: f64 = 0.6;
 /// Width of the zone in which lips turn inwards, over the eye distance; gaps at which they begin to, and wholly do; what is left of red,
 /// green and blue at the edge.
 const ROLL: f64 = 0.040;
@@ -37,8 +33,6 @@ const ROLLED_LIT: [f64; 2] = [0.5, 0.4];
 const ROLLS_APART: f64 = 0.6;
 /// How much less it is on the upper and the lower lip of a mouth that gapes, where it would be a rim.
 const ROLLED_LESS: [f64; 2] = [0.25, 0.6];
-/// Half the width of the line of lashes, over the eye distance.
-const LASHES: f64 = 0.024;
 
 /// Draws what is behind an opening over the frame.
 pub fn draw(
@@ -112,7 +106,7 @@ pub fn draw(
     }
     layer.lay_on(frame);
     if opening.opening != Opening::Mouth {
-        lashes(warp, opening, texture, vertices, gap(warp, opening, vertices), frame);
+        lash_line::draw(warp, opening, texture, vertices, frame);
     }
 }
 
@@ -204,7 +198,7 @@ fn apart(lines: &[Vec<(f64, f64)>; 2], x: f64, widest: f64) -> f64 {
 }
 
 /// The pixels of a picture in the box around a line and so much more, row by row.
-fn pixels_around(line: &[Point2<f64>], width: f64, size: (u32, u32)) -> impl Iterator<Item = (u32, u32)> {
+pub(super) fn pixels_around(line: &[Point2<f64>], width: f64, size: (u32, u32)) -> impl Iterator<Item = (u32, u32)> {
     let bounds = |axis: usize, size: u32| {
         let (low, high) = line.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), p| (l.min(p[axis]), h.max(p[axis])));
         let clip = |v: f64| v.clamp(0.0, f64::from(size)) as u32;
@@ -272,56 +266,6 @@ fn behind(warp: &Warp, opening: &OpeningMesh, deformation: &Deformation) -> Vec<
     place.sort_by_key(|p| p.0);
     let at = |v: u32| place.binary_search_by_key(&v, |p| p.0).map_or(moved[v as usize], |k| place[k].1);
     opening.triangles.iter().map(|t| t.map(at)).collect()
-}
-
-/// The dark line of the lashes where lids meet. It also covers the white of the eye that the skin's edge has where a fitted lid lies
-/// inside the real one.
-fn lashes(warp: &Warp, opening: &OpeningMesh, texture: &Texture, vertices: &[Point2<f64>], gap_px: f64, frame: &mut RgbImage) {
-    let open = gap(warp, opening, &warp.source);
-    let shut = 1.0 - gap_px / (CLOSING * open).max(1e-9);
-    if !(shut > 0.0) {
-        return;
-    }
-    let unit = warp.frame.eye_distance;
-    let dark = lash_colour(warp, opening, texture);
-    let line: Vec<Point2<f64>> = opening
-        .upper
-        .iter()
-        .zip(&opening.lower)
-        .map(|(&a, &b)| nalgebra::center(&vertices[a as usize], &vertices[b as usize]))
-        .collect();
-    let (from, to) = (line[0], line[line.len() - 1]);
-    let across = to - from;
-    let width = (LASHES * unit).max(0.6);
-    for (x, y) in pixels_around(&line, width, frame.dimensions()) {
-        let point = Point2::new(f64::from(x), f64::from(y));
-        // Finer and lighter towards the corners.
-        let along = ((point - from).dot(&across) / across.norm_squared().max(1e-9)).clamp(0.0, 1.0);
-        let local = width * (0.35 + 2.6 * along * (1.0 - along));
-        let share = shut.min(1.0)
-            * (4.0 * along * (1.0 - along)).sqrt()
-            * (1.0 - smooth_step(0.3, 1.0, distance_to_line(&line, &point) / local));
-        if share > 0.0 {
-            let pixel = frame.get_pixel_mut(x, y);
-            for (channel, over) in pixel.0.iter_mut().zip(dark) {
-                let under = f32::from(*channel);
-                *channel = sample::byte(under + (over - under) * share as f32);
-            }
-        }
-    }
-}
-
-/// As dark as the lashes of the open eye: the darkest of what lies along its upper lid.
-pub fn lash_colour(warp: &Warp, opening: &OpeningMesh, texture: &Texture) -> [f32; 3] {
-    let unit = warp.frame.eye_distance;
-    let down = warp.frame.down.into_inner();
-    let mut colours: Vec<[f32; 3]> = opening
-        .upper
-        .iter()
-        .flat_map(|&v| [-0.02, 0.0, 0.02].map(|d| texture.sample(warp.source[v as usize] + down * (d * unit))))
-        .collect();
-    colours.sort_by(|a, b| a.iter().sum::<f32>().total_cmp(&b.iter().sum::<f32>()));
-    colours[colours.len() / 6]
 }
 
 #[cfg(test)]

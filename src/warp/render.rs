@@ -88,6 +88,9 @@ impl Warp {
         for lid in &lids {
             lid.draw_lashes(self, texture, deformation, frame);
         }
+        for lid in &lids {
+            lid.draw_shade(self, texture, &deformation.vertices, frame);
+        }
         for opening in &self.mesh.openings {
             openings::draw(self, opening, texture, deformation, inside, &seam, frame);
         }

@@ -4,7 +4,7 @@ use image::{Rgba32FImage, RgbaImage};
 use nalgebra::{Point2, Vector2};
 
 use super::{
-    Opening, Texture, Warp, folds, furrows::Furrows, hollow::Hollow, layout, lid_skin::LidSkin, mouth, openings, tone::Tone,
+    Opening, Texture, Warp, folds, furrows::Furrows, hollow::Hollow, lash_line, layout, lid_skin::LidSkin, mouth, tone::Tone,
 };
 
 /// What it takes to move a face: the mesh on its photograph, how each vertex follows the nodes, and what lies behind lips and lids.
@@ -114,7 +114,7 @@ impl Warp {
             lower_nodes: nodes.lower,
             iris: nodes.iris,
             brow: layout::lid_skin_of(mesh.opening).map(|skin| skin.brow),
-            lashes: openings::lash_colour(self, mesh, texture),
+            lashes: lash_line::colour(self, mesh, texture),
             lid: self.lids.get(k).cloned().flatten(),
             hollow: self.hollows.get(k).cloned().flatten(),
         });

@@ -132,13 +132,37 @@ void main() {
 }`;
 // Width of the soft edge of an opening, over the photograph's softness: a ramp as long as a Gaussian's from one end to the other.
 const EDGE = 2.5;
+// The line of lashes: how far along it, and how many of its widths below its middle.
 const LASH_VERTEX = `
-attribute vec2 at; attribute vec2 place; uniform vec2 size; varying vec2 p;
+attribute vec2 at; attribute vec2 place; uniform vec2 size; varying highp vec2 p;
 void main() { p = place; vec2 q = (at + 0.5) / size * 2.0 - 1.0; gl_Position = vec4(q.x, -q.y, 0.0, 1.0); }`;
 const LASH_FRAGMENT = `
-precision mediump float; varying vec2 p; uniform vec3 colour; uniform float shut;
+precision highp float; varying highp vec2 p; uniform vec3 colour; uniform float shut; uniform vec4 edges; uniform vec2 hair; uniform vec4 hairs;
 void main() { float a = clamp(p.x, 0.0, 1.0);
-  gl_FragColor = vec4(colour, shut * sqrt(4.0 * a * (1.0 - a)) * (1.0 - smoothstep(0.3, 1.0, abs(p.y)))); }`;
+  float core = 1.0 - (p.y < 0.0 ? smoothstep(edges.x, edges.y, -p.y) : smoothstep(edges.z, edges.w, p.y));
+  float wave = cos(6.2831853 * hairs.x * (p.x + hairs.y * (p.x - 0.5) * p.y));
+  float single = p.y < 0.0 ? 0.0 : hairs.z * (0.5 + 0.5 * hairs.w * wave) * (1.0 - smoothstep(hair.x, hair.y, p.y));
+  gl_FragColor = vec4(colour, shut * sqrt(4.0 * a * (1.0 - a)) * max(core, single)); }`;
+// Half of a factor on what is there: of the form of a lid that shuts and, from the skin below, of its grain.
+const LID_VERTEX = `
+attribute vec2 at; attribute vec2 from; attribute vec2 place; uniform vec2 size; varying highp vec2 uv; varying highp vec2 p;
+void main() { p = place; uv = (from + 0.5) / size; vec2 q = (at + 0.5) / size * 2.0 - 1.0; gl_Position = vec4(q.x, -q.y, 0.0, 1.0); }`;
+const LID_FRAGMENT = `
+precision highp float; varying highp vec2 uv; varying highp vec2 p; uniform sampler2D picture; uniform vec2 size;
+uniform vec4 zone; uniform vec4 form; uniform vec3 grain; uniform float shut;
+float level(vec2 off) { return dot(texture2D(picture, uv + off / size).rgb, vec3(0.3, 0.59, 0.11)); }
+void main() {
+  float share = shut * smoothstep(0.0, form.w, p.x) * (1.0 - smoothstep(1.0 - form.w, 1.0, p.x));
+  share *= smoothstep(zone.x, zone.y, p.y) * (1.0 - smoothstep(zone.z, zone.w, p.y));
+  float down = (p.y - form.x) / (1.0 - form.x), beside = 2.0 * p.x - 1.0, d = 0.70710678, mean = 0.0;
+  for (int k = 0; k < 4; k++) {
+    vec2 off = grain.x * (k == 0 ? vec2(1.0, 0.0) : k == 1 ? vec2(d, d) : k == 2 ? vec2(0.0, 1.0) : vec2(-d, d));
+    mean += (level(off) + level(-off)) / 8.0;
+  }
+  float speck = clamp(grain.y * (level(vec2(0.0)) - mean) / max(mean, 8.0 / 255.0), -grain.z, grain.z);
+  float shade = 1.0 - form.y * down * down - form.z * beside * beside;
+  gl_FragColor = vec4(vec3(0.5 * (1.0 + share * (shade * (1.0 + speck) - 1.0))), 1.0);
+}`;
 
 // A head: z is towards the viewer, colours are of the light.
 const HEAD_VERTEX = `
@@ -175,6 +199,7 @@ class GlStage {
     this.folded = this.program(FOLD_VERTEX, FOLD_FRAGMENT);
     this.mouth = this.program(MOUTH_VERTEX, MOUTH_FRAGMENT);
     this.lash = this.program(LASH_VERTEX, LASH_FRAGMENT);
+    this.lid = this.program(LID_VERTEX, LID_FRAGMENT);
     this.head = this.program(HEAD_VERTEX, HEAD_FRAGMENT);
     this.pictures = new Map();
     this.lidPictures = new Map();
@@ -290,6 +315,7 @@ class GlStage {
     this.drawLids(rig, bare);
     this.drawBrows(rig);
     this.drawStandingLashes(rig, bare.filter(({ stands }) => stands > 0));
+    this.drawLidShades(rig, bare.filter(({ shut }) => shut > 0));
     // The edges of lids and lips run out softly, those of lids that shut with their skin.
     for (const opening of rig.openings) {
       if (!(rig.gap(opening, rig.moved) > 0.5)) continue;
@@ -369,6 +395,28 @@ class GlStage {
     if (!standing.length) return;
     gl.blendFunc(gl.DST_COLOR, gl.ZERO);
     this.byLidPicture(rig, () => standing.forEach((entry) => this.loose(rig, rig.lashStrips(entry), true, this.factor)), "lashes");
+    gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
+  }
+  /** The form and the grain of lids that shut, where the eyes were. */
+  drawLidShades(rig, shutting) {
+    const { gl, lid: program } = this, { zone, form, grain } = rig.shared.shutLid;
+    if (!shutting.length) return;
+    gl.blendFunc(gl.DST_COLOR, gl.SRC_COLOR);
+    for (const entry of shutting) {
+      const columns = rig.lidShadeColumns(entry);
+      const corners = columns.slice(1).flatMap(([b, c], k) => [columns[k][0], b, c, columns[k][0], c, columns[k][1]]);
+      const part = (name, first) => {
+        this.buffer(`lid shade ${name}`, () => Float32Array.from(corners.flatMap((c) => c.slice(first, first + 2))));
+        this.attribute(program, name);
+      };
+      this.use(program, rig);
+      ["at", "from", "place"].forEach((name, k) => part(name, 2 * k));
+      this.uniform(program, "zone", ...zone);
+      this.uniform(program, "form", ...form);
+      this.uniform(program, "grain", ...grain);
+      this.uniform(program, "shut", entry.shut);
+      gl.drawArrays(gl.TRIANGLES, 0, corners.length);
+    }
     gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
   }
   /** Draws with the skin of lids, or with their lashes, for the picture. */
@@ -466,26 +514,19 @@ class GlStage {
   }
   drawLashes(rig, opening) {
     const { gl, lash } = this;
-    const { line, shut, width } = rig.lashLine(opening);
+    const { columns, shut, length } = rig.lashColumns(opening);
     if (!(shut > 0)) return;
-    const [from, to] = [line[0], line[line.length - 1]];
-    const across = [to[0] - from[0], to[1] - from[1]], size = Math.max(across[0] ** 2 + across[1] ** 2, 1e-9);
-    const at = [], place = [];
-    for (const [x, y] of line) {
-      const along = clamp(((x - from[0]) * across[0] + (y - from[1]) * across[1]) / size, 0, 1);
-      const local = width * (0.35 + 2.6 * along * (1 - along));
-      for (const sign of [-1, 1]) {
-        at.push(x + sign * local * rig.down[0], y + sign * local * rig.down[1]);
-        place.push(along, sign);
-      }
-    }
+    const { above, below, hair, share, hairs, lean, apart } = rig.shared.lashLine, ends = columns.flat();
     this.use(lash, rig);
-    this.buffer("lash at", () => Float32Array.from(at));
+    this.buffer("lash at", () => Float32Array.from(ends.flatMap((end) => end.slice(0, 2))));
     this.attribute(lash, "at");
-    this.buffer("lash place", () => Float32Array.from(place));
+    this.buffer("lash place", () => Float32Array.from(ends.flatMap((end) => end.slice(2))));
     this.attribute(lash, "place");
     this.uniform(lash, "colour", ...opening.lashes.map((c) => c / 255));
     this.uniform(lash, "shut", shut);
-    gl.drawArrays(gl.TRIANGLE_STRIP, 0, at.length / 2);
+    this.uniform(lash, "edges", ...above, ...below);
+    this.uniform(lash, "hair", ...hair);
+    this.uniform(lash, "hairs", hairs, lean, share, smoothStep(...apart, length / hairs));
+    gl.drawArrays(gl.TRIANGLE_STRIP, 0, ends.length);
   }
 }

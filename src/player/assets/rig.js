@@ -1,7 +1,7 @@
 // A face: where its nodes and the vertices of its mesh go. The same steps as the library's `clone` and `warp`; see there for the reasons.
 
 const LID_SHARES = [0.45, 1], LID_ABOUT = [0.2, 0.006], LIP_ROUND = 0.97, LIP_FULLNESS = 0.7, PARTED = [0.06, 0.2], STRETCHED = [0.03, 0.1], BROW_THICKNESS = [0.88, 1.12], BROWS = [[16, 18], [49, 51]], CORNERS = [[88, 31], [89, 64]], CORNER_TURN = 0.55, CORNER_LENGTHS = [0.6, 1.15];
-const MAX_GAZE = 0.12, SHUT = 1e-4, BESIDE_MIDDLE = 1.35, UNFOLD_ROUNDS = 16, UNFOLD_STEP = 0.2, LEAST_WEIGHT = 0.002, CLOSING = 0.6, OWN_STRETCH = 0.02;
+const MAX_GAZE = 0.12, SHUT = 1e-4, BESIDE_MIDDLE = 1.35, UNFOLD_ROUNDS = 16, UNFOLD_STEP = 0.2, LEAST_WEIGHT = 0.002, OWN_STRETCH = 0.02;
 const CLING = 0.12, CLING_WITHIN = 0.42, CLING_UPPER = 0.4, CLINGING = [0.04, 0.1, 0.22], TURNED_AWAY = [0.6, 0.9];
 
 /** A face that moves. `level(p, k)` is how far down the face point k of a list lies. */
@@ -374,7 +374,9 @@ class Rig {
     const [x, y, u, v] = [beside[0] - was[0], beside[1] - was[1], then[0] - is[0], then[1] - is[1]], square = Math.max(x * x + y * y, 1e-9);
     const [re, im] = [(u * x + v * y) / square, (v * x - u * y) / square];
     const turn = (a, b) => [re * a - im * b, im * a + re * b];
-    return { scale: Math.hypot(re, im), turn, at: (a, b) => turn(a - was[0], b - was[1]).map((value, axis) => value + is[axis]) };
+    const at = (a, b) => turn(a - was[0], b - was[1]).map((value, axis) => value + is[axis]);
+    const back = (a, b) => [re * (a - is[0]) + im * (b - is[1]), re * (b - is[1]) - im * (a - is[0])].map((value, axis) => value / (re * re + im * im) + was[axis]);
+    return { scale: Math.hypot(re, im), turn, at, back };
   }
   /** How many times as long as on the picture a brow that rises makes the way from the lid to itself. */
   drawnOut({ upperNodes: [outer, , node, , inner], brow }) {
@@ -413,17 +415,37 @@ class Rig {
     for (let k = 1; k < from.length; k++) corners.push(corner(k - 1, 0), corner(k, 0), corner(k, 1), corner(k - 1, 0), corner(k, 1), corner(k - 1, 1));
     return corners;
   }
+  /** Where a lid that shuts is shaded: column by column both ends, each [x, y, from x, from y, how far along, on the way of the margin]. */
+  lidShadeColumns({ opening: { upper }, lid }) {
+    const { moved, down, unit, shared: { shutLid: { zone, leastWay, below } } } = this, head = this.head();
+    const column = (v) => {
+      const [along, lower] = lid.place(...head.back(moved[2 * v], moved[2 * v + 1])), upperEdge = lid.edgeAt(along);
+      const way = Math.max(upperEdge - lower, leastWay * unit);
+      return [zone[0], zone[3]].map((t) => {
+        const at = [0, 1].map((axis) => lid.from[axis] + lid.across[axis] * along - down[axis] * (upperEdge - t * way));
+        return [...head.at(...at), ...at.map((value, axis) => value + down[axis] * below * unit), along, t];
+      });
+    };
+    return Array.from(upper, column);
+  }
   /** The skin of both lids over the picture, and their lashes, made when they are first seen. */
   lidPictures() {
     this.lidPixels ??= lidPictures(this);
     return this.lidPixels;
   }
-  /** The line of the lashes of an eye whose lids come near each other: points, how shut (0 to 1), half its width. */
-  lashLine(opening) {
-    const shut = 1 - this.gap(opening, this.moved) / Math.max(CLOSING * this.gap(opening, this.vertices), 1e-9);
-    const { moved } = this;
-    const line = opening.upper.map((a, k) => [0, 1].map((axis) => (moved[2 * a + axis] + moved[2 * opening.lower[k] + axis]) / 2));
-    return { line, shut: clamp(shut, 0, 1), width: Math.max(0.024 * this.unit, 0.6) };
+  /** The line of the lashes of an eye whose lids come near each other: column by column both ends, each [x, y, how far along, widths below its middle]; how shut (0 to 1); its length. */
+  lashColumns(opening) {
+    const { moved, vertices, unit, down, shared: { lashLine: { closing, width, leastWidth, above, hair } } } = this;
+    const shut = clamp(1 - this.gap(opening, moved) / Math.max(closing * this.gap(opening, vertices), 1e-9), 0, 1);
+    const line = Array.from(opening.upper, (a, k) => [0, 1].map((axis) => (moved[2 * a + axis] + moved[2 * opening.lower[k] + axis]) / 2));
+    const [from, to] = [line[0], line[line.length - 1]];
+    const across = [to[0] - from[0], to[1] - from[1]], size = Math.max(across[0] ** 2 + across[1] ** 2, 1e-9);
+    const columns = line.map(([x, y]) => {
+      const along = clamp(((x - from[0]) * across[0] + (y - from[1]) * across[1]) / size, 0, 1);
+      const local = Math.max(width * unit, leastWidth) * (0.35 + 2.6 * along * (1 - along));
+      return [-above[1], hair[1]].map((off) => [x + off * local * down[0], y + off * local * down[1], along, off]);
+    });
+    return { columns, shut, length: Math.sqrt(size) };
   }
 }
 

@@ -1,0 +1,115 @@
+//! The line of lashes where lids meet.
+//!
+//! The upper lashes of an eye that shuts lie over the lower lid: a line that is sharp towards the lid, and from which single lashes stand downwards,
+//! fanned out from the middle of the eye. It also covers the white of the eye that the skin's edge has where a fitted lid lies inside the real
+//! one. The page of `play` draws the same (`player/assets/gl.js`): who changes one changes the other.
+
+use std::f64::consts::TAU;
+
+use image::RgbImage;
+use nalgebra::Point2;
+
+use super::{
+    Texture, Warp,
+    mesh::OpeningMesh,
+    mouth::{line_at, luma},
+    openings::{gap, pixels_around},
+    sample,
+};
+use crate::interpolation::smooth_step;
+
+/// Lids nearer than this share of their distance on the photograph show lashes where they meet.
+pub const CLOSING: f64 = 0.6;
+/// Width of the line, over the eye distance, the least, px, and how it is finer towards the corners.
+pub const WIDTH: f64 = 0.024;
+pub const LEAST_WIDTH: f64 = 0.6;
+/// Where the line ends above and below, over its width: from where it fades, and to where.
+pub const ABOVE: (f64, f64) = (0.15, 0.75);
+pub const BELOW: (f64, f64) = (0.25, 0.85);
+/// The same of single lashes, how dark they are, how many, and how much they lean outwards for each width.
+pub const HAIR: (f64, f64) = (0.5, 2.2);
+pub const HAIR_SHARE: f64 = 0.5;
+pub const HAIRS: f64 = 20.0;
+pub const LEAN: f64 = 0.12;
+/// Pixels from one lash to the next below which they are a shade, and from which on they are seen one by one.
+pub const APART: (f64, f64) = (1.5, 3.0);
+/// Red, green and blue of lashes over their brightness: what is dark along a lid is the pupil, too, and what that mirrors. Hair is brown.
+const BROWN: [f32; 3] = [1.15, 0.96, 0.88];
+
+/// Draws it over the frame.
+pub fn draw(warp: &Warp, opening: &OpeningMesh, texture: &Texture, vertices: &[Point2<f64>], frame: &mut RgbImage) {
+    let open = gap(warp, opening, &warp.source);
+    let shut = (1.0 - gap(warp, opening, vertices) / (CLOSING * open).max(1e-9)).min(1.0);
+    if !(shut > 0.0) {
+        return;
+    }
+    let dark = colour(warp, opening, texture);
+    let edges = opening.upper.iter().zip(&opening.lower);
+    let line: Vec<Point2<f64>> = edges.map(|(&a, &b)| nalgebra::center(&vertices[a as usize], &vertices[b as usize])).collect();
+    let (from, to) = (line[0], line[line.len() - 1]);
+    let across = to - from;
+    let heights = warp.frame.line(line.iter().map(|p| p.coords));
+    let width = (WIDTH * warp.frame.eye_distance).max(LEAST_WIDTH);
+    let single = smooth_step(APART.0, APART.1, across.norm() / HAIRS);
+    for (x, y) in pixels_around(&line, HAIR.1 * width, frame.dimensions()) {
+        let point = Point2::new(f64::from(x), f64::from(y));
+        let along = ((point - from).dot(&across) / across.norm_squared().max(1e-9)).clamp(0.0, 1.0);
+        let Some(height) = line_at(&heights, point.coords.dot(&warp.frame.across())) else { continue };
+        let share = shut * cover(along, (warp.frame.height(&point) - height) / local(width, along), single);
+        if share > 0.0 {
+            let pixel = frame.get_pixel_mut(x, y);
+            for (channel, over) in pixel.0.iter_mut().zip(dark) {
+                let under = f32::from(*channel);
+                *channel = sample::byte(under + (over - under) * share as f32);
+            }
+        }
+    }
+}
+
+/// Its width at a place along it: finer towards the corners.
+fn local(width: f64, along: f64) -> f64 {
+    width * (0.35 + 2.6 * along * (1.0 - along))
+}
+
+/// How much of the skin it covers at a place along it, so many widths below its middle, where lashes are seen one by one (1) or as a shade (0).
+fn cover(along: f64, below: f64, single: f64) -> f64 {
+    let (edge, off) = if below < 0.0 { (ABOVE, -below) } else { (BELOW, below) };
+    let core = 1.0 - smooth_step(edge.0, edge.1, off);
+    let hair = if below < 0.0 {
+        0.0
+    } else {
+        let wave = (TAU * HAIRS * (along + LEAN * (along - 0.5) * below)).cos();
+        HAIR_SHARE * (0.5 + 0.5 * single * wave) * (1.0 - smooth_step(HAIR.0, HAIR.1, below))
+    };
+    (4.0 * along * (1.0 - along)).sqrt() * core.max(hair)
+}
+
+/// As dark as the lashes of the open eye: as the darkest of what lies along its upper lid.
+pub fn colour(warp: &Warp, opening: &OpeningMesh, texture: &Texture) -> [f32; 3] {
+    let unit = warp.frame.eye_distance;
+    let down = warp.frame.down.into_inner();
+    let along_lid = opening
+        .upper
+        .iter()
+        .flat_map(|&v| [-0.02, 0.0, 0.02].map(|d| luma(texture.sample(warp.source[v as usize] + down * (d * unit)))));
+    let mut levels: Vec<f32> = along_lid.collect();
+    levels.sort_by(f32::total_cmp);
+    BROWN.map(|share| share * levels[levels.len() / 6])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lashes_stand_downwards_and_the_line_ends_at_the_corners() {
+        assert_eq!([cover(0.5, 0.0, 1.0), cover(0.0, 0.0, 1.0), cover(1.0, 0.5, 1.0)], [1.0, 0.0, 0.0]);
+        // One width above its middle there is none of it; below it, half of a lash where one is, and nothing between two of them.
+        assert_eq!(cover(0.5, -1.0, 1.0), 0.0);
+        assert!(cover(0.5, 0.9, 1.0) > 0.4 && cover(0.5 + 0.5 / HAIRS, 0.0, 1.0) > 0.99);
+        let between = 0.5 + 0.5 / (HAIRS * (1.0 + 0.9 * LEAN));
+        assert!(cover(between, 0.9, 1.0) < 0.01, "{}", cover(between, 0.9, 1.0));
+        // As a shade they are as dark everywhere.
+        assert_eq!(cover(0.5, 0.9, 0.0), HAIR_SHARE * 0.5 * (1.0 - smooth_step(HAIR.0, HAIR.1, 0.9)));
+    }
+}
