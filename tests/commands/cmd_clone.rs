@@ -578,7 +578,7 @@ fn the_report_shows_the_representatives_on_a_face_of_choice() {
 #[test]
 fn cloning_is_evaluated_on_sequences_and_on_simulated_people() {
     let work = work();
-    work.grimace("evaluate clone -o cross --subjects 4 -q").exit(0);
+    work.grimace("evaluate clone -o cross --subjects 3 -q").exit(0);
     let mean = |rows: &[std::collections::BTreeMap<String, String>], truth: &str, scaling: &str| -> f64 {
         let row = rows.iter().find(|r| r["truth"] == truth && r["emotion"] == "all" && r["scaling"] == scaling).unwrap();
         row["mean (% ES)"].parse().unwrap()

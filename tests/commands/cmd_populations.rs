@@ -514,7 +514,7 @@ fn the_smiles_of_ninety_real_people_are_smiles() {
     let made = std::process::Command::new(script).arg(&data).arg(work.path("people")).status().unwrap();
     assert!(made.success());
     let options = "--resample linear --permutations 999 --bootstrap 100";
-    work.grimace(&format!("run people -o out --by gender {options}")).exit(0).prints(&["90 sequences: 90 tracked"]);
+    work.grimace(&format!("run people -o out --by gender --columnar {options}")).exit(0).prints(&["90 sequences: 90 tracked"]);
     // Node 31 is the left corner of the mouth, on the positive side of x: a smile goes out and up on both sides, in every group.
     for stem in ["happiness", "happiness_gender-female", "happiness_gender-male"] {
         let rows = work.rows(&format!("out/representatives/{stem}.csv"));
@@ -527,7 +527,7 @@ fn the_smiles_of_ninety_real_people_are_smiles() {
         // Corners of the eyes hold the head: they hardly move.
         assert!(moved("23", "x").abs() < 10.0 && moved("56", "y").abs() < 10.0, "{stem}");
     }
-    work.grimace(&format!("analyze out/tracks -o ethnicity --by ethnicity {options}")).exit(0);
+    work.grimace(&format!("analyze --models out/models.parquet -o ethnicity --by ethnicity {options}")).exit(0);
     let comparisons = work.rows("ethnicity/comparisons.csv");
     // Five values, one of them of a single person: 10 pairs, 4 of them without a test.
     assert_eq!(comparisons.len(), 10);

@@ -489,7 +489,7 @@ fn a_bank_of_one_member_and_arkit_names_work() {
 #[test]
 fn evaluate_synthesis_repeats_the_papers_tables() {
     let work = Work::new();
-    let args = "evaluate synthesis --targets 3 --region-targets 2 --runs 2 --bound-starts 2";
+    let args = "evaluate synthesis --targets 2 --region-targets 2 --runs 2 --bound-starts 2";
     work.grimace("bank mix candide --performance 12 --members 8 -o few.bank --unseen rest.bank").exit(0);
     work.grimace("evaluate synthesis few.bank --unseen few.bank -o seen")
         .exit(1)
