@@ -132,6 +132,7 @@ pub fn payload(motions: &[Shown], faces: &[Face], wire: &Wire) -> Result<Value, 
             "closing": lash_line::CLOSING,
             "width": lash_line::WIDTH,
             "leastWidth": lash_line::LEAST_WIDTH,
+            "corners": lash_line::CORNERS,
             "above": lash_line::ABOVE,
             "below": lash_line::BELOW,
             "hair": lash_line::HAIR,
@@ -326,6 +327,7 @@ fn lid_skin(lid: &LidSkin, from: [f64; 2], scale: f64) -> Value {
         "edge": lengths(&lid.edge),
         "band": lengths(&lid.band),
         "fade": lid.fade * scale,
+        "shut": lid.shut,
         "skin": pack::single(lid.skin.iter().flatten().map(|&level| f64::from(level))),
     })
 }

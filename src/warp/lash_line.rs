@@ -2,7 +2,8 @@
 //!
 //! The upper lashes of an eye that shuts lie over the lower lid: a line that is sharp towards the lid, and from which single lashes stand downwards,
 //! fanned out from the middle of the eye. It also covers the white of the eye that the skin's edge has where a fitted lid lies inside the real
-//! one. The page of `play` draws the same (`player/assets/gl.js`): who changes one changes the other.
+//! one. The page of `play` draws the same (`player/assets/rig.js`, `gl.js`, and with single lashes as a shade `flat.js`): who changes one changes the
+//! others.
 
 use std::f64::consts::TAU;
 
@@ -15,14 +16,16 @@ use super::{
     mouth::{line_at, luma},
     openings::{gap, pixels_around},
     sample,
+    tone::Tone,
 };
 use crate::interpolation::smooth_step;
 
 /// Lids nearer than this share of their distance on the photograph show lashes where they meet.
 pub const CLOSING: f64 = 0.6;
-/// Width of the line, over the eye distance, the least, px, and how it is finer towards the corners.
+/// Width of the line in the middle of the eye, over the eye distance, the least, px, and the share of it that is left at the corners.
 pub const WIDTH: f64 = 0.024;
 pub const LEAST_WIDTH: f64 = 0.6;
+pub const CORNERS: f64 = 0.35;
 /// Where the line ends above and below, over its width: from where it fades, and to where.
 pub const ABOVE: (f64, f64) = (0.15, 0.75);
 pub const BELOW: (f64, f64) = (0.25, 0.85);
@@ -35,6 +38,8 @@ pub const LEAN: f64 = 0.12;
 pub const APART: (f64, f64) = (1.5, 3.0);
 /// Red, green and blue of lashes over their brightness: what is dark along a lid is the pupil, too, and what that mirrors. Hair is brown.
 const BROWN: [f32; 3] = [1.15, 0.96, 0.88];
+/// One in so many places along an upper lid is darker than its lashes.
+const DARKER: usize = 6;
 
 /// Draws it over the frame.
 pub fn draw(warp: &Warp, opening: &OpeningMesh, texture: &Texture, vertices: &[Point2<f64>], frame: &mut RgbImage) {
@@ -47,13 +52,15 @@ pub fn draw(warp: &Warp, opening: &OpeningMesh, texture: &Texture, vertices: &[P
     let edges = opening.upper.iter().zip(&opening.lower);
     let line: Vec<Point2<f64>> = edges.map(|(&a, &b)| nalgebra::center(&vertices[a as usize], &vertices[b as usize])).collect();
     let (from, to) = (line[0], line[line.len() - 1]);
+    let down = warp.frame.down.into_inner();
+    // From the outer to the inner corner, which is to the left on one eye and to the right on the other.
     let across = to - from;
     let heights = warp.frame.line(line.iter().map(|p| p.coords));
     let width = (WIDTH * warp.frame.eye_distance).max(LEAST_WIDTH);
     let single = smooth_step(APART.0, APART.1, across.norm() / HAIRS);
     for (x, y) in pixels_around(&line, HAIR.1 * width, frame.dimensions()) {
         let point = Point2::new(f64::from(x), f64::from(y));
-        let along = ((point - from).dot(&across) / across.norm_squared().max(1e-9)).clamp(0.0, 1.0);
+        let along = ((point - from).perp(&down) / across.perp(&down)).clamp(0.0, 1.0);
         let Some(height) = line_at(&heights, point.coords.dot(&warp.frame.across())) else { continue };
         let share = shut * cover(along, (warp.frame.height(&point) - height) / local(width, along), single);
         if share > 0.0 {
@@ -68,7 +75,7 @@ pub fn draw(warp: &Warp, opening: &OpeningMesh, texture: &Texture, vertices: &[P
 
 /// Its width at a place along it: finer towards the corners.
 fn local(width: f64, along: f64) -> f64 {
-    width * (0.35 + 2.6 * along * (1.0 - along))
+    width * (CORNERS + (1.0 - CORNERS) * 4.0 * along * (1.0 - along))
 }
 
 /// How much of the skin it covers at a place along it, so many widths below its middle, where lashes are seen one by one (1) or as a shade (0).
@@ -78,13 +85,13 @@ fn cover(along: f64, below: f64, single: f64) -> f64 {
     let hair = if below < 0.0 {
         0.0
     } else {
-        let wave = (TAU * HAIRS * (along + LEAN * (along - 0.5) * below)).cos();
+        let wave = (TAU * HAIRS * (along - LEAN * (along - 0.5) * below)).cos();
         HAIR_SHARE * (0.5 + 0.5 * single * wave) * (1.0 - smooth_step(HAIR.0, HAIR.1, below))
     };
     (4.0 * along * (1.0 - along)).sqrt() * core.max(hair)
 }
 
-/// As dark as the lashes of the open eye: as the darkest of what lies along its upper lid.
+/// As dark as the lashes of the open eye: as nearly the darkest of what lies along its upper lid.
 pub fn colour(warp: &Warp, opening: &OpeningMesh, texture: &Texture) -> [f32; 3] {
     let unit = warp.frame.eye_distance;
     let down = warp.frame.down.into_inner();
@@ -94,7 +101,7 @@ pub fn colour(warp: &Warp, opening: &OpeningMesh, texture: &Texture) -> [f32; 3]
         .flat_map(|&v| [-0.02, 0.0, 0.02].map(|d| luma(texture.sample(warp.source[v as usize] + down * (d * unit)))));
     let mut levels: Vec<f32> = along_lid.collect();
     levels.sort_by(f32::total_cmp);
-    BROWN.map(|share| share * levels[levels.len() / 6])
+    Tone::of(texture, &warp.nodes).apply(BROWN.map(|share| share * levels[levels.len() / DARKER]))
 }
 
 #[cfg(test)]
@@ -107,7 +114,7 @@ mod tests {
         // One width above its middle there is none of it; below it, half of a lash where one is, and nothing between two of them.
         assert_eq!(cover(0.5, -1.0, 1.0), 0.0);
         assert!(cover(0.5, 0.9, 1.0) > 0.4 && cover(0.5 + 0.5 / HAIRS, 0.0, 1.0) > 0.99);
-        let between = 0.5 + 0.5 / (HAIRS * (1.0 + 0.9 * LEAN));
+        let between = 0.5 + 0.5 / (HAIRS * (1.0 - 0.9 * LEAN));
         assert!(cover(between, 0.9, 1.0) < 0.01, "{}", cover(between, 0.9, 1.0));
         // As a shade they are as dark everywhere.
         assert_eq!(cover(0.5, 0.9, 0.0), HAIR_SHARE * 0.5 * (1.0 - smooth_step(HAIR.0, HAIR.1, 0.9)));

@@ -2,8 +2,8 @@
 //!
 //! A lid that shuts draws the skin above it down, and lashes that stand over that skin on the photograph would be drawn out to stripes. So
 //! the skin is guessed as it would be without them: at every place along the lid the brighter colours of what lies between lid and brow,
-//! where no lash is, carried down to the edge. It takes the place of the photograph's while the lid goes down; the line of lashes is drawn
-//! over it (see `openings`). The page of `play` does the same (`player/assets/lids.js`): who changes one changes the other.
+//! where no lash is, carried down to the edge. It takes the place of the photograph's while the lid goes down; where the
+//! eye was it is painted (see `shut_lid`), and the line of lashes is drawn over it (see `lash_line`). The page of `play` does the same (`player/assets/lids.js`): who changes one changes the other.
 
 use nalgebra::{Point2, Vector2};
 
@@ -13,6 +13,7 @@ use super::{
     mesh::OpeningMesh,
     mouth::{luma, on_line},
     sample::Bounds,
+    shut_lid::{cheek, shut_colour},
 };
 use crate::interpolation::smooth_step;
 
@@ -26,11 +27,6 @@ const PLACES: usize = 28;
 const BESIDE: usize = 3;
 /// Of the colours above a place, by their brightness, those that are skin without lashes.
 const SKIN: (f64, f64) = (0.75, 0.95);
-/// And those whose hue is the skin's own: brighter ones shine, and what shines has the hue of the light. As much counts the hue of the cheek, so far
-/// below the lower lid and to either side, over the eye distance: above some lids there is only shade.
-const HUE: (f64, f64) = (0.40, 0.75);
-const CHEEK: [f64; 3] = [0.30, 0.36, 0.42];
-const CHEEK_ASIDE: [f64; 3] = [-0.08, 0.0, 0.08];
 /// Lashes end where it is this bright over that skin.
 const LASHLESS: f64 = 0.93;
 /// How fast the lid's height falls along it, over the way.
@@ -66,6 +62,8 @@ pub struct LidSkin {
     /// The skin there, levels, and how high lashes reach, px.
     pub skin: Vec<[f32; 3]>,
     pub band: Vec<f64>,
+    /// Red, green and blue of the lid where the eye was, when it has shut, levels (see `shut_lid`).
+    pub shut: [f32; 3],
     /// Over how much more it fades, px.
     pub fade: f64,
 }
@@ -87,7 +85,7 @@ impl LidSkin {
             return None;
         }
         let (edge, skin, band) = (Vec::new(), Vec::new(), Vec::new());
-        let mut lid = Self { from, across, down, eye_distance: unit, edge, skin, band, fade: FADE * unit };
+        let mut lid = Self { from, across, down, eye_distance: unit, edge, skin, band, shut: [0.0; 3], fade: FADE * unit };
         let spots: Vec<(f64, f64)> = upper.iter().map(|p| lid.place(p)).collect();
         lid.edge = (0..PLACES).map(|k| on_line(&spots, along(k))).collect();
         let brow = lid_skin_of(opening.opening)?.brow.map(|n| warp.nodes[usize::from(n)]);
@@ -102,21 +100,12 @@ impl LidSkin {
             (0..steps).map(|m| texture.sample(at - down * (lid.edge[k] + m as f64 * STEP * unit))).collect()
         };
         let columns: Vec<Vec<[f32; 3]>> = (0..PLACES).map(column).collect();
-        let below = warp.nodes[usize::from(nodes.lower[2])];
-        let at_cheek = |down_by: f64| {
-            CHEEK_ASIDE.map(|aside| texture.sample(below + down * (down_by * unit) + warp.frame.across() * (aside * unit)))
-        };
-        let cheek = mean(&CHEEK.map(at_cheek).concat())?;
         for k in 0..PLACES {
             let beside = &columns[k.saturating_sub(BESIDE)..(k + BESIDE + 1).min(PLACES)];
             let mut colours: Vec<[f32; 3]> = beside.iter().flatten().copied().collect();
             colours.sort_by(|a, b| luma(*a).total_cmp(&luma(*b)));
-            let part = |(from, to): (f64, f64)| {
-                let [from, to] = [from, to].map(|share| (share * colours.len() as f64) as usize);
-                mean(&colours[from..to])
-            };
-            let hue = mean(&[as_bright(part(HUE)?, 100.0), as_bright(cheek, 100.0)])?;
-            lid.skin.push(as_bright(hue, luma(part(SKIN)?)));
+            let part = |share: f64| (share * colours.len() as f64) as usize;
+            lid.skin.push(mean(&colours[part(SKIN.0)..part(SKIN.1)])?);
             let limit = LASHLESS as f32 * luma(lid.skin[k]);
             let row = |m: usize| beside.iter().map(|column| luma(column[m])).sum::<f32>() / beside.len() as f32;
             let reach = (0..steps).find(|&m| m as f64 * STEP >= LEAST_BAND && row(m) >= limit).unwrap_or(steps);
@@ -134,6 +123,7 @@ impl LidSkin {
             lid.band = smoothed(&lid.band, |list| list.iter().sum::<f64>() / list.len() as f64);
             lid.skin = smoothed(&lid.skin, |list| mean(list).unwrap_or_default());
         }
+        lid.shut = shut_colour(mean(&lid.skin)?, cheek(warp, &warp.nodes[usize::from(nodes.lower[2])], texture)?);
         lid.fade = (BEFORE_BROW * room - lid.highest_band()).clamp(LEAST_FADE * unit, FADE * unit);
         Some(lid)
     }
@@ -225,11 +215,6 @@ pub(super) fn mean(colours: &[[f32; 3]]) -> Option<[f32; 3]> {
     (!colours.is_empty()).then(|| std::array::from_fn(|c| colours.iter().map(|colour| colour[c]).sum::<f32>() / count))
 }
 
-/// The hue of a colour at another brightness, levels.
-fn as_bright(hue: [f32; 3], level: f32) -> [f32; 3] {
-    hue.map(|channel| (channel * level / luma(hue).max(1.0)).min(255.0))
-}
-
 /// Each value by those beside it.
 fn smoothed<T: Copy>(values: &[T], of: impl Fn(&[T]) -> T) -> Vec<T> {
     (0..values.len()).map(|k| of(&values[k.saturating_sub(BESIDE)..(k + BESIDE + 1).min(values.len())])).collect()
@@ -264,6 +249,16 @@ mod tests {
             };
             assert!((1..=6).all(|k| !dark(f64::from(k) / 10.0)), "lashes over the lid");
             assert!(dark(1.0), "no line of lashes");
+        }
+        // The lid is brightest above its middle, darker towards the margin, and above the lid the photograph.
+        for eye in &OPENINGS[1..] {
+            let [from, to] = [eye.upper[2], eye.lower[2]].map(|n| nodes[usize::from(n)]);
+            let level = |picture: &image::RgbImage, share: f64| {
+                let at = from + (to - from) * share;
+                picture.get_pixel(at.x.round() as u32, at.y.round() as u32).0[0]
+            };
+            assert!(level(&frame, 0.35) > level(&frame, 0.8) + 8, "{} {}", level(&frame, 0.35), level(&frame, 0.8));
+            assert_eq!(level(&frame, -1.2), level(&picture, -1.2));
         }
         // Open, it is the photograph.
         assert_eq!(warp.render(&texture, &warp.deform(&nodes).unwrap(), &MouthInside::Dark), picture);

@@ -89,7 +89,7 @@ impl Warp {
             lid.draw_lashes(self, texture, deformation, frame);
         }
         for lid in &lids {
-            lid.draw_shade(self, texture, &deformation.vertices, frame);
+            lid.draw_shut(self, texture, &deformation.vertices, frame);
         }
         for opening in &self.mesh.openings {
             openings::draw(self, opening, texture, deformation, inside, &seam, frame);

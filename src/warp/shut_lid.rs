@@ -1,21 +1,22 @@
 //! The shade and the grain of a lid that shuts, where the eye was.
 //!
-//! What little skin an open eye shows above it is drawn out over all of the eye when it shuts, and has no form and no grain then. A lid lies on a
-//! ball: it is brightest a little above its middle, and darker towards its margin and both corners. Its grain is that of the skin below the eye,
-//! pixel for pixel, as little drawn out as that. The page of `play` does the same where it has WebGL (`player/assets/gl.js`): who changes one changes
-//! the other.
+//! What little skin an open eye shows above it is drawn out over all of the eye when it shuts: it has no form and no grain then, its stripes and
+//! wedges grow, and it lies in the shade of the brow, or shines in the hue of the light. A lid that shuts comes forward into the light. So it is
+//! painted there: in one colour between its own and that of the cheek; with the form of a ball, brightest a little above its middle and darker towards
+//! its margin and both corners; and with the grain of the skin below the eye, taken pixel for pixel, so that it is not drawn out. The page of
+//! `play` does the same (`player/assets/rig.js`, `gl.js`, and without a grain `flat.js`): who changes one changes the others.
 
 use image::RgbImage;
 use nalgebra::{Point2, Vector2};
 
-use super::{Texture, Warp, lashes::BareLid, mouth::luma, raster, sample};
+use super::{Texture, Warp, lashes::BareLid, lid_skin::mean, mouth::luma, raster, sample};
 use crate::interpolation::smooth_step;
 
 /// Shares of the way from where the lid's margin was to where it is at which it begins, has wholly begun, begins to end and has ended.
-pub const ZONE: [f64; 4] = [-0.3, 0.1, 1.0, 1.1];
+pub const ZONE: [f64; 4] = [-0.5, 0.3, 1.0, 1.1];
 /// The same beside both corners, over the width of the eye.
 pub const SIDES: f64 = 0.12;
-/// Least way, over the eye distance, that counts.
+/// Least way, over the eye distance, that counts: by a margin that goes less far than it the lid is painted less, and by none not at all.
 pub const LEAST_WAY: f64 = 0.02;
 /// Share of that way at which a lid is brightest, and how much darker it is at its margin, and at its corners.
 pub const BRIGHTEST: f64 = 0.35;
@@ -26,49 +27,88 @@ pub const AROUND: f64 = 1.6;
 pub const GRAIN: f64 = 0.9;
 pub const MOST: f64 = 0.06;
 
+/// Levels that count at least, of the dark.
+const DARK: f64 = 8.0;
+
+/// Where the cheek is, below the lower lid and to either side, over the eye distance.
+const CHEEK: [f64; 3] = [0.30, 0.36, 0.42];
+const CHEEK_ASIDE: [f64; 3] = [-0.08, 0.0, 0.08];
+/// How much of the cheek's hue a lid has, how bright it should be over the cheek, and how far it becomes so if it is darker.
+const CHEEK_HUE: f32 = 0.8;
+const AS_BRIGHT: f32 = 0.88;
+const LIFTED: f32 = 0.6;
+
+/// The cheek's colour below the middle of a lower lid, levels; `None` where nothing was sampled.
+pub(super) fn cheek(warp: &Warp, lower: &Point2<f64>, texture: &Texture) -> Option<[f32; 3]> {
+    let (unit, down, across) = (warp.frame.eye_distance, warp.frame.down.into_inner(), warp.frame.across());
+    mean(&CHEEK.map(|below| CHEEK_ASIDE.map(|aside| texture.sample(lower + (down * below + across * aside) * unit))).concat())
+}
+
+/// The colour of a lid that has shut, levels, given that of its skin on the open eye and the cheek's.
+pub(super) fn shut_colour(skin: [f32; 3], cheek: [f32; 3]) -> [f32; 3] {
+    let hue = |colour: [f32; 3]| colour.map(|channel| channel / luma(colour).max(1.0));
+    let (own, other) = (hue(skin), hue(cheek));
+    let level = luma(skin) + LIFTED * (AS_BRIGHT * luma(cheek) - luma(skin)).max(0.0);
+    std::array::from_fn(|c| (level * (own[c] + CHEEK_HUE * (other[c] - own[c]))).min(255.0))
+}
+
 impl BareLid<'_> {
-    /// Shades the lid where the eye was.
-    pub fn draw_shade(&self, warp: &Warp, texture: &Texture, vertices: &[Point2<f64>], frame: &mut RgbImage) {
+    /// Paints the lid where the eye was.
+    pub fn draw_shut(&self, warp: &Warp, texture: &Texture, vertices: &[Point2<f64>], frame: &mut RgbImage) {
         if self.shut <= 0.0 {
             return;
         }
         let size = frame.dimensions();
         let back = self.head.inverse();
         let below = warp.frame.down.into_inner() * (BELOW * warp.frame.eye_distance);
-        let columns: Vec<[(Point2<f64>, Point2<f64>); 2]> = self
-            .opening
-            .upper
-            .iter()
-            .map(|&v| self.column(&back.apply(&vertices[v as usize]), warp.frame.eye_distance))
-            .collect();
+        let least = LEAST_WAY * warp.frame.eye_distance;
+        let margin: Vec<Margin> =
+            self.opening.upper.iter().map(|&v| self.margin_at(&back.apply(&vertices[v as usize]))).collect();
+        let farthest = margin.iter().map(|margin| margin.was - margin.is).fold(0.0, f64::max);
+        let shut = self.shut * smooth_step(0.0, least, farthest);
+        let columns: Vec<[(Point2<f64>, Point2<f64>); 2]> = margin.iter().map(|margin| self.column(margin, least)).collect();
         for pair in columns.windows(2) {
             let corners = [pair[0][0], pair[1][0], pair[1][1], pair[0][1]];
             for triangle in [[0, 1, 2], [0, 2, 3]] {
                 let (to, values) = (triangle.map(|c: usize| corners[c].0), triangle.map(|c| corners[c].1));
                 raster::fill(to, values, size, |x, y, value| {
-                    let share = share(value.x, value.y) * self.shut;
+                    let share = share(value.x, value.y) * shut;
                     if share <= 0.0 {
                         return;
                     }
                     let grain = grain(back.apply(&Point2::new(f64::from(x), f64::from(y))) + below, texture);
-                    let factor = (1.0 + share * (shade(value.x, value.y) * (1.0 + grain) - 1.0)) as f32;
-                    frame.get_pixel_mut(x, y).0.iter_mut().for_each(|level| *level = sample::byte(f32::from(*level) * factor));
+                    let form = shade(value.x, value.y) * (1.0 + grain);
+                    for (level, lid) in frame.get_pixel_mut(x, y).0.iter_mut().zip(self.skin.shut) {
+                        let under = f64::from(*level);
+                        *level = sample::byte((under + (form * f64::from(lid) - under) * share) as f32);
+                    }
                 });
             }
         }
     }
 
-    /// The upper and the lower end of the zone at a point of the margin, given where it would be if the head had not moved: where they are, and how far
-    /// along the lid and on the margin's way.
-    fn column(&self, margin: &Point2<f64>, eye_distance: f64) -> [(Point2<f64>, Point2<f64>); 2] {
-        let (along, lower) = self.skin.place(margin);
-        let upper = self.skin.edge_at(along);
-        let way = (upper - lower).max(LEAST_WAY * eye_distance);
-        [ZONE[0], ZONE[3]].map(|t| (self.head.apply(&self.skin.at(along, upper - t * way)), Point2::new(along, t)))
+    /// Where a point of the margin is, given where it would be if the head had not moved.
+    fn margin_at(&self, at: &Point2<f64>) -> Margin {
+        let (along, is) = self.skin.place(at);
+        Margin { along, was: self.skin.edge_at(along), is }
+    }
+
+    /// The upper and the lower end of the zone at a point of the margin: where they are, and how far along the lid and on the margin's way, which counts
+    /// for so much at least, px.
+    fn column(&self, &Margin { along, was, is }: &Margin, least: f64) -> [(Point2<f64>, Point2<f64>); 2] {
+        let way = (was - is).max(least);
+        [ZONE[0], ZONE[3]].map(|t| (self.head.apply(&self.skin.at(along, was - t * way)), Point2::new(along, t)))
     }
 }
 
-/// How far a lid is shaded at a place along it and on its margin's way.
+/// A point of a lid's margin: how far along the lid, how high it was above the line between the corners, and is, px.
+struct Margin {
+    along: f64,
+    was: f64,
+    is: f64,
+}
+
+/// How far a lid is painted at a place along it and on its margin's way.
 fn share(along: f64, t: f64) -> f64 {
     let ends = smooth_step(0.0, SIDES, along) * (1.0 - smooth_step(1.0 - SIDES, 1.0, along));
     ends * smooth_step(ZONE[0], ZONE[1], t) * (1.0 - smooth_step(ZONE[2], ZONE[3], t))
@@ -87,7 +127,7 @@ fn grain(at: Point2<f64>, texture: &Texture) -> f64 {
     let around = [(1.0, 0.0), (diagonal, diagonal), (0.0, 1.0), (-diagonal, diagonal)];
     let mean =
         around.iter().map(|&(x, y)| level(Vector2::new(x, y) * AROUND) + level(Vector2::new(-x, -y) * AROUND)).sum::<f64>() / 8.0;
-    (GRAIN * (level(Vector2::zeros()) - mean) / mean.max(8.0)).clamp(-MOST, MOST)
+    (GRAIN * (level(Vector2::zeros()) - mean) / mean.max(DARK)).clamp(-MOST, MOST)
 }
 
 #[cfg(test)]
@@ -97,13 +137,23 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_lid_is_brightest_above_its_middle_and_shaded_where_the_eye_was_only() {
+    fn a_lid_is_brightest_above_its_middle_and_painted_where_the_eye_was_only() {
         assert_eq!(shade(0.5, BRIGHTEST), 1.0);
         assert!((shade(0.5, 1.0) - 0.84).abs() < 1e-12 && (shade(0.0, BRIGHTEST) - 0.9).abs() < 1e-12);
         assert_eq!(
-            [share(0.5, 0.5), share(0.0, 0.5), share(1.0, 0.5), share(0.5, -0.3), share(0.5, 1.1)],
+            [share(0.5, 0.5), share(0.0, 0.5), share(1.0, 0.5), share(0.5, -0.5), share(0.5, 1.1)],
             [1.0, 0.0, 0.0, 0.0, 0.0]
         );
+    }
+
+    #[test]
+    fn a_lid_in_the_shade_comes_into_the_light_of_the_cheek_and_one_that_shines_takes_its_hue() {
+        // Of one hue: 0.6 of the way from 100 to 0.88 of 200 levels.
+        shut_colour([100.0; 3], [200.0; 3]).iter().for_each(|level| assert!((level - 145.6).abs() < 1e-2, "{level}"));
+        // As bright (0.3 x 120 + 0.59 x 95 + 0.11 x 72.3 levels are 100): eight tenths of the way to its hue.
+        let [red, green, blue] = shut_colour([100.0; 3], [120.0, 95.0, 72.3]);
+        assert!((red - 116.0).abs() < 0.1 && (green - 96.0).abs() < 0.1 && (blue - 77.8).abs() < 0.1, "{red} {green} {blue}");
+        assert!(shut_colour([0.0; 3], [255.0; 3]).iter().all(|level| (0.0..=255.0).contains(level)));
     }
 
     #[test]

@@ -524,7 +524,7 @@ fn overlays_show_the_neutral_and_the_apex_frame() {
 fn interrupt(work: &Work, out: &str, signal: &str, enough: usize) -> crate::common::Ran {
     use std::process::Stdio;
     let mut command = work.command();
-    command.args(["run", "faces", "-o", out, "-j", "1", "--no-faces"]).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command.args(["run", "faces", "-o", out, "-j", "1"]).stdout(Stdio::piped()).stderr(Stdio::piped());
     let child = command.spawn().unwrap();
     let tracks = || fs::read_dir(work.path(out).join("tracks")).map_or(0, |entries| entries.flatten().count());
     let start = std::time::Instant::now();
@@ -536,18 +536,18 @@ fn interrupt(work: &Work, out: &str, signal: &str, enough: usize) -> crate::comm
     child.wait_with_output().unwrap().into()
 }
 
-/// A dataset of which one run takes a while, 16 sequences that share their frames, and in `whole` the results of a run that nothing disturbed.
+/// A dataset of which one run takes a while, 24 sequences that share their frames, and in `whole` the results of a run that nothing disturbed.
 #[cfg(unix)]
 fn long_dataset() -> Work {
     static WHOLE: OnceLock<Files> = OnceLock::new();
     let work = Work::with_sequences(&["S001_005"]);
     let mut manifest = "subject,sequence,emotion,frames,correspondences\n".to_owned();
-    for k in 1..=16 {
+    for k in 1..=24 {
         manifest += &format!("P{k:02},1,happiness,S001/005,S001/005/correspondences.csv\n");
     }
     work.write("faces/manifest.csv", manifest);
     let whole = WHOLE.get_or_init(|| {
-        work.grimace("run faces -o whole --no-faces").exit(0);
+        work.grimace("run faces -o whole").exit(0);
         work.files("whole")
     });
     for (name, bytes) in whole {
@@ -567,7 +567,7 @@ fn an_interrupted_run_leaves_whole_files_and_the_next_one_finishes_it() {
         let files = work.files(&out);
         assert!(leftovers(&files).is_empty(), "{:?}", leftovers(&files));
         let done = files.keys().filter(|name| name.starts_with("tracks/") && name.ends_with(".json")).count();
-        assert!((1..16).contains(&done), "{done} of 16 sequences were done");
+        assert!((1..24).contains(&done), "{done} of 24 sequences were done");
         let whole = work.files("whole");
         for name in files.keys().filter(|name| name.starts_with("features/")) {
             assert!(files[name] == whole[name], "{name} differs from that of a whole run");
@@ -576,7 +576,7 @@ fn an_interrupted_run_leaves_whole_files_and_the_next_one_finishes_it() {
             let rows = work.rows(&format!("{out}/{name}")).len();
             assert_eq!(rows % NODES, 0, "{name} has {rows} rows");
         }
-        work.grimace(&format!("run faces -o {out} --no-faces")).exit(0).prints(&["unchanged, 0 failed"]);
+        work.grimace(&format!("run faces -o {out}")).exit(0).prints(&["unchanged, 0 failed"]);
         assert_same_files(&work.files("whole"), &work.files(&out));
     }
 }
@@ -592,7 +592,7 @@ fn a_killed_run_leaves_no_half_file_under_a_result_s_name() {
     for name in files.keys().filter(|name| name.starts_with("tracks/") && !name.contains("/.")) {
         assert!(files[name] == whole[name], "{name} differs from that of a whole run");
     }
-    work.grimace("run faces -o out --no-faces").exit(0);
+    work.grimace("run faces -o out").exit(0);
     let named = |files: Files| files.into_iter().filter(|(name, _)| !name.ends_with(".tmp")).collect();
     assert_same_files(&whole, &named(work.files("out")));
 }

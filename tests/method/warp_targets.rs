@@ -166,10 +166,15 @@ fn the_warp_of_a_grey_picture_is_grey() {
         .iter()
         .map(|v| Point2::new(80.0 + 60.0 * v.x, 90.0 - 60.0 * v.y))
         .collect();
-    let warp = grimace::internal::warp::Warp::new(&nodes).unwrap();
     let grey = image::GrayImage::from_fn(160, 190, |x, y| image::Luma([(x * 3 + y * 2) as u8]));
+    let texture = Texture::from_gray(&grey);
+    let warp = grimace::internal::warp::Warp::new(&nodes).unwrap().with_eyes(&texture);
     let mut moved = nodes.clone();
     moved[31].x += 3.0;
-    let frame = warp.render(&Texture::from_gray(&grey), &warp.deform(&moved).unwrap(), &MouthInside::Dark);
+    // The middles of both upper lids on those of the lower ones: their skin, and the line of lashes.
+    for (upper, lower) in [(21, 22), (54, 55)] {
+        moved[upper] = nodes[lower];
+    }
+    let frame = warp.render(&texture, &warp.deform(&moved).unwrap(), &MouthInside::Dark);
     assert!(frame.pixels().all(|p| p.0[0] == p.0[1] && p.0[1] == p.0[2]));
 }

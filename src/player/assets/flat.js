@@ -1,4 +1,5 @@
-// Drawing on a canvas, triangle by triangle, where there is no WebGL: the same order, a simpler mouth.
+// Drawing on a canvas, triangle by triangle, where there is no WebGL: the same order, a simpler mouth, lids without a
+// grain, and lashes as a shade.
 
 // Cells from the upper to the lower end of a lid that shuts, and of the line of its lashes.
 const LID_ROWS = 14, LASH_ROWS = 10;
@@ -66,46 +67,46 @@ class FlatStage {
         this.triangle(picture, corners.map((v) => point(moved, v)), corners.map((v) => point(vertices, v)));
       }
     }
-    this.lidShades(rig);
+    this.shutLids(rig);
     for (const opening of rig.openings.slice(1)) this.lashes(rig, opening);
   }
   /** The line of lashes, cell by cell; single ones are a shade. */
   lashes(rig, opening) {
-    const { context } = this, { columns, shut } = rig.lashColumns(opening), { above, below, hair, share } = rig.shared.lashLine;
+    const { columns, shut } = rig.lashColumns(opening), { above, below, hair, share } = rig.shared.lashLine;
     if (!(shut > 0)) return;
-    context.fillStyle = `rgb(${opening.lashes.map(Math.round).join(" ")})`;
     this.cells(columns, LASH_ROWS, (along, off) => {
       const core = 1 - (off < 0 ? smoothStep(...above, -off) : smoothStep(...below, off));
       const single = off < 0 ? 0 : 0.5 * share * (1 - smoothStep(...hair, off));
-      return shut * Math.sqrt(Math.max(4 * along * (1 - along), 0)) * Math.max(core, single);
+      return [opening.lashes, shut * Math.sqrt(Math.max(4 * along * (1 - along), 0)) * Math.max(core, single)];
     });
   }
-  /** The form of lids that shut, cell by cell. */
-  lidShades(rig) {
-    const { context } = this, { zone, form: [brightest, lower, beside, sides] } = rig.shared.shutLid;
-    context.fillStyle = "#000";
+  /** Lids that shut, where the eyes were, cell by cell. */
+  shutLids(rig) {
+    const { zone, form: [brightest, lower, beside, sides] } = rig.shared.shutLid;
     for (const entry of rig.bareLids().filter(({ shut }) => shut > 0)) {
-      this.cells(rig.lidShadeColumns(entry), LID_ROWS, (along, t) => {
+      const { columns, share: shut } = rig.shutLid(entry);
+      this.cells(columns, LID_ROWS, (along, t) => {
         const ends = smoothStep(0, sides, along) * (1 - smoothStep(1 - sides, 1, along));
-        const dark = lower * ((t - brightest) / (1 - brightest)) ** 2 + beside * (2 * along - 1) ** 2;
-        return entry.shut * ends * smoothStep(zone[0], zone[1], t) * (1 - smoothStep(zone[2], zone[3], t)) * dark;
+        const light = 1 - lower * ((t - brightest) / (1 - brightest)) ** 2 - beside * (2 * along - 1) ** 2;
+        const share = shut * ends * smoothStep(zone[0], zone[1], t) * (1 - smoothStep(zone[2], zone[3], t));
+        return [entry.lid.shut.map((level) => level * light), share];
       });
     }
   }
-  /** Fills the rows of cells between columns, each given by both ends: [x, y, ..., along, down]; `cover` says how much of what is below a cell hides. */
-  cells(columns, rows, cover) {
+  /** Fills the rows of cells between columns, each given by both ends: [x, y, ..., along, down]; `paint` gives the levels of a cell and how much of what is below it hides. */
+  cells(columns, rows, paint) {
     const { context } = this;
     const at = ([top, bottom], share) => top.map((value, k) => value + (bottom[k] - value) * share);
     for (let k = 1; k < columns.length; k++) {
       for (let row = 0; row < rows; row++) {
-        const corners = [columns[k - 1], columns[k]].map((column) => [at(column, row / rows), at(column, (row + 1) / rows)]).flat();
-        const [along, down] = [-2, -1].map((place) => corners.reduce((sum, corner) => sum + corner.at(place) / 4, 0));
-        context.globalAlpha = clamp(cover(along, down), 0, 1);
+        const corners = [columns[k - 1], columns[k]].flatMap((column) => [at(column, row / rows), at(column, (row + 1) / rows)]);
+        const [along, down] = [-2, -1].map((place) => corners.reduce((sum, corner) => sum + corner[corner.length + place] / 4, 0));
+        const [levels, cover] = paint(along, down);
+        context.fillStyle = `rgb(${levels.map(Math.round).join(" ")} / ${clamp(cover, 0, 1)})`;
         this.outline([0, 2, 3, 1].map((corner) => corners[corner]));
         context.fill();
       }
     }
-    context.globalAlpha = 1;
   }
   /** The picture, with the skin of lids that shut over it. */
   withLids(rig) {

@@ -1,5 +1,5 @@
 // Drawing by WebGL. From back to front: the photograph, what lies behind lids and lips, the skin, that of lids without lashes, the light in hollows
-// and the furrows that brows make, lashes below brows that rise, the edges of lids and lips, the lashes of lids that shut.
+// and the furrows that brows make, lashes below brows that rise, lids that shut, the edges of lids and lips, the lashes of lids that shut.
 
 const SKIN_VERTEX = `
 attribute vec2 at; attribute vec2 from; attribute float cover; uniform vec2 size; varying vec2 uv; varying float c;
@@ -140,16 +140,16 @@ const LASH_FRAGMENT = `
 precision highp float; varying highp vec2 p; uniform vec3 colour; uniform float shut; uniform vec4 edges; uniform vec2 hair; uniform vec4 hairs;
 void main() { float a = clamp(p.x, 0.0, 1.0);
   float core = 1.0 - (p.y < 0.0 ? smoothstep(edges.x, edges.y, -p.y) : smoothstep(edges.z, edges.w, p.y));
-  float wave = cos(6.2831853 * hairs.x * (p.x + hairs.y * (p.x - 0.5) * p.y));
+  float wave = cos(6.2831853 * hairs.x * (p.x - hairs.y * (p.x - 0.5) * p.y));
   float single = p.y < 0.0 ? 0.0 : hairs.z * (0.5 + 0.5 * hairs.w * wave) * (1.0 - smoothstep(hair.x, hair.y, p.y));
   gl_FragColor = vec4(colour, shut * sqrt(4.0 * a * (1.0 - a)) * max(core, single)); }`;
-// Half of a factor on what is there: of the form of a lid that shuts and, from the skin below, of its grain.
+// A lid that shuts, where the eye was: its colour, its form and, from the skin below, its grain.
 const LID_VERTEX = `
 attribute vec2 at; attribute vec2 from; attribute vec2 place; uniform vec2 size; varying highp vec2 uv; varying highp vec2 p;
 void main() { p = place; uv = (from + 0.5) / size; vec2 q = (at + 0.5) / size * 2.0 - 1.0; gl_Position = vec4(q.x, -q.y, 0.0, 1.0); }`;
 const LID_FRAGMENT = `
 precision highp float; varying highp vec2 uv; varying highp vec2 p; uniform sampler2D picture; uniform vec2 size;
-uniform vec4 zone; uniform vec4 form; uniform vec3 grain; uniform float shut;
+uniform vec4 zone; uniform vec4 form; uniform vec3 grain; uniform vec3 colour; uniform float shut;
 float level(vec2 off) { return dot(texture2D(picture, uv + off / size).rgb, vec3(0.3, 0.59, 0.11)); }
 void main() {
   float share = shut * smoothstep(0.0, form.w, p.x) * (1.0 - smoothstep(1.0 - form.w, 1.0, p.x));
@@ -161,7 +161,7 @@ void main() {
   }
   float speck = clamp(grain.y * (level(vec2(0.0)) - mean) / max(mean, 8.0 / 255.0), -grain.z, grain.z);
   float shade = 1.0 - form.y * down * down - form.z * beside * beside;
-  gl_FragColor = vec4(vec3(0.5 * (1.0 + share * (shade * (1.0 + speck) - 1.0))), 1.0);
+  gl_FragColor = vec4(colour * shade * (1.0 + speck), share);
 }`;
 
 // A head: z is towards the viewer, colours are of the light.
@@ -315,7 +315,7 @@ class GlStage {
     this.drawLids(rig, bare);
     this.drawBrows(rig);
     this.drawStandingLashes(rig, bare.filter(({ stands }) => stands > 0));
-    this.drawLidShades(rig, bare.filter(({ shut }) => shut > 0));
+    this.drawShutLids(rig, bare.filter(({ shut }) => shut > 0));
     // The edges of lids and lips run out softly, those of lids that shut with their skin.
     for (const opening of rig.openings) {
       if (!(rig.gap(opening, rig.moved) > 0.5)) continue;
@@ -397,13 +397,11 @@ class GlStage {
     this.byLidPicture(rig, () => standing.forEach((entry) => this.loose(rig, rig.lashStrips(entry), true, this.factor)), "lashes");
     gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
   }
-  /** The form and the grain of lids that shut, where the eyes were. */
-  drawLidShades(rig, shutting) {
+  /** Lids that shut, where the eyes were. */
+  drawShutLids(rig, shutting) {
     const { gl, lid: program } = this, { zone, form, grain } = rig.shared.shutLid;
-    if (!shutting.length) return;
-    gl.blendFunc(gl.DST_COLOR, gl.SRC_COLOR);
     for (const entry of shutting) {
-      const columns = rig.lidShadeColumns(entry);
+      const { columns, share } = rig.shutLid(entry);
       const corners = columns.slice(1).flatMap(([b, c], k) => [columns[k][0], b, c, columns[k][0], c, columns[k][1]]);
       const part = (name, first) => {
         this.buffer(`lid shade ${name}`, () => Float32Array.from(corners.flatMap((c) => c.slice(first, first + 2))));
@@ -414,10 +412,10 @@ class GlStage {
       this.uniform(program, "zone", ...zone);
       this.uniform(program, "form", ...form);
       this.uniform(program, "grain", ...grain);
-      this.uniform(program, "shut", entry.shut);
+      this.uniform(program, "colour", ...entry.lid.shut.map((c) => c / 255));
+      this.uniform(program, "shut", share);
       gl.drawArrays(gl.TRIANGLES, 0, corners.length);
     }
-    gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
   }
   /** Draws with the skin of lids, or with their lashes, for the picture. */
   byLidPicture(rig, draw, part = "skin") {

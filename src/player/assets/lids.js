@@ -15,8 +15,8 @@ function trianglesIn({ skin, vertices }, place, ...ranges) {
 }
 
 class LidSkin {
-  constructor({ from, across, edge, band, fade, skin }, rig) {
-    Object.assign(this, { from, across, fade, down: rig.down, unit: rig.unit, look: rig.shared.lidSkin });
+  constructor({ from, across, edge, band, fade, skin, shut }, rig) {
+    Object.assign(this, { from, across, fade, shut, down: rig.down, unit: rig.unit, look: rig.shared.lidSkin });
     Object.assign(this, { edge: singles(edge), band: singles(band), skin: singles(skin) });
     this.places = this.edge.length;
     this.strips = this.look.strips.map((off) => (off * this.unit) / Math.hypot(...across));

@@ -415,18 +415,21 @@ class Rig {
     for (let k = 1; k < from.length; k++) corners.push(corner(k - 1, 0), corner(k, 0), corner(k, 1), corner(k - 1, 0), corner(k, 1), corner(k - 1, 1));
     return corners;
   }
-  /** Where a lid that shuts is shaded: column by column both ends, each [x, y, from x, from y, how far along, on the way of the margin]. */
-  lidShadeColumns({ opening: { upper }, lid }) {
-    const { moved, down, unit, shared: { shutLid: { zone, leastWay, below } } } = this, head = this.head();
-    const column = (v) => {
-      const [along, lower] = lid.place(...head.back(moved[2 * v], moved[2 * v + 1])), upperEdge = lid.edgeAt(along);
-      const way = Math.max(upperEdge - lower, leastWay * unit);
-      return [zone[0], zone[3]].map((t) => {
-        const at = [0, 1].map((axis) => lid.from[axis] + lid.across[axis] * along - down[axis] * (upperEdge - t * way));
-        return [...head.at(...at), ...at.map((value, axis) => value + down[axis] * below * unit), along, t];
-      });
-    };
-    return Array.from(upper, column);
+  /** A lid that shuts as it is painted: column by column both ends, each [x, y, from x, from y, how far along, on the way of the margin]; and how far. */
+  shutLid({ opening, lid, shut }) {
+    const { moved, down, unit, shared: { shutLid: { zone, leastWay, below } } } = this, head = this.head(), least = leastWay * unit;
+    const margin = Array.from(opening.upper, (v) => {
+      const [along, is] = lid.place(...head.back(moved[2 * v], moved[2 * v + 1]));
+      return { along, is, was: lid.edgeAt(along) };
+    });
+    // Below the margin of an eye that is open is the eye, which has been drawn.
+    const end = this.gap(opening, moved) > 0.5 ? zone[2] : zone[3];
+    const columns = margin.map(({ along, was, is }) => [zone[0], end].map((t) => {
+      const height = was - t * Math.max(was - is, least);
+      const at = [0, 1].map((axis) => lid.from[axis] + lid.across[axis] * along - down[axis] * height);
+      return [...head.at(...at), ...at.map((value, axis) => value + down[axis] * below * unit), along, t];
+    }));
+    return { columns, share: shut * smoothStep(0, least, Math.max(...margin.map(({ was, is }) => was - is))) };
   }
   /** The skin of both lids over the picture, and their lashes, made when they are first seen. */
   lidPictures() {
@@ -435,17 +438,17 @@ class Rig {
   }
   /** The line of the lashes of an eye whose lids come near each other: column by column both ends, each [x, y, how far along, widths below its middle]; how shut (0 to 1); its length. */
   lashColumns(opening) {
-    const { moved, vertices, unit, down, shared: { lashLine: { closing, width, leastWidth, above, hair } } } = this;
+    const { moved, vertices, unit, down, shared: { lashLine: { closing, width, leastWidth, corners, above, hair } } } = this;
     const shut = clamp(1 - this.gap(opening, moved) / Math.max(closing * this.gap(opening, vertices), 1e-9), 0, 1);
     const line = Array.from(opening.upper, (a, k) => [0, 1].map((axis) => (moved[2 * a + axis] + moved[2 * opening.lower[k] + axis]) / 2));
     const [from, to] = [line[0], line[line.length - 1]];
-    const across = [to[0] - from[0], to[1] - from[1]], size = Math.max(across[0] ** 2 + across[1] ** 2, 1e-9);
+    const across = [to[0] - from[0], to[1] - from[1]], size = across[0] * down[1] - across[1] * down[0];
     const columns = line.map(([x, y]) => {
-      const along = clamp(((x - from[0]) * across[0] + (y - from[1]) * across[1]) / size, 0, 1);
-      const local = Math.max(width * unit, leastWidth) * (0.35 + 2.6 * along * (1 - along));
+      const along = clamp(((x - from[0]) * down[1] - (y - from[1]) * down[0]) / size, 0, 1) || 0;
+      const local = Math.max(width * unit, leastWidth) * (corners + (1 - corners) * 4 * along * (1 - along));
       return [-above[1], hair[1]].map((off) => [x + off * local * down[0], y + off * local * down[1], along, off]);
     });
-    return { columns, shut, length: Math.sqrt(size) };
+    return { columns, shut, length: Math.hypot(...across) };
   }
 }
 
