@@ -13,7 +13,7 @@ use super::{Texture, Warp, lashes::BareLid, lid_skin::mean, mouth::luma, raster,
 use crate::interpolation::smooth_step;
 
 /// Shares of the way from where the lid's margin was to where it is at which it begins, has wholly begun, begins to end and has ended.
-pub const ZONE: [f64; 4] = [-0.5, 0.3, 1.0, 1.1];
+pub const ZONE: [f64; 4] = [-1.0, 0.5, 1.0, 1.1];
 /// The same beside both corners, over the width of the eye.
 pub const SIDES: f64 = 0.12;
 /// Least way, over the eye distance, that counts: by a margin that goes less far than it the lid is painted less, and by none not at all.
@@ -36,7 +36,7 @@ const CHEEK_ASIDE: [f64; 3] = [-0.08, 0.0, 0.08];
 /// How much of the cheek's hue a lid has, how bright it should be over the cheek, and how far it becomes so if it is darker.
 const CHEEK_HUE: f32 = 0.8;
 const AS_BRIGHT: f32 = 0.88;
-const LIFTED: f32 = 0.6;
+const LIFTED: f32 = 0.55;
 
 /// The cheek's colour below the middle of a lower lid, levels; `None` where nothing was sampled.
 pub(super) fn cheek(warp: &Warp, lower: &Point2<f64>, texture: &Texture) -> Option<[f32; 3]> {
@@ -141,15 +141,15 @@ mod tests {
         assert_eq!(shade(0.5, BRIGHTEST), 1.0);
         assert!((shade(0.5, 1.0) - 0.84).abs() < 1e-12 && (shade(0.0, BRIGHTEST) - 0.9).abs() < 1e-12);
         assert_eq!(
-            [share(0.5, 0.5), share(0.0, 0.5), share(1.0, 0.5), share(0.5, -0.5), share(0.5, 1.1)],
+            [share(0.5, 0.5), share(0.0, 0.5), share(1.0, 0.5), share(0.5, -1.0), share(0.5, 1.1)],
             [1.0, 0.0, 0.0, 0.0, 0.0]
         );
     }
 
     #[test]
     fn a_lid_in_the_shade_comes_into_the_light_of_the_cheek_and_one_that_shines_takes_its_hue() {
-        // Of one hue: 0.6 of the way from 100 to 0.88 of 200 levels.
-        shut_colour([100.0; 3], [200.0; 3]).iter().for_each(|level| assert!((level - 145.6).abs() < 1e-2, "{level}"));
+        // Of one hue: 0.55 of the way from 100 to 0.88 of 200 levels.
+        shut_colour([100.0; 3], [200.0; 3]).iter().for_each(|level| assert!((level - 141.8).abs() < 1e-2, "{level}"));
         // As bright (0.3 x 120 + 0.59 x 95 + 0.11 x 72.3 levels are 100): eight tenths of the way to its hue.
         let [red, green, blue] = shut_colour([100.0; 3], [120.0, 95.0, 72.3]);
         assert!((red - 116.0).abs() < 0.1 && (green - 96.0).abs() < 0.1 && (blue - 77.8).abs() < 0.1, "{red} {green} {blue}");
