@@ -3,6 +3,9 @@
 #   need_component NAME CMD    stops when the toolchain lacks it
 #   need_cargo                 stops with a hint when there is no Rust toolchain
 
+# What scripts build, they look for in target, wherever else a person lets Cargo build.
+unset CARGO_TARGET_DIR CARGO_BUILD_TARGET_DIR
+
 need_packages() {
     local missing=() package
     for package in "$@"; do
