@@ -126,7 +126,7 @@ pub fn payload(motions: &[Shown], faces: &[Face], wire: &Wire) -> Result<Value, 
             "leastWay": shut_lid::LEAST_WAY,
             "form": [shut_lid::BRIGHTEST, shut_lid::DARKER[0], shut_lid::DARKER[1], shut_lid::SIDES],
             "below": shut_lid::BELOW,
-            "grain": [shut_lid::AROUND, shut_lid::GRAIN, shut_lid::MOST],
+            "grain": [shut_lid::AROUND, shut_lid::GRAIN, shut_lid::MOST, shut_lid::DARK / 255.0],
         },
         "lashLine": {
             "closing": lash_line::CLOSING,

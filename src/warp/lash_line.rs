@@ -64,11 +64,7 @@ pub fn draw(warp: &Warp, opening: &OpeningMesh, texture: &Texture, vertices: &[P
         let Some(height) = line_at(&heights, point.coords.dot(&warp.frame.across())) else { continue };
         let share = shut * cover(along, (warp.frame.height(&point) - height) / local(width, along), single);
         if share > 0.0 {
-            let pixel = frame.get_pixel_mut(x, y);
-            for (channel, over) in pixel.0.iter_mut().zip(dark) {
-                let under = f32::from(*channel);
-                *channel = sample::byte(under + (over - under) * share as f32);
-            }
+            sample::lay(frame.get_pixel_mut(x, y), dark, share as f32);
         }
     }
 }

@@ -82,15 +82,13 @@ impl BareLid<'_> {
         for k in 1..source.len() {
             let from = [source[k - 1], source[k], source[k] + up, source[k - 1] + up];
             let to = [goes[k - 1], goes[k], goes[k] + moved, goes[k - 1] + moved];
-            for corners in [[0, 1, 2], [0, 2, 3]] {
-                raster::fill(corners.map(|c| to[c]), corners.map(|c| from[c]), size, |x, y, at| {
-                    let ratio = self.skin.lashes(at, texture);
-                    let pixel = frame.get_pixel_mut(x, y);
-                    for (level, ratio) in pixel.0.iter_mut().zip(ratio) {
-                        *level = sample::byte(f32::from(*level) * missing(ratio, self.stands as f32));
-                    }
-                });
-            }
+            raster::fill_quadrangle(to, from, size, |x, y, at| {
+                let ratio = self.skin.lashes(at, texture);
+                let pixel = frame.get_pixel_mut(x, y);
+                for (level, ratio) in pixel.0.iter_mut().zip(ratio) {
+                    *level = sample::byte(f32::from(*level) * missing(ratio, self.stands as f32));
+                }
+            });
         }
     }
 

@@ -161,11 +161,7 @@ impl Layer {
                 let (colour, true) = self.pixels[k] else { continue };
                 let share = f32::from(self.coverage.data()[k]) / 255.0;
                 if share > 0.0 {
-                    let pixel = frame.get_pixel_mut(self.left + x, self.top + y);
-                    for (channel, over) in pixel.0.iter_mut().zip(colour) {
-                        let under = f32::from(*channel);
-                        *channel = sample::byte(under + (over - under) * share);
-                    }
+                    sample::lay(frame.get_pixel_mut(self.left + x, self.top + y), colour, share);
                 }
             }
         }

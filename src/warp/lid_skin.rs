@@ -3,7 +3,8 @@
 //! A lid that shuts draws the skin above it down, and lashes that stand over that skin on the photograph would be drawn out to stripes. So
 //! the skin is guessed as it would be without them: at every place along the lid the brighter colours of what lies between lid and brow,
 //! where no lash is, carried down to the edge. It takes the place of the photograph's while the lid goes down; where the
-//! eye was it is painted (see `shut_lid`), and the line of lashes is drawn over it (see `lash_line`). The page of `play` does the same (`player/assets/lids.js`): who changes one changes the other.
+//! eye was it is painted (see `shut_lid`), and the line of lashes is drawn over it (see `lash_line`). The page of `play` does the same
+//! (`player/assets/lids.js`): who changes one changes the other.
 
 use nalgebra::{Point2, Vector2};
 

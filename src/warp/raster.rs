@@ -19,6 +19,18 @@ pub fn fill(corners: [Point2<f64>; 3], values: [Point2<f64>; 3], size: (u32, u32
     });
 }
 
+/// As [`fill`], for a quadrangle given around, as the two triangles on either side of the diagonal from its first corner.
+pub fn fill_quadrangle(
+    corners: [Point2<f64>; 4],
+    values: [Point2<f64>; 4],
+    size: (u32, u32),
+    mut visit: impl FnMut(u32, u32, Point2<f64>),
+) {
+    for triangle in [[0, 1, 2], [0, 2, 3]] {
+        fill(triangle.map(|c: usize| corners[c]), triangle.map(|c| values[c]), size, &mut visit);
+    }
+}
+
 /// Pixels of a triangle in one row.
 #[derive(Clone, Copy, Debug)]
 pub struct Span {

@@ -87,8 +87,6 @@ impl Warp {
         pixels.draw(frame, &bounds, change);
         for lid in &lids {
             lid.draw_lashes(self, texture, deformation, frame);
-        }
-        for lid in &lids {
             lid.draw_shut(self, texture, &deformation.vertices, frame);
         }
         for opening in &self.mesh.openings {

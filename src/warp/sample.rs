@@ -320,6 +320,14 @@ fn catmull_rom(t: f32) -> [f32; 4] {
     [0.5 * (-t3 + 2.0 * t2 - t), 0.5 * (3.0 * t3 - 5.0 * t2 + 2.0), 0.5 * (-3.0 * t3 + 4.0 * t2 + t), 0.5 * (t3 - t2)]
 }
 
+/// Lays so much of a colour (a share, 0 to 1) over a pixel.
+pub fn lay(pixel: &mut image::Rgb<u8>, colour: [f32; 3], share: f32) {
+    for (level, over) in pixel.0.iter_mut().zip(colour) {
+        let under = f32::from(*level);
+        *level = byte(under + (over - under) * share);
+    }
+}
+
 /// A channel as a byte.
 #[inline(always)]
 pub fn byte(value: f32) -> u8 {

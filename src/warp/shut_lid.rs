@@ -1,4 +1,4 @@
-//! The shade and the grain of a lid that shuts, where the eye was.
+//! A lid that shuts, where the eye was.
 //!
 //! What little skin an open eye shows above it is drawn out over all of the eye when it shuts: it has no form and no grain then, its stripes and
 //! wedges grow, and it lies in the shade of the brow, or shines in the hue of the light. A lid that shuts comes forward into the light. So it is
@@ -28,7 +28,7 @@ pub const GRAIN: f64 = 0.9;
 pub const MOST: f64 = 0.06;
 
 /// Levels that count at least, of the dark.
-const DARK: f64 = 8.0;
+pub const DARK: f64 = 8.0;
 
 /// Where the cheek is, below the lower lid and to either side, over the eye distance.
 const CHEEK: [f64; 3] = [0.30, 0.36, 0.42];
@@ -69,21 +69,15 @@ impl BareLid<'_> {
         let columns: Vec<[(Point2<f64>, Point2<f64>); 2]> = margin.iter().map(|margin| self.column(margin, least)).collect();
         for pair in columns.windows(2) {
             let corners = [pair[0][0], pair[1][0], pair[1][1], pair[0][1]];
-            for triangle in [[0, 1, 2], [0, 2, 3]] {
-                let (to, values) = (triangle.map(|c: usize| corners[c].0), triangle.map(|c| corners[c].1));
-                raster::fill(to, values, size, |x, y, value| {
-                    let share = share(value.x, value.y) * shut;
-                    if share <= 0.0 {
-                        return;
-                    }
-                    let grain = grain(back.apply(&Point2::new(f64::from(x), f64::from(y))) + below, texture);
-                    let form = shade(value.x, value.y) * (1.0 + grain);
-                    for (level, lid) in frame.get_pixel_mut(x, y).0.iter_mut().zip(self.skin.shut) {
-                        let under = f64::from(*level);
-                        *level = sample::byte((under + (form * f64::from(lid) - under) * share) as f32);
-                    }
-                });
-            }
+            raster::fill_quadrangle(corners.map(|c| c.0), corners.map(|c| c.1), size, |x, y, value| {
+                let share = share(value.x, value.y) * shut;
+                if share <= 0.0 {
+                    return;
+                }
+                let grain = grain(back.apply(&Point2::new(f64::from(x), f64::from(y))) + below, texture);
+                let form = (shade(value.x, value.y) * (1.0 + grain)) as f32;
+                sample::lay(frame.get_pixel_mut(x, y), self.skin.shut.map(|level| form * level), share as f32);
+            });
         }
     }
 

@@ -149,7 +149,7 @@ attribute vec2 at; attribute vec2 from; attribute vec2 place; uniform vec2 size;
 void main() { p = place; uv = (from + 0.5) / size; vec2 q = (at + 0.5) / size * 2.0 - 1.0; gl_Position = vec4(q.x, -q.y, 0.0, 1.0); }`;
 const LID_FRAGMENT = `
 precision highp float; varying highp vec2 uv; varying highp vec2 p; uniform sampler2D picture; uniform vec2 size;
-uniform vec4 zone; uniform vec4 form; uniform vec3 grain; uniform vec3 colour; uniform float shut;
+uniform vec4 zone; uniform vec4 form; uniform vec4 grain; uniform vec3 colour; uniform float shut;
 float level(vec2 off) { return dot(texture2D(picture, uv + off / size).rgb, vec3(0.3, 0.59, 0.11)); }
 void main() {
   float share = shut * smoothstep(0.0, form.w, p.x) * (1.0 - smoothstep(1.0 - form.w, 1.0, p.x));
@@ -159,7 +159,7 @@ void main() {
     vec2 off = grain.x * (k == 0 ? vec2(1.0, 0.0) : k == 1 ? vec2(d, d) : k == 2 ? vec2(0.0, 1.0) : vec2(-d, d));
     mean += (level(off) + level(-off)) / 8.0;
   }
-  float speck = clamp(grain.y * (level(vec2(0.0)) - mean) / max(mean, 8.0 / 255.0), -grain.z, grain.z);
+  float speck = clamp(grain.y * (level(vec2(0.0)) - mean) / max(mean, grain.w), -grain.z, grain.z);
   float shade = 1.0 - form.y * down * down - form.z * beside * beside;
   gl_FragColor = vec4(colour * shade * (1.0 + speck), share);
 }`;
@@ -404,7 +404,7 @@ class GlStage {
       const { columns, share } = rig.shutLid(entry);
       const corners = columns.slice(1).flatMap(([b, c], k) => [columns[k][0], b, c, columns[k][0], c, columns[k][1]]);
       const part = (name, first) => {
-        this.buffer(`lid shade ${name}`, () => Float32Array.from(corners.flatMap((c) => c.slice(first, first + 2))));
+        this.buffer(`shut lid ${name}`, () => Float32Array.from(corners.flatMap((c) => c.slice(first, first + 2))));
         this.attribute(program, name);
       };
       this.use(program, rig);
