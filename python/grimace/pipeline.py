@@ -124,6 +124,7 @@ def run(
     *,
     by: Union[str, Sequence[str]] = (),
     strata: Union[str, Sequence[str]] = (),
+    covariates: Union[str, Sequence[str]] = (),
     method: str = "default",
     alpha: Optional[float] = None,
     median: Optional[str] = None,
@@ -139,7 +140,8 @@ def run(
 ) -> RunSummary:
     """Runs every stage over a dataset into the folder ``out``, as ``grimace run`` does; interrupted or called again, it goes on.
 
-    ``by`` names columns of the manifest to group by, ``strata`` those within whose values people are permuted. ``alpha`` and ``median`` are
+    ``by`` names columns of the manifest to group by, ``strata`` those within whose values people are permuted, ``covariates`` those
+    of numbers with which expressions may go. ``alpha`` and ``median`` are
     those of :func:`representative`, ``resample``, ``size``, ``pose`` and ``irisd`` those of :func:`normalize`. ``no_faces`` leaves pictures of people
     out of the report, ``overlay`` names a folder for pictures of the wireframe. ``change`` changes any other option, named and nested as
     ``options`` in ``run.json``. ``progress(done, total)`` is told sequences.
@@ -151,6 +153,7 @@ def run(
         **{
             "by": _columns(by),
             "strata": _columns(strata),
+            "covariates": _columns(covariates),
             "statistics": {"alpha": alpha, "median": median},
             "normalize": {"resample": resample, "size": size, "pose": pose, "irisd": irisd},
             "no_faces": True if no_faces else None,

@@ -241,6 +241,7 @@ impl ModelArgs {
 /// Options of normalization, statistics and FAP files.
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Normalization and statistics")]
+#[command(group(clap::ArgGroup::new("tested").args(["by", "covariate"]).multiple(true)))]
 pub struct AnalysisArgs {
     #[command(flatten)]
     models: ModelArgs,
@@ -248,8 +249,12 @@ pub struct AnalysisArgs {
     #[arg(long, value_delimiter = ',', value_name = "COLUMN")]
     by: Vec<String>,
     /// Columns of the manifest, such as age or site: people exchange their labels in tests with people of the same value only
-    #[arg(long, value_delimiter = ',', value_name = "COLUMN", requires = "by")]
+    #[arg(long, value_delimiter = ',', value_name = "COLUMN", requires = "tested")]
     strata: Vec<String>,
+    /// Columns of numbers in the manifest, such as age: whether the expressions change with them is tested, and what they are like at low and at
+    /// high numbers is written
+    #[arg(long, value_delimiter = ',', value_name = "COLUMN")]
+    covariate: Vec<String>,
     /// Amplitudes that differ by less than this count as equivalent, in times the median motion
     #[arg(long, default_value_t = AmplitudeOptions::default().equivalence, value_parser = positive, value_name = "AMPLITUDE")]
     equivalence: f64,
@@ -317,6 +322,7 @@ impl AnalysisArgs {
         options.columnar = self.columnar;
         options.no_faces = self.no_faces;
         options.strata.clone_from(&self.strata);
+        options.covariates.clone_from(&self.covariate);
         options.groups.amplitude = AmplitudeOptions { equivalence: self.equivalence, power: self.power };
         options.groups.bootstrap = self.bootstrap;
         options.groups.compare = CompareOptions {

@@ -5,13 +5,13 @@ use std::{
     path::Path,
 };
 
-use super::{Workbench, analysis::EmotionGroups, write::Wrote};
+use super::{Workbench, analysis::EmotionGroups, covariates::people_values, write::Wrote};
 use crate::{
     output::{OutputError, beside_ours, listed, nine_digits, write_records},
     statistics::{
         LabelledModel, SequenceModel,
         amplitude::{
-            AmplitudeComparison, AmplitudeOptions, AmplitudeRegion, Permutations, PersonValue, adjust_amplitudes, amplitudes,
+            AmplitudeComparison, AmplitudeOptions, AmplitudeRegion, Permutations, adjust_amplitudes, amplitudes,
             compare_amplitudes,
         },
         compare::{MAX_COMPARED_GROUPS, Strata, group_values, is_known, stream_of},
@@ -75,7 +75,7 @@ impl AmplitudeResults {
                 if all.missing.contains_key(&(emotion.clone(), region)) {
                     continue;
                 }
-                let people = |models: &[&SequenceModel]| people_of(models, &of_id, r);
+                let people = |models: &[&SequenceModel]| people_values(models.iter().map(|m| &m.id), &of_id, r);
                 for (i, (a, of_a)) in known.iter().enumerate() {
                     for (b, of_b) in &known[i + 1..] {
                         let stream = stream_of(&[(emotion, &a.group), (region.name(), &b.group)]);
@@ -114,18 +114,6 @@ impl AmplitudeResults {
         let is_found = |c: &&AmplitudeComparison| c.outcome.as_ref().is_ok_and(|t| t.p_adjusted <= significance);
         self.comparisons.iter().filter(is_found).map(|c| c.words(significance, options)).collect()
     }
-}
-
-/// The mean amplitude of each person's sequences.
-fn people_of(models: &[&SequenceModel], of_id: &BTreeMap<&SequenceId, [Option<f64>; 4]>, region: usize) -> Vec<PersonValue> {
-    let mut sums: BTreeMap<&str, (f64, usize)> = BTreeMap::new();
-    for model in models {
-        if let Some(value) = of_id.get(&model.id).and_then(|values| values[region]) {
-            let sum = sums.entry(&model.id.subject).or_default();
-            *sum = (sum.0 + value, sum.1 + 1);
-        }
-    }
-    sums.into_iter().map(|(subject, (sum, n))| PersonValue { subject: subject.to_owned(), value: sum / n as f64 }).collect()
 }
 
 /// Columns of `amplitudes.csv` around the manifest's.

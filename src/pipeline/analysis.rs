@@ -10,8 +10,10 @@ use rayon::prelude::*;
 use super::{
     AmplitudeResults, Failure, RecognitionResults, Workbench,
     classes::{class, spelling_warnings, unique_stem, warnings},
+    covariates::{CovariateResult, covariate_warnings, covariates},
     parts::EmotionPart,
     recognition::{left_out_said, recognize_left_out},
+    sequence_table::SequenceRow,
     variation::{EmotionVariation, variations},
 };
 use crate::{
@@ -24,7 +26,7 @@ use crate::{
     statistics::{
         ClassLabel, GroupError, LabelledModel, Representative, SequenceModel, StatisticsError,
         bootstrap::DispersionInterval,
-        check_columns,
+        check_columns, check_numbers,
         compare::{Comparisons, Strata},
         group_models, is_missing, measures_said, missing_words_said, spelling_key,
     },
@@ -120,6 +122,8 @@ pub struct Analysis {
     pub classes: Vec<AnalyzedClass>,
     /// Tests between groups; `None` when nothing was grouped.
     pub comparisons: Option<Comparisons>,
+    /// What is known of every sequence at its apex; empty where models are read node by node.
+    pub sequences: Vec<SequenceRow>,
     /// How well each sequence was tracked, by id.
     pub tracks: Vec<TrackQuality>,
     /// Pose and action units over time of the sequences of which they are known.
@@ -130,6 +134,8 @@ pub struct Analysis {
     pub warnings: Vec<String>,
     /// How strongly everybody makes each emotion; empty where models are read node by node.
     pub amplitudes: AmplitudeResults,
+    /// How emotions go with numbers of the people; empty where none are named.
+    pub covariates: Vec<CovariateResult>,
     /// How the people of each emotion differ; empty where models are read node by node.
     pub variations: Vec<EmotionVariation>,
     /// What every sequence is recognized as with its person left out; `None` where that is not possible.
@@ -164,12 +170,15 @@ pub(super) fn analyze_with(
     let mut tracks: Vec<TrackQuality> = models.iter().filter_map(|m| m.quality.clone()).collect();
     tracks.sort_by(|a, b| a.id.cmp(&b.id));
     let courses = models.iter().filter_map(|m| Some((m.model.id.clone(), m.course.clone()?))).collect();
+    let fapus = bench.normalizer()?.canonical().fapus;
+    let sequences = models.par_iter().map(|model| SequenceRow::of(model, &fapus)).collect();
     let grouped = labelled(models);
     let spelled = spelling_warnings(&grouped, &options.by);
     let told_apart_by = [options.by.as_slice(), &options.strata].concat();
     let missing = missing_words_said(&grouped, &told_apart_by);
     let measures = measures_said(&grouped, &told_apart_by);
     check_columns(&options.strata, grouped.iter().map(|m| &m.metadata))?;
+    check_numbers(&options.covariates, &grouped.iter().map(|m| &m.metadata))?;
     let strata = strata_of(&grouped, &options.strata);
     let strata = strata.as_ref();
     let emotions = by_emotion(group_models(&grouped, &options.by)?);
@@ -178,7 +187,6 @@ pub(super) fn analyze_with(
         known.map_or_else(|| EmotionPart::compute(emotion, groups, bench, strata), Ok)
     };
     let parts = emotions.par_iter().map(part).collect::<Result<Vec<_>, AnalysisError>>()?;
-    let fapus = bench.normalizer()?.canonical().fapus;
     let mut stems = BTreeSet::new();
     let (mut classes, mut comparisons) = (Vec::new(), Vec::new());
     for part in parts {
@@ -198,6 +206,8 @@ pub(super) fn analyze_with(
     warnings.extend(measures);
     let amplitudes = AmplitudeResults::new(&emotions, &grouped, strata, bench);
     warnings.extend(amplitudes.warnings());
+    let covariates = covariates(&emotions, &grouped, &classes, &amplitudes, strata, bench);
+    warnings.extend(covariate_warnings(&covariates, bench));
     let recognition = recognize_left_out(&grouped, bench);
     // One emotion alone is nothing to recognize, and nobody expects it.
     let several = emotions.len() > 1;
@@ -211,12 +221,14 @@ pub(super) fn analyze_with(
     Ok(Analysis {
         classes,
         comparisons,
+        sequences,
         tracks,
         courses,
         failures,
         warnings,
         tracked_here: false,
         amplitudes,
+        covariates,
         variations,
         recognition: recognition.ok(),
     })

@@ -236,7 +236,7 @@ pub(super) fn spelling_warnings(models: &[LabelledModel], by: &[String]) -> Vec<
 }
 
 /// Text that is safe in a file name on any system: letters, digits, `.`, `-`; everything else becomes `-`.
-fn file_stem(text: &str) -> String {
+pub(super) fn file_stem(text: &str) -> String {
     let safe = |c: char| if c.is_alphanumeric() || c == '.' || c == '-' || c == '_' { c } else { '-' };
     let stem: String = composed(text.trim()).chars().map(safe).collect();
     let stem = stem.trim_start_matches('.');

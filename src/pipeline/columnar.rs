@@ -80,12 +80,14 @@ pub fn analyze_columnar(file: &ColumnarModels, bench: &Workbench, memory: u64) -
     Ok(Analysis {
         classes,
         comparisons: None,
+        sequences: Vec::new(),
         tracks: Vec::new(),
         courses: BTreeMap::new(),
         failures: Vec::new(),
         warnings,
         tracked_here: false,
         amplitudes: AmplitudeResults::default(),
+        covariates: Vec::new(),
         variations: Vec::new(),
         recognition: None,
     })

@@ -12,7 +12,7 @@ use super::{
 use crate::{
     dataset::{Dataset, MANIFEST_NAME},
     output::{OutputError, create_folders, sweep_once},
-    statistics::{check_columns, check_groups},
+    statistics::{check_columns, check_groups, check_numbers},
     track::CORRECTIONS_FOLDER,
 };
 
@@ -32,6 +32,7 @@ pub(super) fn open(
     for columns in [&bench.options.by, &bench.options.strata] {
         check_columns(columns, opened.sequences.iter().map(|s| &s.metadata)).map_err(AnalysisError::from)?;
     }
+    check_numbers(&bench.options.covariates, &opened.sequences.iter().map(|s| &s.metadata)).map_err(AnalysisError::from)?;
     let labelled = opened.sequences.iter().map(|s| (&s.id, s.emotion.as_str(), &s.metadata));
     check_groups(&bench.options.by, labelled).map_err(AnalysisError::from)?;
     let name = dataset_name(dataset);

@@ -7,6 +7,7 @@ mod classes;
 #[cfg(feature = "columnar")]
 mod columnar;
 mod corrected;
+mod covariates;
 mod differing;
 mod divide;
 mod figures;
@@ -28,6 +29,7 @@ mod recognition;
 mod recording;
 mod run;
 mod sequence;
+mod sequence_table;
 mod showcase;
 mod skins;
 mod tracks;
@@ -118,6 +120,9 @@ pub struct PipelineOptions {
     /// Manifest columns within whose values people exchange their labels in tests between groups; empty for none.
     #[serde(default)]
     pub strata: Vec<String>,
+    /// Manifest columns of numbers, such as ages, with which expressions may go; empty for none.
+    #[serde(default)]
+    pub covariates: Vec<String>,
     /// Which landmarks serve as correspondences where a sequence has no marks of its own.
     pub marks: LandmarkSelection,
     /// On whom the report shows the representatives moving.

@@ -25,10 +25,20 @@ const PROBABILITY: &str = "probability";
 const MEDIANS: &str = "times the median";
 const SCORES: &str = "standard deviations of people";
 const CURVES: &str = "face unit, or the FAP's unit";
+const DEGREES: &str = "degrees";
+const INTENSITY: &str = "intensity";
+const FAPS: &str = "FAP's unit";
+const OF_COLUMN: &str = "as in the column";
+const SLOPES: &str = "times the median, by 1 of the column";
 const FRAME: &str = "frame from 0";
 
 /// Words for units.
-const UNITS: [(&str, &str); 12] = [
+const UNITS: [(&str, &str); 17] = [
+    (DEGREES, "positive: to the subject's left, down, towards the subject's right shoulder"),
+    (INTENSITY, "of an action unit, 0 to 5"),
+    (FAPS, "FAPU / 1024, 19 to 22 in openings of the own lids / 1024; angles 1e-5 rad"),
+    (OF_COLUMN, "the unit of the manifest's column that `covariate` names"),
+    (SLOPES, "change of the amplitude where the number that `covariate` names is larger by 1"),
     (SCORES, "along the component, 0 for the mean"),
     (
         CURVES,
@@ -113,6 +123,51 @@ const FILES: &[(&str, &[(&str, &str)])] = &[
             ("q50", CURVES),
             ("q75", CURVES),
             ("q95", CURVES),
+        ],
+    ),
+    (
+        "sequences.csv",
+        &[
+            ("expected_error_percent_es", PERCENT),
+            ("placement_error_percent_es", PERCENT),
+            ("amplitude_face", MEDIANS),
+            ("amplitude_brows", MEDIANS),
+            ("amplitude_eyes", MEDIANS),
+            ("amplitude_mouth", MEDIANS),
+            ("pose_yaw", DEGREES),
+            ("pose_pitch", DEGREES),
+            ("pose_roll", DEGREES),
+            ("AU.._r", INTENSITY),
+            ("FAP.._NAME", FAPS),
+        ],
+    ),
+    ("covariates/*.csv", &[("frame", FRAME), ("x", FACE_UNIT), ("y", FACE_UNIT)]),
+    (
+        "covariates.csv",
+        &[
+            ("mean", OF_COLUMN),
+            ("sd", OF_COLUMN),
+            ("low", OF_COLUMN),
+            ("high", OF_COLUMN),
+            ("share", RATIO),
+            ("f", RATIO),
+            ("p", PROBABILITY),
+            ("p_max_node", PROBABILITY),
+            ("p_either", PROBABILITY),
+            ("p_either_holm", PROBABILITY),
+        ],
+    ),
+    ("covariate_nodes.csv", &[("share", RATIO), ("p", PROBABILITY)]),
+    (
+        "covariate_amplitudes.csv",
+        &[
+            ("slope", SLOPES),
+            ("low", SLOPES),
+            ("high", SLOPES),
+            ("correlation", RATIO),
+            ("p", PROBABILITY),
+            ("p_t", PROBABILITY),
+            ("p_holm", PROBABILITY),
         ],
     ),
     (

@@ -8,9 +8,11 @@ use super::{
     Analysis, AnalysisError, AnalyzedClass, Failure, MADE_BY, NONE_LEVEL, SCHEMA_VERSION, Workbench,
     amplitudes::write_amplitudes,
     analysis::too_short,
+    covariates::{COVARIATE_TABLES, CovariateResult, covariate_models, write_covariates},
     groups::{GROUP_TABLES, write_groups},
     model_file::write_model,
     recognition::write_recognition,
+    sequence_table::write_sequences,
     showcase,
     units::units_json,
     variation::{EmotionVariation, model_names, shown_bands, write_variations},
@@ -105,6 +107,8 @@ pub fn write_analysis(
             wrote(&skin_file, output::write_hashed(&out.join(&skin_file), |writer| skin.write(writer))?)?;
         }
     }
+    let Analysis { sequences, tracks, courses, amplitudes, .. } = analysis;
+    wrote("sequences.csv", write_sequences(&out.join("sequences.csv"), sequences, tracks, courses, amplitudes)?)?;
     wrote("statistics.csv", write_statistics(&out.join("statistics.csv"), analysis, bench)?)?;
     wrote("trimming.csv", write_trimming(&out.join("trimming.csv"), analysis, bench)?)?;
     wrote("failures.csv", write_failures(&out.join("failures.csv"), &analysis.failures)?)?;
@@ -116,6 +120,9 @@ pub fn write_analysis(
         write_groups(out, &analysis.classes, comparisons, &bench.wireframe, &options.by, options.groups.bootstrap, &mut wrote)?;
     }
     write_amplitudes(out, &analysis.amplitudes, bench, &mut wrote)?;
+    if !bench.options.covariates.is_empty() {
+        write_covariates(out, &analysis.covariates, bench, &mut wrote)?;
+    }
     write_variations(out, &analysis.variations, bench, &mut wrote)?;
     if let Some(recognition) = &analysis.recognition {
         wrote("recognition.csv", write_recognition(&out.join("recognition.csv"), recognition, NONE_LEVEL)?)?;
@@ -126,7 +133,8 @@ pub fn write_analysis(
 }
 
 /// What [`write_analysis`] writes of every analysis.
-pub const ANALYSIS_TABLES: [&str; 10] = [
+pub const ANALYSIS_TABLES: [&str; 11] = [
+    "sequences.csv",
     "statistics.csv",
     "trimming.csv",
     "failures.csv",
@@ -151,9 +159,12 @@ pub fn analysis_files(analysis: &Analysis, bench: &Workbench) -> Vec<String> {
     let of_groups = analysis.comparisons.iter().flat_map(|_| GROUP_TABLES);
     let of_amplitudes = (!bench.options.by.is_empty()).then_some("amplitude_comparisons.csv");
     let of_labels = analysis.recognition.is_some().then_some("recognition.csv");
-    let tables = ANALYSIS_TABLES.into_iter().chain(of_groups).chain(of_amplitudes).chain(of_labels).map(str::to_owned);
+    let of_numbers = COVARIATE_TABLES.into_iter().filter(|_| !bench.options.covariates.is_empty());
+    let tables =
+        ANALYSIS_TABLES.into_iter().chain(of_groups).chain(of_amplitudes).chain(of_numbers).chain(of_labels).map(str::to_owned);
+    let along = analysis.covariates.iter().filter(|c| c.outcome.is_ok()).flat_map(covariate_models);
     let of_classes = analysis.classes.iter().flat_map(of_class);
-    of_classes.chain(analysis.variations.iter().flat_map(of_emotion)).chain(tables).collect()
+    of_classes.chain(along).chain(analysis.variations.iter().flat_map(of_emotion)).chain(tables).collect()
 }
 
 /// Names of what [`write_analysis`] writes beside the tables of [`table_names`].
@@ -165,7 +176,11 @@ pub(super) fn class_files(stem: &str) -> [String; 5] {
 
 /// Names of the tables and the report, of all that there may be.
 pub(super) fn table_names() -> impl Iterator<Item = &'static str> {
-    ANALYSIS_TABLES.into_iter().chain(GROUP_TABLES).chain(["models.parquet", "amplitude_comparisons.csv", "recognition.csv"])
+    ANALYSIS_TABLES.into_iter().chain(GROUP_TABLES).chain(COVARIATE_TABLES).chain([
+        "models.parquet",
+        "amplitude_comparisons.csv",
+        "recognition.csv",
+    ])
 }
 
 fn representative_json<'a>(class: &'a AnalyzedClass, bench: &Workbench) -> RepresentativeJson<'a> {
@@ -304,7 +319,7 @@ fn write_verdicts(path: &Path, tracks: &[TrackQuality]) -> Result<blake3::Hash, 
     let rows = tracks.iter().map(|t| {
         let s = &t.summary;
         let expected = s.expected_error_px;
-        let percent = |px: Option<f64>| px.filter(|_| s.eye_distance_px > 0.0).map(|px| 100.0 * px / s.eye_distance_px);
+        let percent = |px: Option<f64>| s.percent_of_eyes(px?);
         let number = |value: Option<f64>| value.map(nine_digits).unwrap_or_default();
         let SequenceId { subject, sequence } = t.id.clone();
         let verdict = s.verdict.name().to_owned();
@@ -370,6 +385,8 @@ fn report_html(analysis: &Analysis, title: &str, bench: &Workbench) -> Result<St
         stems: analysis.classes.iter().map(|c| c.stem.clone()).collect(),
         tracked_here: analysis.tracked_here,
         variations: analysis.classes.iter().map(|class| variation_data(analysis, class)).collect(),
+        covariates: analysis.covariates.iter().map(CovariateResult::shown).collect(),
+        compare: bench.options.groups.compare,
         groups: analysis.comparisons.as_ref().map(|comparisons| GroupsData {
             comparisons,
             options: &bench.options.groups,
@@ -439,6 +456,10 @@ fn option_rows(bench: &Workbench, tracked_here: bool) -> Vec<(String, String)> {
         ("FAP frames between key frames", o.fap.between.to_string()),
         ("FAP frame rate (Hz)", o.fap.fps.to_string()),
         ("Labels exchanged within", if o.strata.is_empty() { "all people".to_owned() } else { o.strata.join(", ") }),
+        (
+            "Numbers that expressions may go with",
+            if o.covariates.is_empty() { "none".to_owned() } else { o.covariates.join(", ") },
+        ),
         ("Grouped by", if o.by.is_empty() { "emotion".to_owned() } else { format!("emotion, {}", o.by.join(", ")) }),
     ];
     let rows =

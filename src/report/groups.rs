@@ -119,7 +119,7 @@ impl GroupsView {
             .collect();
         let tests_made = tested.len();
         let differs = |t: &Tested| groups_differ(t, significance);
-        let place = |t: &Tested| places(t, data, significance);
+        let place = |t: &Tested| places((&t.node_p, &t.node_energy), data, significance);
         let direction = |c: &Comparison, t: &Tested| directions_of(c, t, data, significance);
         let tests = tested.iter().map(|(_, c, t)| TestRow {
             emotion: c.emotion.clone(),
@@ -225,7 +225,7 @@ fn map_of(c: &Comparison, t: &Tested, data: &ReportData<'_>, significance: f64, 
 }
 
 /// An effect in percent: an estimate that may come out below nothing, of what cannot, is nothing.
-fn percent(share: f64) -> String {
+pub(super) fn percent(share: f64) -> String {
     format!("{} %", fixed(share.max(0.0) * 100.0, 1))
 }
 
@@ -245,11 +245,11 @@ fn p_text(p: f64, least: f64) -> String {
     if least > 0.0 && p <= least { format!("{text} (least possible)") } else { text }
 }
 
-/// The names of the nodes that differ most, of those that differ.
-fn places(t: &Tested, data: &ReportData<'_>, significance: f64) -> String {
+/// The parts of the face with nodes that stand out, by their p and how much they do, the one that does most first.
+pub(super) fn places((p, much): (&[f64], &[f64]), data: &ReportData<'_>, significance: f64) -> String {
     let live = data.wireframe.live_nodes();
     let mut nodes: Vec<(f64, NodeId)> =
-        (0..live.len()).filter(|&k| t.node_p[k] <= significance).map(|k| (t.node_energy[k], live[k])).collect();
+        live.iter().zip(p.iter().zip(much)).filter(|(_, (p, _))| **p <= significance).map(|(n, (_, much))| (*much, *n)).collect();
     nodes.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
     if nodes.is_empty() {
         return "no single node stands out".to_owned();

@@ -5,6 +5,7 @@
 //! on the input alone: no clock, no random names, lengths rounded to 0.01 face units.
 
 mod courses;
+mod covariates;
 pub mod drawing;
 mod failure;
 pub mod figures;
@@ -28,7 +29,7 @@ use crate::{
     statistics::{
         Representative,
         bootstrap::DispersionInterval,
-        compare::{Comparisons, GroupOptions},
+        compare::{CompareOptions, Comparisons, GroupOptions},
     },
     track::TrackQuality,
     units::SequenceId,
@@ -36,6 +37,7 @@ use crate::{
 };
 
 pub use courses::{mean_course, mean_course_svg};
+pub use covariates::CovariateData;
 pub use failure::{Failure, Stage, failed_id, failed_name};
 pub use groups::p_value;
 pub use variation::{BandCurve, VariationData};
@@ -106,6 +108,10 @@ pub struct ReportData<'a> {
     pub stems: Vec<String>,
     /// Whether tracks and models lie beside the report, so that it may lead to them.
     pub tracked_here: bool,
+    /// How emotions go with numbers of the people; empty where none were asked for.
+    pub covariates: Vec<CovariateData<'a>>,
+    /// Options of the tests.
+    pub compare: CompareOptions,
     /// Groups beside each other; `None` when nothing was grouped.
     pub groups: Option<GroupsData<'a>>,
 }

@@ -51,7 +51,8 @@ pub(super) fn json(data: &ReportData<'_>) -> String {
         .map(|(k, r)| {
             let mut value = representative(r, live, &index, data.apex_faps.get(k).unwrap_or(&no_faps));
             if let (Some(variation), Value::Object(map)) = (data.variations.get(k).and_then(Option::as_ref), &mut value) {
-                map.insert("variation".to_owned(), super::variation::payload(variation, live));
+                let along = super::covariates::of_emotion(data, &r.label.emotion);
+                map.insert("variation".to_owned(), super::variation::payload(variation, &along, live));
             }
             value
         })

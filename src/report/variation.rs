@@ -3,10 +3,16 @@
 use nalgebra::Vector2;
 use serde_json::{Value, json};
 
-use super::numbers::{length, rounded};
+use super::{
+    covariates,
+    numbers::{length, rounded},
+};
 use crate::{
     model::DynamicExpressionModel,
-    statistics::variation::{Band, Variation},
+    statistics::{
+        covariate::Covariate,
+        variation::{Band, Variation},
+    },
     units::{FaceUnit, NodeId},
 };
 
@@ -33,19 +39,24 @@ pub struct VariationData<'a> {
     pub bands: Vec<BandCurve>,
 }
 
-/// For the page's script: offsets by frame, x and y in turn, as those of the representatives.
-pub(super) fn payload(data: &VariationData<'_>, live: &[NodeId]) -> Value {
-    let offsets = |offsets: &[Vector2<f64>]| offsets.iter().flat_map(|o| [length(o.x), length(o.y)]).collect::<Vec<_>>();
+/// Offsets of the live nodes of a model from neutral in one frame, x and y in turn, face units.
+pub(super) fn offsets_of(model: &DynamicExpressionModel<FaceUnit>, frame: usize, live: &[NodeId]) -> Vec<f64> {
+    let all = model.neutral_offsets(frame);
+    live.iter().flat_map(|n| [all[n.index()].x, all[n.index()].y]).collect()
+}
+
+/// For the page's script: offsets by frame, x and y in turn, as those of the representatives; `along` are the numbers that the expression
+/// may go with, behind the components.
+pub(super) fn payload(data: &VariationData<'_>, along: &[(&str, &Covariate)], live: &[NodeId]) -> Value {
     let mean = |model: &DynamicExpressionModel<FaceUnit>| {
-        let of_frame = |m: usize| {
-            let all = model.neutral_offsets(m);
-            offsets(&live.iter().map(|n| all[n.index()]).collect::<Vec<_>>())
-        };
+        let of_frame = |m: usize| offsets_of(model, m, live).into_iter().map(length).collect::<Vec<_>>();
         (1..model.frame_count()).map(of_frame).collect::<Vec<_>>()
     };
+    let offsets = |offsets: &[Vector2<f64>]| offsets.iter().flat_map(|o| [length(o.x), length(o.y)]).collect::<Vec<_>>();
     let components = |v: &Variation| {
         let of = |c: &crate::statistics::variation::Component| json!({ "share": rounded(c.share, 4), "offsets": c.offsets.iter().map(|o| offsets(o)).collect::<Vec<_>>() });
-        v.components.iter().take(SHOWN).map(of).collect::<Vec<_>>()
+        let along = along.iter().map(|(column, test)| covariates::payload(column, test, live));
+        v.components.iter().take(SHOWN).map(of).chain(along).collect::<Vec<_>>()
     };
     let band = |curve: &BandCurve| {
         let of = |(value, band): &(f64, Band)| {

@@ -7,6 +7,7 @@ use serde::Serialize;
 use super::{
     Failure, ReportData,
     courses::{self, CoursesView},
+    covariates::{self, CovariatesView},
     figures::{self, FieldScale, Lines},
     groups::GroupsView,
     numbers::{MISSING, fixed, fixed_or_dash, ratio},
@@ -14,7 +15,7 @@ use super::{
 };
 use crate::{
     output::count,
-    statistics::{ClassLabel, Representative},
+    statistics::{ClassLabel, Representative, variation::Component},
     track::{TrackQuality, Verdict},
     units::NodeId,
     wireframe::Fapu,
@@ -29,11 +30,15 @@ const PUBLISHED_DISPERSIONS: [(&str, f64); 6] =
     [("anger", 11.13), ("disgust", 9.80), ("fear", 11.39), ("happiness", 10.89), ("sadness", 13.46), ("surprise", 13.57)];
 
 /// Tables beside every report, and what they hold.
-const FILES: [(&str, &str); 6] = [
+const FILES: [(&str, &str); 7] = [
     ("statistics.csv", "dispersion of every emotion and group"),
     ("trimming.csv", "what was trimmed, and why"),
     ("verdicts.csv", "every sequence: good, or look again"),
     ("failures.csv", "sequences that failed, with the reason"),
+    (
+        "sequences.csv",
+        "a row for every sequence: what the manifest says of it, and action units, FAPs, pose and amplitudes at its apex",
+    ),
     ("amplitudes.csv", "how strongly everybody makes each expression"),
     ("units.json", "units of all columns"),
 ];
@@ -62,6 +67,7 @@ pub(super) struct View<'a> {
     stems_known: bool,
     face: &'a str,
     groups: Option<GroupsView>,
+    covariates: Option<CovariatesView>,
     courses: Option<CoursesView>,
 }
 
@@ -142,7 +148,7 @@ struct Card {
     dropped_per_field: String,
     has_faps: bool,
     fap_rows: usize,
-    /// Shares of the components that are shown, percent.
+    /// What the figure of how people differ can show: components, and numbers that expressions may go with.
     components: Vec<String>,
     has_bands: bool,
     /// Stem of its files, as a part of a link.
@@ -237,6 +243,7 @@ impl<'a> View<'a> {
             files: FILES.map(|(name, what)| [name, what]).to_vec(),
             face: &data.face,
             groups: data.groups.as_ref().map(|groups| GroupsView::new(groups, data, &fields)),
+            covariates: CovariatesView::new(data),
             courses: courses::view(data),
         }
     }
@@ -327,9 +334,13 @@ impl Card {
                 .apex_faps
                 .get(index)
                 .map_or(0, |f| f.iter().filter(|f| f.value != 0 && !f.is_angle).count().min(TOP_FAPS)),
-            components: variation
-                .and_then(|v| v.variation)
-                .map_or_else(Vec::new, |v| v.components.iter().take(3).map(|c| fixed(c.share * 100.0, 1)).collect()),
+            components: variation.and_then(|v| v.variation).map_or_else(Vec::new, |v| {
+                let component =
+                    |(k, c): (usize, &Component)| format!("{}: {} % of the variance", k + 1, fixed(c.share * 100.0, 1));
+                let along = covariates::of_emotion(data, &r.label.emotion);
+                let along = along.into_iter().map(|(column, test)| covariates::label(column, test));
+                v.components.iter().take(3).enumerate().map(component).chain(along).collect()
+            }),
             has_bands: variation.is_some_and(|v| !v.bands.is_empty()),
             stem: data.stems.get(index).map(|stem| url_part(stem)),
             has_faps: data.apex_faps.get(index).is_some_and(|f| !f.is_empty()),

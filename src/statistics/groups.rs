@@ -46,6 +46,11 @@ const FEW_NUMBERS: usize = 6;
 /// People of a group from which their numbers may well be names of it, however many groups there are.
 const MANY_PEOPLE: usize = 10;
 
+/// The number that a value of a column is, with a point or a comma before its decimals.
+pub fn number_of(value: &str) -> Option<f64> {
+    value.trim().replacen(',', ".", 1).parse().ok().filter(|number: &f64| number.is_finite())
+}
+
 /// What a person should know where columns to group by, or of strata, hold measures and not groups: numbers throughout, of more than 6
 /// values that less than 10 people share on the mean, or of more than 2 and more than half as many as there are people. Each value is a group, as
 /// of any column.
@@ -54,16 +59,16 @@ pub fn measures_said(models: &[LabelledModel], columns: &[String]) -> Option<Str
     let measure = |column: &String| {
         let values: BTreeSet<&str> =
             models.iter().filter_map(|m| m.metadata.get(column)).map(|v| v.trim()).filter(|v| !is_missing(v)).collect();
-        let is_number = |value: &&str| value.replacen(',', ".", 1).parse::<f64>().is_ok_and(f64::is_finite);
         let many = (values.len() > FEW_NUMBERS && people < MANY_PEOPLE * values.len())
             || (values.len() > 2 && 2 * values.len() > people);
-        (many && values.iter().all(is_number)).then(|| format!("`{column}` ({} numbers of {people} people)", values.len()))
+        (many && values.iter().all(|value| number_of(value).is_some()))
+            .then(|| format!("`{column}` ({} numbers of {people} people)", values.len()))
     };
     let found: Vec<String> = columns.iter().collect::<BTreeSet<_>>().into_iter().filter_map(measure).collect();
     let first = columns.iter().find(|column| measure(column).is_some())?;
     Some(format!(
-        "each number is a group of its own: {}; for groups of several people, add a column of classes, such as `{first}_group` with \
-         `under 30` and `30 and over`, and name that one",
+        "each number is a group of its own: {}; --covariate {first} tests whether expressions go with it; for groups of several people, add a \
+         column of classes, such as `{first}_group` with `under 30` and `30 and over`, and name that one",
         listed(&found, 6)
     ))
 }
@@ -101,6 +106,14 @@ pub enum GroupError {
     Emotion {
         /// The column asked for.
         column: String,
+    },
+    /// A column of numbers without a number.
+    #[error("no value of the column `{column}` is a number, such as {example}, and --covariate takes numbers; --by takes words")]
+    NoNumber {
+        /// The column asked for.
+        column: String,
+        /// One of its values.
+        example: String,
     },
     /// A column that is there and empty in every sequence.
     #[error("the column `{column}` to group by is empty in all {sequences} sequences")]
@@ -256,6 +269,26 @@ pub fn check_columns<'a>(
     }
 }
 
+/// Checks that every column of numbers is a metadata column of at least one sequence, with a number in one of them.
+///
+/// # Errors
+/// As [`check_columns`], and [`GroupError::NoNumber`].
+pub fn check_numbers<'a>(
+    columns: &[String],
+    metadata: &(impl IntoIterator<Item = &'a BTreeMap<String, String>> + Clone),
+) -> Result<(), GroupError> {
+    check_columns(columns, metadata.clone())?;
+    for column in columns {
+        let values = metadata.clone().into_iter().filter_map(|m| m.get(column)).filter(|value| !is_missing(value));
+        let (mut example, mut found) = (None, false);
+        values.for_each(|value| if number_of(value).is_some() { found = true } else { example = Some(value) });
+        if let (Some(example), false) = (example, found) {
+            return Err(GroupError::NoNumber { column: column.clone(), example: example.clone() });
+        }
+    }
+    Ok(())
+}
+
 #[cfg(test)]
 mod tests {
     use nalgebra::Point2;
@@ -337,7 +370,10 @@ mod tests {
             measures_said(&models, &columns.iter().map(|&c| c.to_owned()).collect::<Vec<_>>())
         };
         let text = said(&["23", "31", "45.5", "NA", ""], &["Age", "Age"]).unwrap();
-        assert!(text.starts_with("each number is a group of its own: `Age` (3 numbers of 5 people); for groups"), "{text}");
+        assert!(
+            text.starts_with("each number is a group of its own: `Age` (3 numbers of 5 people); --covariate Age tests"),
+            "{text}"
+        );
         assert!(text.contains("`Age_group` with `under 30`"), "{text}");
         assert!(said(&["23", "31,5", " 40"], &["Age"]).is_some());
         // Seven of twenty, six of twenty, codes of two sexes, words among the numbers, and a column that nobody groups by.

@@ -149,7 +149,7 @@ pub struct Variation {
 }
 
 /// Neutral offsets of the live nodes, all frames after the neutral one, x and y in turn.
-fn offsets_of(model: &SequenceModel, live: &[NodeId]) -> DVector<f64> {
+pub(super) fn offsets_of(model: &SequenceModel, live: &[NodeId]) -> DVector<f64> {
     let frames = (1..model.model.frame_count()).map(|m| model.model.neutral_offsets(m));
     DVector::from_vec(
         frames
@@ -258,7 +258,7 @@ impl Variation {
 }
 
 /// A model of a neutral frame and offsets of the live nodes by frame; followers follow.
-fn moved(
+pub(super) fn moved(
     neutral: &FrameExpressionModel<FaceUnit>,
     offsets: &[Vec<Vector2<f64>>],
     wireframe: &Wireframe,

@@ -111,6 +111,11 @@ pub struct TrackSummary {
 }
 
 impl TrackSummary {
+    /// A length of the neutral frame, px, in percent of its eye distance; `None` without one.
+    pub(crate) fn percent_of_eyes(&self, px: f64) -> Option<f64> {
+        (self.eye_distance_px > 0.0).then(|| 100.0 * px / self.eye_distance_px)
+    }
+
     /// With what is known of parts of the face that are covered, as a reason to look at it again.
     #[must_use]
     pub(crate) fn with_covered(mut self, covered: Option<String>) -> Self {

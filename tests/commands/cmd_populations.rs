@@ -339,10 +339,44 @@ fn words_for_one_emotion_are_kept_apart_and_said_once() {
 fn ages_as_groups_are_said() {
     let work = Work::new();
     people(&work, ",age", &[("a", 5.0, ",23"), ("b", 6.0, ",31"), ("c", 7.0, ",45.5"), ("d", 8.0, ",23")]);
-    let said = "each number is a group of its own: `age` (3 numbers of 4 people); for groups of several people, add a column of classes, such as `age_group`";
+    let said = "each number is a group of its own: `age` (3 numbers of 4 people); --covariate age tests whether expressions go with it; for groups of several people, add a column of classes, such as `age_group`";
     work.grimace("run people -o out --resample linear --by age").exit(0).prints(&[said]);
     let ran = work.grimace("analyze out/tracks -o again --resample linear --force").exit(0);
     assert!(!ran.stdout.contains("each number"));
+}
+
+#[test]
+fn a_smile_that_grows_with_age_is_found_and_shown() {
+    let work = Work::new();
+    let ages =
+        [(4.0, ",21,x"), (5.0, ",26,x"), (6.0, ",\"32,5\",y"), (7.0, ",38,y"), (8.0, ",41,x"), (9.0, ",60,y"), (30.0, ",NA,x")];
+    let rows: Vec<(String, f64, &str)> =
+        ages.into_iter().enumerate().map(|(k, (smile, age))| (format!("p{k}"), smile, age)).collect();
+    people(&work, ",age,site", &rows.iter().map(|(s, x, m)| (s.as_str(), *x, *m)).collect::<Vec<_>>());
+    let ran = work.grimace("run people -o out --resample linear --covariate age").exit(0);
+    ran.prints(&[
+        "change with a number, after correction for all that was tested: happiness with age (",
+        "1 person without a number is left out",
+    ]);
+    let rows = work.rows("out/covariates.csv");
+    let row = &rows[0];
+    assert_eq!((row["subjects"].as_str(), row["without"].as_str(), row["permutations"].as_str()), ("6", "1", "720"));
+    assert_eq!((row["low"].as_str(), row["high"].as_str(), row["exhaustive"].as_str()), ("21", "60", "true"));
+    assert!(row["p_either_holm"].parse::<f64>().unwrap() <= 0.05);
+    // The mouth's corner goes farther out at 60 than at 21.
+    let [low, high] = ["low", "high"].map(|end| moved(&work, &format!("out/covariates/happiness_age_{end}.csv"), "31"));
+    assert!(0.0 < low && low < high, "{low} {high}");
+    let face = work.rows("out/covariate_amplitudes.csv").into_iter().find(|r| r["region"] == "face").unwrap();
+    assert!(face["slope"].parse::<f64>().unwrap() > 0.0 && face["subjects"] == "6");
+    let sequences = work.rows("out/sequences.csv");
+    assert_eq!((sequences.len(), sequences[2]["age"].as_str(), sequences[2]["verdict"].as_str()), (7, "32,5", "good"));
+    let again =
+        work.grimace("analyze out/tracks -o again --resample linear --covariate age --strata site --permutations 99").exit(0);
+    again.prints(&["happiness"]);
+    work.grimace("run people -o none --resample linear --covariate site")
+        .exit(1)
+        .says(&["no value of the column `site` is a number, such as"]);
+    work.grimace("run people -o none --resample linear --covariate ages").exit(1).says(&["no sequence has a column `ages`"]);
 }
 
 #[test]

@@ -27,6 +27,7 @@ fn every_output_is_there_with_its_header_and_shape() {
         "recognition.csv",
         "report.html",
         "run.json",
+        "sequences.csv",
         "statistics.csv",
         "trimming.csv",
         "units.json",

@@ -6,7 +6,7 @@ use grimace::internal::{
     fap::{FapCatalog, FapMotion, FapNumber, FapSequence},
     model::{DynamicExpressionModel, FrameExpressionModel},
     report::{ApexFap, Failure, ReportData, Stage},
-    statistics::{self, ClassLabel, Representative, SequenceModel, StatisticsOptions},
+    statistics::{self, ClassLabel, Representative, SequenceModel, StatisticsOptions, compare::CompareOptions},
     track::{FrameQuality, TrackQuality, TrackSummary, Verdict},
     units::{FaceUnit, NodeId, SequenceId},
     wireframe::{Fapus, Tables, Wireframe},
@@ -103,6 +103,8 @@ impl Fixture {
             too_short: None,
             apex_faps: self.representatives.iter().map(|r| apex_faps(r, self.fapus)).collect(),
             variations: Vec::new(),
+            covariates: Vec::new(),
+            compare: CompareOptions::default(),
             groups: None,
         }
     }

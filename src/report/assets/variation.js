@@ -1,22 +1,32 @@
-// How people differ: the mean moved along a component, and curves with the bands in which people lie.
+// How people differ: the mean moved along a component or with a number, and curves with the bands in which people lie.
 
 function drawVariation(root, rep) {
   if (!root) return;
   const { mean, components } = rep.variation;
   const select = $(".component", root);
-  const boxes = $$(".face-box", root);
+  const boxes = $$(".face-box", root), titles = $$(".panel h4", root);
   const along = (c, d) => ({ neutral: rep.neutral, offsets: mean.map((frame, m) => frame.map((v, k) => v + d * components[c].offsets[m][k])) });
-  const deviations = [-2, 0, 2];
+  // Both ends and the mean: two standard deviations of a component, or the numbers that are shown.
+  const places = (c) => (components[c].ends ? [components[c].ends[0], 0, components[c].ends[1]] : [-2, 0, 2]);
+  const names = (c) => {
+    const [low, high] = components[c].titles ?? ["−2 standard deviations", "+2 standard deviations"];
+    return [low, "Mean", high];
+  };
   let models = [];
-  const faces = deviations.map((d, k) => {
-    const face = new Face(commonBox, d === 0 ? "Mean of all people" : `${d} standard deviations along the component`, { ghost: d === 0 });
-    boxes[k].append(face.svg);
+  const faces = boxes.map((box, k) => {
+    const face = new Face(commonBox, "", { ghost: k === 1 });
+    box.append(face.svg);
     return face;
   });
   const choose = () => {
-    models = deviations.map((d) => along(Number(select.value), d));
+    const c = Number(select.value);
+    models = places(c).map((d) => along(c, d));
     const box = bounds([commonBox, ...models.flatMap((m) => m.offsets.map((_, t) => positions(m, t + 1, 1)))]);
-    for (const face of faces) face.setBox(box);
+    names(c).forEach((name, k) => {
+      titles[k].textContent = name;
+      faces[k].svg.setAttribute("aria-label", k === 1 ? "Mean of all people" : name);
+      faces[k].setBox(box);
+    });
   };
   choose();
   const player = new Player($(".player", root), mean.length, (p) => {

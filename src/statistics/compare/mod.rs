@@ -50,7 +50,9 @@ pub(crate) use groups::{compare_groups, is_known, stream_of};
 pub use holm::holm;
 pub use omnibus::{OmnibusComparison, adjust_omnibus, omnibus};
 use pairs::PairDistances;
+pub(super) use pairs::distance_matrix;
 use permutation::{Design, Permuted, permute};
+pub(super) use permutation::{draw, generator};
 pub use strata::{Strata, StrataError};
 
 /// How groups are compared.
@@ -214,9 +216,9 @@ pub struct Comparison {
 }
 
 /// Models of one group by subject.
-type People<'a> = BTreeMap<&'a str, Vec<&'a SequenceModel>>;
+pub(super) type People<'a> = BTreeMap<&'a str, Vec<&'a SequenceModel>>;
 
-fn by_subject<'a>(models: &[&'a SequenceModel]) -> People<'a> {
+pub(super) fn by_subject<'a>(models: &[&'a SequenceModel]) -> People<'a> {
     let mut people = People::new();
     for &model in models {
         people.entry(model.id.subject.as_str()).or_default().push(model);

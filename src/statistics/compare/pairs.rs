@@ -99,7 +99,7 @@ impl PairDistances {
 }
 
 /// Distances of all people: means over the nodes.
-pub(super) fn distance_matrix(people: &[Vec<DisplacementFields>]) -> Vec<Vec<f64>> {
+pub(crate) fn distance_matrix(people: &[Vec<DisplacementFields>]) -> Vec<Vec<f64>> {
     let n = people.len();
     let nodes = people.first().and_then(|p| p.first()).map_or(0, DisplacementFields::node_count);
     let row = |i: usize| -> Vec<f64> { (i + 1..n).map(|j| mean(&distances(&people[i], &people[j], nodes))).collect() };

@@ -93,14 +93,14 @@ pub(super) struct Permuted {
 }
 
 /// Random numbers of one use: comparison, purpose (0 and 1 draws of people, 2 splits), unit of work.
-pub(super) fn generator(seed: u64, stream: u32, purpose: u64, unit: u64) -> ChaCha8Rng {
+pub(crate) fn generator(seed: u64, stream: u32, purpose: u64, unit: u64) -> ChaCha8Rng {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream((u64::from(stream) << 32) | (purpose << 24) | (unit & 0x00ff_ffff));
     random
 }
 
 /// Places of the people that a test uses of a group of `count`, ascending: all, or as many as the options allow, drawn.
-pub(super) fn draw(count: usize, options: &CompareOptions, stream: u32, group: u64) -> Vec<usize> {
+pub(crate) fn draw(count: usize, options: &CompareOptions, stream: u32, group: u64) -> Vec<usize> {
     let wanted = options.people.max(super::LEAST_PEOPLE);
     if count <= wanted {
         return (0..count).collect();

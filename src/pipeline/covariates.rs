@@ -1,0 +1,251 @@
+//! Whether expressions go with numbers that are known of the people (`--covariate`), and the files of it.
+
+use std::{collections::BTreeMap, path::Path};
+
+use super::{
+    AmplitudeResults, AnalysisError, AnalyzedClass, Workbench, analysis::EmotionGroups, classes::file_stem,
+    model_file::write_model, write::Wrote,
+};
+use crate::{
+    output::{OutputError, count, listed, nine_digits, write_records},
+    report::CovariateData,
+    statistics::{
+        LabelledModel, Strata,
+        amplitude::{AmplitudeRegion, PersonValue},
+        compare::stream_of,
+        covariate::{
+            AmplitudeSlope, Covariate, NoCovariate, Numbers, adjust_covariates, adjust_slopes, amplitude_slope, clearest_node,
+            covariate,
+        },
+        is_missing, number_of,
+    },
+    units::SequenceId,
+};
+
+/// How one emotion goes with one number.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CovariateResult {
+    /// Emotion.
+    pub emotion: String,
+    /// Stem of the emotion's files.
+    pub stem: String,
+    /// Column of the number.
+    pub column: String,
+    /// People of the emotion of whom no number is known.
+    pub unknown: usize,
+    /// The test, or why there is none.
+    pub outcome: Result<Covariate, NoCovariate>,
+    /// Amplitudes by region, or why there is no line.
+    pub slopes: Vec<(AmplitudeRegion, Result<AmplitudeSlope, String>)>,
+}
+
+/// Tests every emotion by every column.
+pub(super) fn covariates(
+    emotions: &EmotionGroups<'_>,
+    models: &[LabelledModel],
+    classes: &[AnalyzedClass],
+    amplitudes: &AmplitudeResults,
+    strata: Option<&Strata>,
+    bench: &Workbench,
+) -> Vec<CovariateResult> {
+    let mut all = Vec::new();
+    let options = &bench.options.groups.compare;
+    let values: BTreeMap<&SequenceId, [Option<f64>; 4]> = amplitudes.sequences.iter().map(|s| (&s.id, s.values)).collect();
+    for column in &bench.options.covariates {
+        let value = |m: &LabelledModel| m.metadata.get(column).filter(|v| !is_missing(v)).and_then(|v| number_of(v));
+        let numbers = Numbers::new(models.iter().map(|m| (m.model.id.subject.as_str(), value(m))));
+        for (emotion, groups) in emotions {
+            let Some((_, whole)) = groups.iter().find(|(label, _)| label.group.is_empty()) else { continue };
+            let is_whole =
+                |c: &&AnalyzedClass| c.representative.label.emotion == *emotion && c.representative.label.group.is_empty();
+            let Some(class) = classes.iter().find(is_whole) else { continue };
+            let stream = stream_of(&[(emotion, &BTreeMap::from([(column.clone(), String::new())]))]);
+            let people: std::collections::BTreeSet<&str> = whole.iter().map(|m| m.id.subject.as_str()).collect();
+            let slope = |region: AmplitudeRegion| {
+                if let Some(why) = amplitudes.missing.get(&(emotion.clone(), region)) {
+                    return Err(why.clone());
+                }
+                let place = AmplitudeRegion::ALL.iter().position(|r| *r == region).unwrap_or_default();
+                let values = people_values(whole.iter().map(|m| &m.id), &values, place);
+                let stream = stream_of(&[(region.name(), &BTreeMap::from([(column.clone(), emotion.clone())]))]);
+                amplitude_slope(&values, &numbers, options, strata, stream).map_err(|why| why.to_string())
+            };
+            all.push(CovariateResult {
+                emotion: emotion.clone(),
+                stem: class.stem.clone(),
+                column: column.clone(),
+                unknown: people.iter().filter(|subject| numbers.get(subject).is_none()).count(),
+                outcome: covariate(whole, &numbers, &bench.wireframe, options, strata, stream),
+                slopes: AmplitudeRegion::ALL.map(|region| (region, slope(region))).into(),
+            });
+        }
+    }
+    adjust_covariates(&mut all.iter_mut().filter_map(|c| c.outcome.as_mut().ok()).collect::<Vec<_>>());
+    adjust_slopes(&mut all.iter_mut().flat_map(|c| &mut c.slopes).filter_map(|(_, s)| s.as_mut().ok()).collect::<Vec<_>>());
+    all
+}
+
+/// The mean of each person's values.
+pub(super) fn people_values<'a>(
+    ids: impl Iterator<Item = &'a SequenceId>,
+    values: &BTreeMap<&SequenceId, [Option<f64>; 4]>,
+    region: usize,
+) -> Vec<PersonValue> {
+    let mut sums: BTreeMap<&str, (f64, usize)> = BTreeMap::new();
+    for id in ids {
+        if let Some(value) = values.get(id).and_then(|values| values[region]) {
+            let sum = sums.entry(&id.subject).or_default();
+            *sum = (sum.0 + value, sum.1 + 1);
+        }
+    }
+    sums.into_iter().map(|(subject, (sum, n))| PersonValue { subject: subject.to_owned(), value: sum / n as f64 }).collect()
+}
+
+impl CovariateResult {
+    /// What the report shows of it.
+    pub(super) fn shown(&self) -> CovariateData<'_> {
+        let face = self.slopes.iter().find(|(region, _)| *region == AmplitudeRegion::Face);
+        CovariateData {
+            emotion: &self.emotion,
+            column: &self.column,
+            unknown: self.unknown,
+            outcome: &self.outcome,
+            face: face.and_then(|(_, slope)| slope.as_ref().ok()),
+        }
+    }
+
+    /// What was found, in words; `None` where nothing was.
+    pub fn finding(&self, significance: f64, bench: &Workbench) -> Option<String> {
+        let test = self.outcome.as_ref().ok().filter(|t| t.p_either_adjusted <= significance)?;
+        let node = clearest_node(test, bench.wireframe.live_nodes()).filter(|(_, p)| *p <= significance);
+        let most = node.map(|(node, _)| format!(", most at node {node}")).unwrap_or_default();
+        let (emotion, column, share) = (&self.emotion, &self.column, 100.0 * test.share);
+        Some(format!("{emotion} with {column} ({share:.1} % of how people differ{most})"))
+    }
+}
+
+/// What a person should know.
+pub(super) fn covariate_warnings(results: &[CovariateResult], bench: &Workbench) -> Vec<String> {
+    let significance = bench.options.groups.compare.significance;
+    let mut said = Vec::new();
+    let found: Vec<String> = results.iter().filter_map(|c| c.finding(significance, bench)).collect();
+    if !found.is_empty() {
+        said.push(format!(
+            "expressions that change with a number, after correction for all that was tested: {}",
+            listed(&found, 6)
+        ));
+    }
+    let mut untested: BTreeMap<(&str, String), Vec<String>> = BTreeMap::new();
+    for c in results {
+        if let Err(why) = &c.outcome {
+            untested.entry((&c.column, why.to_string())).or_default().push(c.emotion.clone());
+        }
+    }
+    said.extend(untested.into_iter().map(|((column, why), of)| format!("{column} is not tested, as {why}: {}", listed(&of, 8))));
+    let mut unknown: BTreeMap<&str, usize> = BTreeMap::new();
+    for c in results.iter().filter(|c| c.outcome.is_ok() && c.unknown > 0) {
+        let most = unknown.entry(&c.column).or_default();
+        *most = c.unknown.max(*most);
+    }
+    said.extend(unknown.into_iter().map(|(column, n)| {
+        let are = count(n, "person without a number is", "people without a number are");
+        format!("{are} left out of what is tested by {column}")
+    }));
+    said
+}
+
+/// Names of what [`write_covariates`] writes besides the models.
+pub(super) const COVARIATE_TABLES: [&str; 3] = ["covariates.csv", "covariate_nodes.csv", "covariate_amplitudes.csv"];
+
+/// Names of the models of one result: for a low and for a high number.
+pub(super) fn covariate_models(result: &CovariateResult) -> [String; 2] {
+    ["low", "high"].map(|end| format!("covariates/{}_{}_{end}.csv", result.stem, file_stem(&result.column)))
+}
+
+/// Writes [`COVARIATE_TABLES`] and the models of `covariates/`, each told to `wrote` as soon as it stands there.
+pub(super) fn write_covariates(
+    out: &Path,
+    results: &[CovariateResult],
+    bench: &Workbench,
+    wrote: &mut Wrote<'_>,
+) -> Result<(), AnalysisError> {
+    let header = [
+        "emotion",
+        "covariate",
+        "subjects",
+        "without",
+        "mean",
+        "sd",
+        "share",
+        "f",
+        "p",
+        "p_max_node",
+        "p_either",
+        "p_either_holm",
+        "permutations",
+        "exhaustive",
+        "low",
+        "high",
+        "not_tested",
+    ];
+    let rows = results.iter().map(|c| {
+        let mut row = vec![c.emotion.clone(), c.column.clone()];
+        match &c.outcome {
+            Ok(t) => {
+                row.extend([t.people.to_string(), c.unknown.to_string()]);
+                let max_node = t.node_p.iter().copied().fold(1.0, f64::min);
+                row.extend([t.mean, t.deviation, t.share, t.f, t.p, max_node, t.p_either, t.p_either_adjusted].map(nine_digits));
+                row.extend([t.permutations.to_string(), t.exhaustive.to_string()]);
+                row.extend(t.shown.map(nine_digits));
+                row.push(String::new());
+            }
+            Err(why) => {
+                row.extend([String::new(), c.unknown.to_string()]);
+                row.extend(std::iter::repeat_n(String::new(), header.len() - 5));
+                row.push(why.to_string());
+            }
+        }
+        row
+    });
+    wrote(COVARIATE_TABLES[0], write_records(&out.join(COVARIATE_TABLES[0]), header, rows)?)?;
+    let tested = || results.iter().filter_map(|c| Some((c, c.outcome.as_ref().ok()?)));
+    let rows = tested().flat_map(|(c, t)| {
+        let nodes = bench.wireframe.live_nodes().iter().zip(t.node_share.iter().zip(&t.node_p));
+        nodes.map(|(node, (&share, &p))| {
+            vec![c.emotion.clone(), c.column.clone(), node.to_string(), nine_digits(share), nine_digits(p)]
+        })
+    });
+    let header = ["emotion", "covariate", "node", "share", "p"];
+    wrote(COVARIATE_TABLES[1], write_records(&out.join(COVARIATE_TABLES[1]), header, rows)?)?;
+    wrote(COVARIATE_TABLES[2], write_slopes(&out.join(COVARIATE_TABLES[2]), results)?)?;
+    for (result, test) in tested() {
+        for (name, model) in covariate_models(result).into_iter().zip(&test.models) {
+            wrote(&name, write_model(&out.join(&name), model)?)?;
+        }
+    }
+    Ok(())
+}
+
+fn write_slopes(path: &Path, results: &[CovariateResult]) -> Result<blake3::Hash, OutputError> {
+    let header =
+        ["emotion", "covariate", "region", "subjects", "slope", "low", "high", "correlation", "p", "p_t", "p_holm", "not_tested"];
+    let rows = results.iter().flat_map(|c| {
+        c.slopes.iter().map(|(region, outcome)| {
+            let mut row = vec![c.emotion.clone(), c.column.clone(), region.name().to_owned()];
+            match outcome {
+                Ok(s) => {
+                    row.push(s.people.to_string());
+                    let [low, high] = s.interval;
+                    row.extend([s.slope, low, high, s.correlation, s.p, s.p_t, s.p_adjusted].map(nine_digits));
+                    row.push(String::new());
+                }
+                Err(why) => {
+                    row.extend(std::iter::repeat_n(String::new(), header.len() - 4));
+                    row.push(why.clone());
+                }
+            }
+            row
+        })
+    });
+    write_records(path, header, rows)
+}

@@ -1,0 +1,155 @@
+//! What the report says of expressions that go with a number of the people.
+
+use serde::Serialize;
+use serde_json::{Value, json};
+
+use super::{
+    ReportData, figures,
+    groups::{p_value, percent, places},
+    numbers::fixed,
+    variation::offsets_of,
+};
+use crate::{
+    model::DynamicExpressionModel,
+    output::nine_digits,
+    statistics::covariate::{AmplitudeSlope, Covariate, NoCovariate},
+    units::{FaceUnit, NodeId},
+};
+
+/// One emotion and one number.
+#[derive(Clone, Copy, Debug)]
+pub struct CovariateData<'a> {
+    /// Emotion.
+    pub emotion: &'a str,
+    /// Column of the number.
+    pub column: &'a str,
+    /// People of whom it is not known.
+    pub unknown: usize,
+    /// The test, or why there is none.
+    pub outcome: &'a Result<Covariate, NoCovariate>,
+    /// How the amplitude of the whole face goes with it.
+    pub face: Option<&'a AmplitudeSlope>,
+}
+
+/// The section's text.
+#[derive(Serialize)]
+pub(super) struct CovariatesView {
+    rows: Vec<Row>,
+    untested: Vec<String>,
+    permutations: usize,
+    significance: String,
+    has_unknown: bool,
+}
+
+#[derive(Serialize)]
+struct Row {
+    emotion: String,
+    column: String,
+    people: usize,
+    unknown: usize,
+    number: String,
+    share: String,
+    f: String,
+    p: String,
+    p_either: String,
+    goes_along: bool,
+    place: String,
+    direction: String,
+    slope: String,
+    slope_p: String,
+}
+
+impl CovariatesView {
+    /// `None` where no number was asked for.
+    pub(super) fn new(data: &ReportData<'_>) -> Option<Self> {
+        let significance = data.compare.significance;
+        let row = |c: &CovariateData<'_>, t: &Covariate| {
+            let goes_along = t.p_either_adjusted <= significance;
+            let live = data.wireframe.live_nodes();
+            let clear: Vec<NodeId> = live.iter().zip(&t.node_p).filter(|(_, p)| **p <= significance).map(|(n, _)| *n).collect();
+            let told = if clear.is_empty() { live } else { &clear };
+            let [low, high] = &t.models;
+            // As far as the number reaches, one who has it changes by so much over it.
+            let reach = t.shown[1] - t.shown[0];
+            Row {
+                emotion: c.emotion.to_owned(),
+                column: c.column.to_owned(),
+                people: t.people,
+                unknown: c.unknown,
+                number: format!("{} \u{b1} {}", nine_digits(round(t.mean)), nine_digits(round(t.deviation))),
+                share: percent(t.share),
+                f: fixed(t.f, 2),
+                p: p_value(t.p),
+                p_either: p_value(t.p_either_adjusted),
+                goes_along,
+                place: if goes_along { places((&t.node_p, &t.node_share), data, significance) } else { String::new() },
+                direction: if goes_along { figures::directions(high, low, told, data.tables).join("; ") } else { String::new() },
+                slope: c.face.map_or_else(String::new, |s| {
+                    let [a, b] = s.interval.map(|v| fixed(v * reach, 2));
+                    format!("{} ({a} to {b})", fixed(s.slope * reach, 2))
+                }),
+                slope_p: c.face.map_or_else(String::new, |s| p_value(s.p_adjusted)),
+            }
+        };
+        let all = &data.covariates;
+        let rows: Vec<Row> = all.iter().filter_map(|c| Some(row(c, c.outcome.as_ref().ok()?))).collect();
+        let why = |c: &CovariateData<'_>| c.outcome.as_ref().err().map(|why| format!("{} with {}: {why}", c.emotion, c.column));
+        (!all.is_empty()).then(|| Self {
+            has_unknown: rows.iter().any(|row| row.unknown > 0),
+            rows,
+            untested: all.iter().filter_map(why).collect(),
+            permutations: data.compare.permutations,
+            significance: nine_digits(significance * 100.0),
+        })
+    }
+}
+
+/// Four digits are enough to read.
+fn round(value: f64) -> f64 {
+    if value == 0.0 || !value.is_finite() {
+        return value;
+    }
+    let scale = 10f64.powi(3 - value.abs().log10().floor() as i32);
+    (value * scale).round() / scale
+}
+
+/// The tests of an emotion over all its people, which its figure can show.
+pub(super) fn of_emotion<'a>(data: &'a ReportData<'_>, emotion: &str) -> Vec<(&'a str, &'a Covariate)> {
+    let tested = |c: &'a CovariateData<'_>| Some((c.column, c.outcome.as_ref().ok()?));
+    data.covariates.iter().filter(|c| c.emotion == emotion).filter_map(tested).collect()
+}
+
+/// The name of a number in the menu of the figure.
+pub(super) fn label(column: &str, test: &Covariate) -> String {
+    format!("{column}: {} of how people differ", percent(test.share))
+}
+
+/// For the page's script: how far the expression lies from the middle of both for a low and for a high number, and the numbers.
+pub(super) fn payload(column: &str, test: &Covariate, live: &[NodeId]) -> Value {
+    let [low, high] = &test.models;
+    let half = |m: usize| -> Vec<Value> {
+        let side = |model: &DynamicExpressionModel<FaceUnit>| offsets_of(model, m, live);
+        side(low).into_iter().zip(side(high)).map(|(low, high)| (high - low) / 2.0).map(super::numbers::length).collect()
+    };
+    // On a line, where each of them lies from the mean in halves of what is between them.
+    let reach = (test.shown[1] - test.shown[0]) / 2.0;
+    let place = |value: f64| super::numbers::rounded((value - test.mean) / reach, 4);
+    json!({
+        "offsets": (1..low.frame_count()).map(half).collect::<Vec<_>>(),
+        "ends": test.shown.map(place),
+        "titles": test.shown.map(|value| format!("{column} {}", nine_digits(round(value)))),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_told_with_four_digits() {
+        assert_eq!(
+            [27.123_456, 0.000_123_456, 123_456.0, 0.0, -3.5].map(|v| nine_digits(round(v))),
+            ["27.12", "0.0001235", "123500", "0", "-3.5"]
+        );
+    }
+}
