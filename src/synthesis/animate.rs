@@ -195,8 +195,7 @@ impl<'b> Synthesizer<'b> {
             if goal.rest_where_nothing_is_shown(&mut solution.weights) {
                 solution.fitness = 0.0;
             }
-            // A bound that an answer exceeds was none.
-            answer.region_bound.push(climbed.map(|b| b.fitness.max(solution.fitness)));
+            answer.region_bound.push(climbed.map(|b| b.fitness));
             answer.region_fitness.push(Some(solution.fitness));
             answer.weights.push(solution.weights);
             answer.runs.push(solution.runs);
@@ -217,7 +216,7 @@ impl<'b> Synthesizer<'b> {
     }
 
     /// Fitness and share shown of each region and of the joined surface, from the weights; for [`Solver::Rbf`] from its surface. `motion` is
-    /// emphasized.
+    /// emphasized. A bound that an answer exceeds was none, and rises to it.
     fn measure(&self, answer: &mut FrameAnswer, motion: &FpMotion) {
         let rbf = (self.options.solver == Solver::Rbf).then(|| {
             let surface = interpolate(self.bank, motion);
@@ -245,6 +244,9 @@ impl<'b> Synthesizer<'b> {
                 None => (goal.fitness_of(&answer.weights[region]), goal.shown(&answer.weights[region])),
             });
             (answer.region_fitness[region], answer.region_shown[region]) = measured.unzip();
+            if let (Some(bound), Some((fitness, _))) = (&mut answer.region_bound[region], measured) {
+                *bound = bound.max(fitness);
+            }
         }
         if rbf.is_some() {
             // The bound is that of mixtures of the bank, which this is not.
@@ -436,6 +438,13 @@ mod tests {
         assert_relative_eq!(answer.fitness.unwrap(), 0.5_f64.sqrt(), epsilon = 1e-9);
         assert_relative_eq!(answer.shown.unwrap(), 0.5, epsilon = 1e-9);
         assert_eq!((answer.region_shown, answer.region_bound), (vec![answer.shown], vec![Some(0.9)]));
+    }
+
+    #[test]
+    fn a_bound_that_an_answer_exceeds_rises_to_it() {
+        let answer = halved(0.6);
+        assert_eq!(answer.region_bound, answer.region_fitness);
+        assert_eq!(answer.share_of_bound(), Some(1.0));
     }
 
     #[test]

@@ -35,7 +35,7 @@ pub struct FrameAnswer {
     pub shown: Option<f64>,
     /// The same in each region.
     pub region_shown: Vec<Option<f64>>,
-    /// The bound of the fitness in each region; `None` where nothing should move or no bound was asked for.
+    /// The bound of the fitness in each region, never less than the fitness; `None` where nothing should move or no bound was asked for.
     pub region_bound: Vec<Option<f64>>,
     /// Runs of the genetic algorithm, region by region.
     pub runs: Vec<Vec<Run>>,
