@@ -4,7 +4,7 @@ use std::{collections::BTreeSet, path::Path};
 
 use grimace::{
     input::file_blake3,
-    output::MADE_BY,
+    output::{MADE_BY, count},
     synthesis::{Animation, Bank, FrameAnswer, Motion, jump},
 };
 use serde_json::json;
@@ -106,10 +106,11 @@ impl Report {
 
     pub fn print(&self, motion: &Motion, bank: &Bank, out: &Path) {
         println!(
-            "{} frames, {} of them move; bank of {} members, {} vertices",
-            motion.frames.len(),
+            "{}, {} of them {}; bank of {}, {} vertices",
+            count(motion.frames.len(), "frame", "frames"),
             self.moving,
-            bank.member_count(),
+            if self.moving == 1 { "moves" } else { "move" },
+            count(bank.member_count(), "member", "members"),
             bank.vertex_count()
         );
         if !motion.ignored.is_empty() {

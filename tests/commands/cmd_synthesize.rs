@@ -492,7 +492,7 @@ fn a_bank_of_one_member_and_arkit_names_work() {
     work.grimace("synthesize -b one.bank -m up.csv -o up --solver ga --format npy")
         .exit(0)
         .prints(&["fitness           0.0000"])
-        .says(&["the face rests in 1 of the 1 frame that move"]);
+        .says(&["the face rests in the one frame that moves"]);
 }
 
 #[test]
