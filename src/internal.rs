@@ -30,7 +30,8 @@ pub mod cli {
 }
 pub mod clone {
     pub use crate::modules::clone::{
-        CloneError, CloneOptions, ClonedSkin, Details, Rescale, Sheet, Skin, SourceMotion, Target, clone_expression, encode_png,
+        CloneError, CloneOptions, ClonedSkin, Details, FaceCell, Rescale, Sheet, Skin, SourceMotion, Target, clone_expression,
+        encode_png,
     };
 }
 #[cfg(feature = "columnar")]

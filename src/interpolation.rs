@@ -57,6 +57,9 @@ pub(crate) struct Moment {
 }
 
 impl Moment {
+    /// What a moment may miss a key by and be the key, steps.
+    const ROUNDING: f64 = 1e-9;
+
     /// Frame `k` of `last` + 1 frames at equal steps over `steps` + 1 keys: whole part and remainder are exact.
     ///
     /// # Panics
@@ -65,18 +68,26 @@ impl Moment {
         Self { key: k * steps / last, share: (k * steps % last) as f64 / last as f64 }
     }
 
+    /// A place among `last` + 1 keys, in steps from the first; before it and behind the last it is theirs. Within rounding of a key it is the key.
+    pub fn at_place(place: f64, last: usize) -> Self {
+        let (place, nearest) = (place.clamp(0.0, last as f64), place.clamp(0.0, last as f64).round());
+        if (place - nearest).abs() < Self::ROUNDING {
+            return Self { key: nearest as usize, share: 0.0 };
+        }
+        Self { key: place as usize, share: place.fract() }
+    }
+
     /// A time among those of the keys, ascending and at least two; before the first and after the last it is theirs. Within rounding of a
     /// key it is the key.
     ///
     /// # Panics
     /// If there are less than two keys (a programmer's error).
     pub fn at_time(times: &[f64], time: f64) -> Self {
-        const ROUNDING: f64 = 1e-9;
         let next = times.partition_point(|t| *t <= time).clamp(1, times.len() - 1);
         let (from, to) = (times[next - 1], times[next]);
         match ((time - from) / (to - from)).clamp(0.0, 1.0) {
-            share if share < ROUNDING => Self { key: next - 1, share: 0.0 },
-            share if share > 1.0 - ROUNDING => Self { key: next, share: 0.0 },
+            share if share < Self::ROUNDING => Self { key: next - 1, share: 0.0 },
+            share if share > 1.0 - Self::ROUNDING => Self { key: next, share: 0.0 },
             share => Self { key: next - 1, share },
         }
     }

@@ -99,6 +99,8 @@ class Synthesis:
     """Names of the bank's members."""
     fitness: npt.NDArray[np.float64]
     """Mean cosine between asked and given motion of the feature points, frames, -1 to 1; NaN where nothing moves."""
+    shown: npt.NDArray[np.float64]
+    """Share of the motion asked for that is shown, frames: how far the feature points go along it over how far they should; NaN where nothing moves."""
     share_of_bound: npt.NDArray[np.float64]
     """Fitness over the best that the bank allows, frames; NaN where there is no bound."""
     fps: float

@@ -160,14 +160,15 @@ pub fn synthesize<'py>(
         let surface: Vec<f32> =
             answers.iter().zip(&motion.frames).flat_map(|(a, m)| synthesizer.surface(a, m)).flatten().collect();
         let fitness: Vec<f64> = answers.iter().map(|a| a.fitness.unwrap_or(f64::NAN)).collect();
+        let shown: Vec<f64> = answers.iter().map(|a| a.shown.unwrap_or(f64::NAN)).collect();
         let bound: Vec<f64> = answers.iter().map(|a| a.share_of_bound().unwrap_or(f64::NAN)).collect();
         let regions = answers.first().map_or(0, |a| a.weights.len());
         let weights: Vec<f64> = answers.iter().flat_map(|a| a.weights.iter().flatten().copied()).collect();
         let neutral: Vec<f32> = bank.mesh().positions().iter().flatten().copied().collect();
         let triangles: Vec<i64> = bank.mesh().triangles().iter().flatten().map(|&v| i64::from(v)).collect();
-        Ok((surface, (fitness, bound), (weights, regions), (neutral, triangles), bank.names().to_vec(), fps))
+        Ok((surface, (fitness, shown, bound), (weights, regions), (neutral, triangles), bank.names().to_vec(), fps))
     })?;
-    let (surface, (fitness, bound), (weights, regions), (neutral, triangles), names, fps) = made;
+    let (surface, (fitness, shown, bound), (weights, regions), (neutral, triangles), names, fps) = made;
     let (frames, vertices) = (fitness.len(), neutral.len() / 3);
     let triangle_count = triangles.len() / 3;
     let members = if regions == 0 || frames == 0 { 0 } else { weights.len() / regions / frames };
@@ -178,6 +179,7 @@ pub fn synthesize<'py>(
     out.set_item("weights", weights.into_pyarray(py).reshape([frames, regions, members])?)?;
     out.set_item("members", names)?;
     out.set_item("fitness", fitness.into_pyarray(py))?;
+    out.set_item("shown", shown.into_pyarray(py))?;
     out.set_item("share_of_bound", bound.into_pyarray(py))?;
     out.set_item("fps", fps)?;
     Ok(out)

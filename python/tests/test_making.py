@@ -50,6 +50,7 @@ def test_a_motion_on_a_bank(smile, tmp_path):
     frames, vertices = 25, len(made.neutral)
     assert made.surface.shape == (frames, vertices, 3) and made.triangles.max() < vertices
     assert made.weights.shape == (frames, 1, len(made.members)) and made.fps == 25
+    assert np.isnan(made.shown[0]) and 0.3 < made.shown[-1] <= 1
     assert np.isnan(made.fitness[0]) and made.fitness[-1] > 0.5 and np.abs(made.surface[0]).max() == 0
     assert (tmp_path / "smile.glb").read_bytes()[:4] == b"glTF"
     of_fap = grimace.synthesize(grimace.Fap.from_model(grimace.normalize(smile)))

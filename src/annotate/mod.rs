@@ -22,6 +22,7 @@ mod retrack;
 mod routes;
 mod security;
 mod serve;
+mod untouched;
 
 use std::{
     io,

@@ -18,6 +18,7 @@ use super::{
     AnnotateError, RequestError,
     frames::{FrameShelf, Picture},
     messages::{Mark, hundredth},
+    untouched::Untouched,
 };
 use crate::{
     dataset::{Dataset, FrameSource, SequenceEntry},
@@ -26,8 +27,8 @@ use crate::{
     sequence::SequenceReader,
     track::{
         Confidence, Corrections, NodeState, TrackCorrections, TrackInfo, TrackSummary, TrackedFrame, TrackedNode, correct_nodes,
-        corrections_of, corrections_path, expect_errors, fitting_corrections, read_corrections, read_track, read_track_info,
-        resume_with, summarize, window_px, write_corrections, write_track,
+        corrections_of, corrections_path, expect_errors, far_corrections, fitting_corrections, read_corrections, read_track,
+        read_track_info, resume_with, summarize, window_px, write_corrections, write_track,
     },
 };
 
@@ -125,6 +126,7 @@ pub struct TrackDesk {
     items: Mutex<Vec<Item>>,
     failures: Vec<String>,
     base: Mutex<Option<Base>>,
+    untouched: Untouched,
     shelf: FrameShelf,
 }
 
@@ -155,7 +157,16 @@ impl TrackDesk {
         items.sort_by(|a, b| a.summary.tracked_share.total_cmp(&b.summary.tracked_share).then_with(|| a.id.cmp(&b.id)));
         let springs = Springs::new(&bench.wireframe);
         let (items, base) = (Mutex::new(items), Mutex::new(None));
-        Ok(Self { bench, out: out.to_owned(), springs, items, failures, base, shelf: FrameShelf::default() })
+        Ok(Self {
+            bench,
+            out: out.to_owned(),
+            springs,
+            items,
+            failures,
+            base,
+            untouched: Untouched::default(),
+            shelf: FrameShelf::default(),
+        })
     }
 
     /// Tracks on the page.
@@ -320,14 +331,16 @@ impl TrackDesk {
     /// Saves the corrections, then the track with them: killed between the two, the track is made again from the corrections.
     fn write(&self, item: &mut Item, frames: &[TrackedFrame], corrections: &Corrections) -> Result<(), RequestError> {
         let mut info = info_of(&item.csv)?;
-        let saved = write_corrections(&item.csv, corrections).map_err(RequestError::failed)?;
         let earlier = info.corrections.take();
+        // What cannot be judged, for a frame does not read, keeps what was said of it; that keeps nobody from saving.
+        let far = self.far(item, frames, &info, corrections);
+        let far = far.unwrap_or_else(|_| earlier.as_ref().map(|c| c.far.clone()).unwrap_or_default());
+        let saved = write_corrections(&item.csv, corrections).map_err(RequestError::failed)?;
         info.corrections = Some(TrackCorrections {
             blake3: saved.blake3,
             image_size: earlier.as_ref().map_or(info.image_size, |c| c.image_size),
             not_applied: earlier.map(|c| c.not_applied).unwrap_or_default(),
-            // Whoever corrects here sees where they are.
-            far: Vec::new(),
+            far,
         });
         let mut frames = frames.to_vec();
         expect_errors(&mut frames, &self.bench.wireframe, &self.bench.tables, Confidence::shipped());
@@ -336,6 +349,30 @@ impl TrackDesk {
         item.corrected = count_corrected(&frames);
         item.summary = info.summary;
         Ok(())
+    }
+
+    /// Which corrections lie far from where the face is expected, as `run` says it: by the track without corrections.
+    fn far(
+        &self,
+        item: &Item,
+        frames: &[TrackedFrame],
+        info: &TrackInfo,
+        corrections: &Corrections,
+    ) -> Result<Vec<String>, RequestError> {
+        let (wireframe, tables) = (&self.bench.wireframe, &self.bench.tables);
+        let (fit, _) = fitting_corrections(corrections, info.image_size, info.image_size, frames, wireframe);
+        let mut places = frames.iter().enumerate().filter(|(_, frame)| fit.contains_key(&frame.number)).map(|(place, _)| place);
+        let Some(first) = places.next() else { return Ok(Vec::new()) };
+        let last = places.next_back().unwrap_or(first);
+        // Of a track that nobody has corrected yet, what is before the first correction is the tracker's.
+        let known = if saved_corrections(item)?.is_none() && item.corrected == 0 { first } else { 1 };
+        let track = |known: &[TrackedFrame]| {
+            let from = known.len() - 1;
+            let whole: Vec<_> = known.iter().chain(frames.iter().skip(known.len())).cloned().collect();
+            self.track(item, &whole, from, last, &Corrections::new())
+        };
+        let untouched = self.untouched.frames(&item.id, &info.inputs_blake3, &frames[..known], last, track)?;
+        Ok(far_corrections(&fit, &untouched, wireframe, tables))
     }
 
     fn lock(&self) -> MutexGuard<'_, Vec<Item>> {

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use grimace::output::listed;
+use grimace::output::{count, listed};
 use grimace::synthesis::{
     self, Bank, BuildOptions, EmbeddedBank, MAX_SUBDIVIDE, PerformanceOptions, arkit, build_bank, choose_members, mix_bank,
     perform, read_recipes, recipe_motions, source_files, write_feature_points, write_recipes,
@@ -233,14 +233,14 @@ fn build(args: &BuildArgs) -> anyhow::Result<Outcome> {
     if let Some(path) = &args.save_feature_points {
         write_feature_points(path, &summary.feature_points)?;
     }
-    println!("{} vertices, {} triangles, {} members", summary.vertices, summary.triangles, summary.members);
+    println!("{} vertices, {} triangles, {}", summary.vertices, summary.triangles, count(summary.members, "member", "members"));
     if !summary.other_meshes.is_empty() {
         println!("not taken (--mesh NAME takes another): {}", listed(&summary.other_meshes, 10));
     }
-    println!("{} feature points, from {}", summary.feature_points.len(), summary.feature_points_from);
+    println!("{}, from {}", count(summary.feature_points.len(), "feature point", "feature points"), summary.feature_points_from);
     if !summary.missing.is_empty() {
         let missing: Vec<String> = summary.missing.iter().map(ToString::to_string).collect();
-        println!("without {} of the 56: {}", missing.len(), missing.join(" "));
+        println!("lacks {} of the 56 feature points that a bank can have: {}", missing.len(), missing.join(" "));
     }
     println!("written to {}", args.output.display());
     Ok(Outcome::Done)
@@ -283,7 +283,12 @@ fn mix(args: &MixArgs) -> anyhow::Result<Outcome> {
     };
     let write = |recipes: &[synthesis::Recipe], path: &Path| -> anyhow::Result<()> {
         mix_bank(&shapes, recipes, path)?;
-        println!("{} members, {} vertices, written to {}", recipes.len(), shapes.vertex_count(), path.display());
+        println!(
+            "{}, {} vertices, written to {}",
+            count(recipes.len(), "member", "members"),
+            shapes.vertex_count(),
+            path.display()
+        );
         Ok(())
     };
     if let Some(path) = &args.save_weights {
@@ -314,7 +319,12 @@ fn convert(args: &ConvertArgs) -> anyhow::Result<Outcome> {
     check_free(&args.output, args.force)?;
     let bank = Bank::open(&args.bank).map_err(|e| about(&args.bank)(&e))?;
     bank.write(&args.output)?;
-    println!("{} members, {} vertices, written to {}", bank.member_count(), bank.vertex_count(), args.output.display());
+    println!(
+        "{}, {} vertices, written to {}",
+        count(bank.member_count(), "member", "members"),
+        bank.vertex_count(),
+        args.output.display()
+    );
     Ok(Outcome::Done)
 }
 

@@ -11,8 +11,8 @@ use std::{
 
 use grimace::{
     clone::{
-        CLONE_SCHEMA, CloneFiles, CloneInfo, CloneOptions, ClonedSkin, CutFap, Details, Ease, FRAMES_RECORD, Film, Rescale,
-        Sheet, SourceKind, SourceMotion, Target, Teeth, Timing, clone_expression, encode_png, write_clone,
+        CLONE_SCHEMA, CloneFiles, CloneInfo, CloneOptions, ClonedSkin, CutFap, Details, Ease, FRAMES_RECORD, FaceCell, Film,
+        Rescale, Sheet, SourceKind, SourceMotion, Target, Teeth, Timing, clone_expression, encode_png, write_clone,
     },
     dataset::{PUBLISH_COLUMN, may_publish},
     fap::whole_rate,
@@ -226,7 +226,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                 continue;
             }
         };
-        let mut row = vec![Labelled { picture: target.picture.clone(), label: target.name.clone() }];
+        let cell = FaceCell::around(target.picture.dimensions(), target.fitted.model.nodes());
+        let mut row = vec![Labelled { picture: cell.of(&target.picture), label: target.name.clone() }];
         for source in &sources {
             let folder = if pairs == 1 {
                 args.output.clone()
@@ -235,7 +236,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             };
             match job.clone(&target, source, &folder) {
                 Ok((apex, written)) => {
-                    row.push(Labelled { picture: apex, label: source.motion.name.clone() });
+                    row.push(Labelled { picture: cell.of(&apex), label: source.motion.name.clone() });
                     done += 1;
                     unchanged += usize::from(!written);
                 }
@@ -357,7 +358,7 @@ fn note_whole_rate(path: &Path, fps: Option<f64>) {
 
 /// What a person should know of FAPs that were cut.
 fn cut_said(cut: &[CutFap]) -> Option<String> {
-    let none_the_other_way = |c: &CutFap| if c.shown * c.asked < 0.0 { 0.0 } else { c.shown };
+    let none_the_other_way = |c: &CutFap| if c.shown * c.asked > 0.0 { c.shown } else { 0.0 };
     let one = |c: &CutFap| format!("{} ({} of {})", c.fap, none_the_other_way(c), c.asked);
     let list = cut.iter().map(one).collect::<Vec<_>>().join(", ");
     (!cut.is_empty()).then(|| {

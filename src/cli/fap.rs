@@ -86,7 +86,8 @@ struct ConvertArgs {
     /// The file to write: a CSV table if its name ends in .csv, else a .fap file; `-` for a .fap file on standard output.
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
-    /// Frames per second of the output; frames are interpolated so that the motion keeps its duration.
+    /// Frames per second of the output. The motion keeps its time and its length as near as whole frames allow: frame k (from 0) is interpolated
+    /// at k/N seconds, and the last one is the last there was.
     #[arg(long, value_name = "N", value_parser = whole::<u32>(1, 32_767))]
     fps: Option<u32>,
     /// Keep the frames as they are when the frame rate changes: the motion becomes faster or slower.

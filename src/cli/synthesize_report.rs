@@ -4,7 +4,7 @@ use std::{collections::BTreeSet, path::Path};
 
 use grimace::{
     input::file_blake3,
-    output::MADE_BY,
+    output::{MADE_BY, count},
     synthesis::{Animation, Bank, FrameAnswer, Motion, jump},
 };
 use serde_json::json;
@@ -18,7 +18,10 @@ const SCHEMA_VERSION: u32 = 1;
 pub struct Report {
     moving: usize,
     fitness: Option<f64>,
+    /// Share of the motion asked for that is shown.
+    shown: Option<f64>,
     region_fitness: Option<f64>,
+    region_shown: Option<f64>,
     share_of_bound: Option<f64>,
     /// Root mean square of second differences over that of the motion: of the target, of the result.
     jumps: (Option<f64>, Option<f64>),
@@ -46,7 +49,9 @@ impl Report {
         Self {
             moving: answers.iter().filter(|a| a.fitness.is_some()).count(),
             fitness: mean(answers.iter().filter_map(|a| a.fitness).collect()),
+            shown: mean(answers.iter().filter_map(|a| a.shown).collect()),
             region_fitness: mean(answers.iter().filter_map(FrameAnswer::mean_region_fitness).collect()),
+            region_shown: mean(answers.iter().filter_map(FrameAnswer::mean_region_shown).collect()),
             share_of_bound: mean(answers.iter().filter_map(FrameAnswer::share_of_bound).collect()),
             jumps: (jump(&target), jump(&result)),
             errors: errors.and_then(|e| mean(e.clone()).map(|m| (m, e.into_iter().fold(0.0, f64::max)))),
@@ -81,6 +86,7 @@ impl Report {
             })),
             "units": {
                 "surface": "the bank's unit; displacements from neutral", "fitness": "mean cosine, -1 to 1",
+                "shown": "share of the motion asked for: how far feature points go along it over how far they should, 0 or more, mean over frames",
                 "surface_error": "root of summed squared distances to the truth over that of the true motion",
                 "jump": "root mean square of second differences in time over that of the motion of the feature points",
             },
@@ -88,7 +94,9 @@ impl Report {
             "frames": animation.answers.len(),
             "frames_that_move": self.moving,
             "fitness": self.fitness,
+            "shown": self.shown,
             "region_fitness": self.region_fitness,
+            "region_shown": self.region_shown,
             "share_of_bound": self.share_of_bound,
             "jump": { "target": self.jumps.0, "result": self.jumps.1 },
             "surface_error": self.errors.map(|(mean, largest)| json!({ "mean": mean, "largest": largest })),
@@ -98,10 +106,11 @@ impl Report {
 
     pub fn print(&self, motion: &Motion, bank: &Bank, out: &Path) {
         println!(
-            "{} frames, {} of them move; bank of {} members, {} vertices",
-            motion.frames.len(),
+            "{}, {} of them {}; bank of {}, {} vertices",
+            count(motion.frames.len(), "frame", "frames"),
             self.moving,
-            bank.member_count(),
+            if self.moving == 1 { "moves" } else { "move" },
+            count(bank.member_count(), "member", "members"),
             bank.vertex_count()
         );
         if !motion.ignored.is_empty() {
@@ -114,8 +123,15 @@ impl Report {
             return;
         };
         println!("fitness           {fitness:.4} (mean over the frames that move)");
-        if let Some(regions) = self.region_fitness.filter(|f| (f - fitness).abs() > 5e-5) {
-            println!("  in the regions  {regions:.4}");
+        let regions = self.region_fitness.filter(|f| (f - fitness).abs() > 5e-5);
+        if let Some(fitness) = regions {
+            println!("  in the regions  {fitness:.4}");
+        }
+        if let Some(shown) = self.shown {
+            println!("share shown       {shown:.4} (of how far the feature points should go)");
+        }
+        if let Some(shown) = self.region_shown.filter(|_| regions.is_some()) {
+            println!("  in the regions  {shown:.4}");
         }
         match self.share_of_bound {
             Some(share) => println!("share of the bound {share:.4}"),

@@ -75,7 +75,7 @@ pub fn warn_of_answers(path: &Path, bank: &Path, synthesizer: &Synthesizer<'_>, 
         eprintln!("warning: {path}: {}. {}", nothing_shown(unshown), advice(bank, synthesizer));
     } else if fitness < POOR_FITNESS {
         eprintln!(
-            "warning: {path}: the bank shows nothing like this motion (mean fitness {fitness:.2}, of 1). {}",
+            "warning: {path}: the bank shows nothing like this motion (mean fitness {fitness:.2}; 1 is the best). {}",
             advice(bank, synthesizer)
         );
     }
@@ -84,11 +84,11 @@ pub fn warn_of_answers(path: &Path, bank: &Path, synthesizer: &Synthesizer<'_>, 
             RegionScheme::Whole => " For one side of the face alone: --regions 2.",
             RegionScheme::Halves | RegionScheme::Quarters => "",
         };
-        let advised = if unshown.is_some() || fitness < POOR_FITNESS { String::new() } else { advice(bank, synthesizer) };
+        let advised =
+            if unshown.is_some() || fitness < POOR_FITNESS { String::new() } else { format!(" {}", advice(bank, synthesizer)) };
         eprintln!(
             "warning: {path}: the bank moves points that should rest along with those that should move, so only {:.0} % of the motion is shown: in \
-             frame {frame} feature point {point} goes {moved:.3} {} instead of resting, where the farthest motion asked for is {asked:.3}.{sides} \
-             {advised}",
+             frame {frame} feature point {point} goes {moved:.3} {} instead of resting, where the farthest motion asked for is {asked:.3}.{sides}{advised}",
             100.0 * shown,
             synthesizer.bank().info().unit,
         );
@@ -115,10 +115,12 @@ pub fn nothing_shown(Unshown { regions, frames, moving }: &Unshown) -> String {
             format!("of the regions {} one or more rest", listed(&several.iter().map(ToString::to_string).collect::<Vec<_>>(), 4))
         }
     };
-    format!(
-        "no mixture of the bank's members moves the feature points that way (fitness 0), so {what} in {frames} of the {} that move",
-        count(*moving, "frame", "frames")
-    )
+    let frames = match (*frames, *moving) {
+        (_, 1) => "the one frame that moves".to_owned(),
+        (all, moving) if all == moving => format!("all {all} frames that move"),
+        (some, moving) => format!("{some} of the {moving} frames that move"),
+    };
+    format!("no mixture of the bank's members moves the feature points that way (fitness 0), so {what} in {frames}")
 }
 
 /// What helps where a bank does not show a motion.

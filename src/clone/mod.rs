@@ -44,7 +44,7 @@ use crate::{
 pub use cloned_skin::{ClonedSkin, MOST_SKIN, fold_powers, fold_softening, places_on_skin};
 pub use detail::{Details, Teeth};
 pub use output::{CLONE_SCHEMA, CloneFiles, CloneInfo, CutFap, FRAMES_RECORD, Film, encode_png, write_clone};
-pub use picture::{Sheet, at_height};
+pub use picture::{FaceCell, Sheet, at_height};
 pub use render::{CloneFrame, CloneOptions, ClonedExpression, clone_expression};
 pub use skin::{
     LEAST_SKIN_PEOPLE, MOST_SKIN_PEOPLE, NO_CHANGE, NoSkin, SKIN_LOG_LIMIT, SKIN_SUFFIX, Skin, SkinLayout, SkinSample,

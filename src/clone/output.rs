@@ -9,7 +9,7 @@ use image::{
 use nalgebra::Point2;
 use serde::Serialize;
 
-use super::{CloneError, CloneOptions, ClonedExpression, Sheet, SourceMotion, picture};
+use super::{CloneError, CloneOptions, ClonedExpression, FaceCell, Sheet, SourceMotion, picture};
 use crate::{
     fap::{Clamped, ConvertError, FapCatalog, FapMotion, FapSequence, Profile, ValueFormat, unlimited_faps, write_fap_as},
     fit::{FitOptions, MarkKind},
@@ -250,10 +250,14 @@ pub fn write_clone(
     write_atomic(&folder.join("overlay.png"), |writer| encode_png(&overlay, writer))?;
     let mut sheet = Sheet::new(SHEET_HEIGHT);
     if let Some(pictures) = source_frames {
-        let last = chosen.iter().filter_map(|&k| pictures.get(clone.frames[k].nearest).cloned());
-        sheet.push_row(last.collect());
+        let row: Vec<_> = chosen.iter().filter_map(|&k| pictures.get(clone.frames[k].nearest)).collect();
+        let nodes = chosen.iter().filter_map(|&k| source.frames.get(clone.frames[k].nearest)).flat_map(|(_, nodes)| nodes);
+        let cell = FaceCell::around(row.first().map_or((0, 0), |p| p.dimensions()), nodes);
+        sheet.push_row(row.into_iter().map(|picture| cell.of(picture)).collect());
     }
-    sheet.push_row(shown.into_values().collect());
+    let nodes = shown.keys().flat_map(|&k| clone.frames[k].deformation.nodes());
+    let cell = FaceCell::around(clone.target().picture.dimensions(), nodes);
+    sheet.push_row(shown.values().map(|picture| cell.of(picture)).collect());
     write_atomic(&folder.join("sheet.png"), |writer| encode_png(&sheet.draw(), writer))?;
     write_json(&info_path, &info)?;
     Ok(WrittenClone { apex: apex_picture, kept, faps_cut: info.faps_cut })

@@ -5,6 +5,8 @@ use image::{
     codecs::gif::{GifEncoder, Repeat},
 };
 
+use nalgebra::Point2;
+
 use super::CloneError;
 use crate::render::{LABEL_HEIGHT, Labelled, in_few_colours, write_label};
 use crate::sequence::LONGEST_FRAME_S;
@@ -65,6 +67,46 @@ impl Sheet {
             y += height_of(row) + GAP;
         }
         sheet
+    }
+}
+
+/// What a cell of a sheet shows of pictures of one size: all of them, or the face and what is around it where the face takes a small part.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FaceCell {
+    /// Left, top, width and height, px; `None` for whole pictures.
+    part: Option<[u32; 4]>,
+}
+
+impl FaceCell {
+    /// Room on each side of the face, over its height: hair, ears and neck.
+    const ROOM: f64 = 0.45;
+    /// Share of a picture from which on it is shown as a whole.
+    const WHOLE: f64 = 0.7;
+
+    /// The cell of pictures of a size in which a face has these nodes, px, over all of them.
+    pub fn around<'a>((width, height): (u32, u32), nodes: impl IntoIterator<Item = &'a Point2<f64>>) -> Self {
+        let ends = nodes.into_iter().filter(|p| p.coords.iter().all(|c| c.is_finite())).fold(None, |ends, p| {
+            let (low, high) = ends.unwrap_or((*p, *p));
+            Some((low.inf(p), high.sup(p)))
+        });
+        let Some((low, high)) = ends else { return Self { part: None } };
+        let room = Self::ROOM * (high.y - low.y);
+        let side = |low: f64, high: f64, size: u32| {
+            let end = |value: f64| value.round().clamp(0.0, f64::from(size)) as u32;
+            (end(low - room), end(high + room + 1.0))
+        };
+        let ((left, right), (top, bottom)) = (side(low.x, high.x, width), side(low.y, high.y, height));
+        let share = f64::from(right - left) * f64::from(bottom - top) / (f64::from(width) * f64::from(height)).max(1.0);
+        let is_part = share > 0.0 && share < Self::WHOLE;
+        Self { part: is_part.then_some([left, top, right - left, bottom - top]) }
+    }
+
+    /// What it shows of a picture.
+    pub fn of(self, picture: &RgbImage) -> RgbImage {
+        match self.part {
+            Some([left, top, width, height]) => image::imageops::crop_imm(picture, left, top, width, height).to_image(),
+            None => picture.clone(),
+        }
     }
 }
 
@@ -196,6 +238,24 @@ mod tests {
 
     fn frames() -> Vec<RgbImage> {
         (0..3).map(|k| RgbImage::from_pixel(20, 10, Rgb([80 * k, 10, 200]))).collect()
+    }
+
+    #[test]
+    fn cells_show_the_face_where_it_is_a_small_part() {
+        let face = [Point2::new(400.0, 100.0), Point2::new(480.0, 200.0)];
+        // 45 px of room on each side, and the last pixel itself: 355 to 526, 55 to 246.
+        let cell = FaceCell::around((1000, 600), &face);
+        assert_eq!(cell, FaceCell { part: Some([355, 55, 171, 191]) });
+        assert_eq!(cell.of(&RgbImage::new(1000, 600)).dimensions(), (171, 191));
+        // Not beyond the picture; a face that fills it, and none at all, leave it whole.
+        assert_eq!(FaceCell::around((500, 600), &face).part, Some([355, 55, 145, 191]));
+        let nowhere = [Point2::new(f64::NAN, 1.0)];
+        for (size, nodes) in [((90, 110), [Point2::new(5.0, 5.0), Point2::new(85.0, 105.0)].as_slice()), ((1000, 600), &nowhere)]
+        {
+            assert_eq!(FaceCell::around(size, nodes).of(&RgbImage::new(size.0, size.1)).dimensions(), size);
+        }
+        // A face beside the picture.
+        assert_eq!(FaceCell::around((100, 90), &face).part, None);
     }
 
     #[test]

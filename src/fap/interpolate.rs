@@ -73,14 +73,19 @@ impl FapSequence {
     /// # Errors
     /// [`InterpolateError::TooManyFrames`].
     pub fn with_frames_between(&self, between: usize) -> Result<Self, InterpolateError> {
+        if between == 0 {
+            return Ok(self.clone());
+        }
         let steps = self.frames.len().saturating_sub(1);
-        self.resampled(steps as f64 * (between as f64 + 1.0) + 1.0)
+        let count = steps as f64 * (between as f64 + 1.0) + 1.0;
+        self.resampled(count, |k| Moment::of_frame(k, (count as usize - 1).max(1), steps))
     }
 
-    /// The same motion at another frame rate.
+    /// The same motion at another frame rate, in its own time.
     ///
-    /// First and last frame are hit exactly, so the time between them is kept to half a frame of the new rate; a sequence of
-    /// several frames keeps at least two. Values are not rounded.
+    /// A frame lasts one over the rate, and the sequence as long as before, as near as whole frames allow: of n frames it makes n times the
+    /// ratio of the rates, rounded; of several at least two. Frame k shows the motion k / `fps` seconds after the first frame. The last one is
+    /// the last frame there was, also where its time has not come yet: a motion ends where it did. Values are not rounded.
     ///
     /// # Errors
     /// [`InterpolateError`] for too many frames or a rate that is not positive.
@@ -89,8 +94,14 @@ impl FapSequence {
         if !positive(fps) || !positive(self.fps) {
             return Err(InterpolateError::FrameRate { from: self.fps, to: fps });
         }
-        let steps = self.frames.len().saturating_sub(1) as f64;
-        Ok(Self { fps, ..self.resampled((steps * fps / self.fps).round().max(1.0) + 1.0)? })
+        if fps.total_cmp(&self.fps).is_eq() {
+            return Ok(self.clone());
+        }
+        let last = self.frames.len().saturating_sub(1);
+        let count = (self.frames.len() as f64 * fps / self.fps).round().max(2.0);
+        let moment =
+            |k: usize| Moment::at_place(if k + 1 < count as usize { k as f64 * self.fps / fps } else { last as f64 }, last);
+        Ok(Self { fps, ..self.resampled(count, moment)? })
     }
 
     /// The same motion at a whole frame rate, which files of the strict subset must have.
@@ -104,19 +115,16 @@ impl FapSequence {
         own.retimed(written).unwrap_or(Self { fps: written, ..own })
     }
 
-    /// A given number of frames at equal steps from the first to the last frame.
-    fn resampled(&self, frame_count: f64) -> Result<Self, InterpolateError> {
+    /// A given number of frames, each at its moment among those there are. One frame stays one.
+    fn resampled(&self, frame_count: f64, moment: impl Fn(usize) -> Moment) -> Result<Self, InterpolateError> {
         let from = &self.frames;
-        let steps = from.len().saturating_sub(1);
-        if steps == 0 || frame_count == from.len() as f64 {
+        if from.len() < 2 {
             return Ok(self.clone());
         }
         if frame_count > MAX_FRAMES as f64 {
             return Err(InterpolateError::TooManyFrames { frames: frame_count });
         }
-        let last = frame_count as usize - 1;
-        let moment = |k: usize| Moment::of_frame(k, last, steps);
-        let mut frames = vec![FapFrame::default(); last + 1];
+        let mut frames = vec![FapFrame::default(); frame_count as usize];
         for (k, frame) in frames.iter_mut().enumerate() {
             for fap in [FapNumber::VISEME, FapNumber::EXPRESSION] {
                 frame.set_fields(fap, from[moment(k).key].fields(fap).map(<[i32]>::to_vec));
@@ -155,12 +163,12 @@ mod tests {
         assert_eq!(rates(0.1), (0.1, 1.0));
         assert_eq!(rates(2000.0), (2000.0, 1000.0));
         let half = FapSequence { fps: 12.5, ..sequence(&[Some(0.0), Some(10.0), Some(40.0)]) }.at_whole_rate();
-        assert_eq!((half.fps, half.frames.len()), (25.0, 5));
+        assert_eq!((half.fps, half.frames.len()), (25.0, 6));
         let value = |k: usize| half.frames[k].value(fap(3)).unwrap();
-        assert_eq!([value(0), value(2), value(4)], [0.0, 10.0, 40.0]);
-        // Ten seconds stay ten seconds.
+        assert_eq!([value(0), value(2), value(4), value(5)], [0.0, 10.0, 40.0, 40.0]);
+        // Twenty seconds stay twenty seconds: a frame of ten that moves, and one that holds.
         let slow = FapSequence { fps: 0.1, ..sequence(&[Some(0.0), Some(10.0)]) }.at_whole_rate();
-        assert_eq!((slow.fps, slow.frames.len()), (1.0, 11));
+        assert_eq!((slow.fps, slow.frames.len()), (1.0, 20));
     }
 
     fn sequence(values: &[Option<f64>]) -> FapSequence {
@@ -216,14 +224,23 @@ mod tests {
     }
 
     #[test]
-    fn retiming_keeps_the_time_from_first_to_last_frame() {
-        // 5 frames at 25 per second last 4/25 s: 8 steps at 50 per second, and 2 steps (1.6, rounded) at 10 per second.
-        let ramp = sequence(&[0.0, 1.0, 2.0, 3.0, 4.0].map(Some));
-        let fast = ramp.retimed(50.0).unwrap();
-        assert_eq!((fast.frames.len(), fast.fps), (9, 50.0));
-        assert_eq!(values(&ramp.retimed(10.0).unwrap()), [Some(0.0), Some(2.0), Some(4.0)]);
+    fn retiming_keeps_length_and_moments() {
+        // A ramp of 1 a frame, 10 frames at 25 per second: 0.4 s.
+        let ramp = sequence(&(0..10).map(|k| Some(f64::from(k))).collect::<Vec<_>>());
+        let at = |fps: f64| values(&ramp.retimed(fps).unwrap()).into_iter().map(Option::unwrap).collect::<Vec<_>>();
+        // 20 frames of half the time; the last one holds.
+        let fast = at(50.0);
+        assert_eq!((fast.len(), ramp.retimed(50.0).unwrap().fps), (20, 50.0));
+        assert!(fast[..19].iter().enumerate().all(|(k, value)| *value == k as f64 / 2.0) && fast[19] == 9.0, "{fast:?}");
+        // 4 frames, 2.5 of the old ones each; the last one is the last there was, and 3 frames of 1 / 7.5 s the same.
+        for (found, expected) in [(at(10.0), vec![0.0, 2.5, 5.0, 9.0]), (at(7.5), vec![0.0, 10.0 / 3.0, 9.0])] {
+            assert_eq!(found.len(), expected.len());
+            found.iter().zip(&expected).for_each(|(value, expected)| assert_relative_eq!(value, expected, epsilon = 1e-9));
+        }
+        // Moments at 30 per second are 5/6 of a frame apart.
+        assert_relative_eq!(at(30.0)[7], 7.0 * 5.0 / 6.0, epsilon = 1e-9);
         // A rate far too low keeps both ends, one frame stays one frame, the same rate changes nothing.
-        assert_eq!(values(&ramp.retimed(1.0).unwrap()), [Some(0.0), Some(4.0)]);
+        assert_eq!(at(1.0), [0.0, 9.0]);
         assert_eq!(values(&sequence(&[Some(3.0)]).retimed(50.0).unwrap()), [Some(3.0)]);
         assert_eq!(ramp.retimed(25.0).unwrap(), ramp);
     }

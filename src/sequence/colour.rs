@@ -63,8 +63,13 @@ impl Portrait {
         // A share that would be rounded to 0 is one of few pixels, and no background.
         let percent = 100.0 * self.transparent;
         (percent >= 0.5).then(|| {
+            let what = match percent {
+                all if all >= 100.0 => "all pixels".to_owned(),
+                most if most >= 99.5 => "nearly all pixels".to_owned(),
+                some => format!("{some:.0} % of the pixels"),
+            };
             format!(
-                "{percent:.0} % of the picture is transparent: it is laid on white, and so is what is made of it; for another background, save it \
+                "{what} are transparent, in part at least: the picture is laid on white, and so is what is made of it; for another background, save it \
                  without transparency"
             )
         })
@@ -335,7 +340,7 @@ mod tests {
         assert_eq!((picture.get_pixel(0, 0).0, picture.get_pixel(1, 0).0), ([100; 3], [255; 3]));
         assert_eq!((grey.as_raw().as_slice(), transparent), ([100, 255, 255, 255].as_slice(), 0.75));
         let said = Portrait::read(&path).unwrap().remark().unwrap();
-        assert!(said.starts_with("75 % of the picture is transparent: it is laid on white"), "{said}");
+        assert!(said.starts_with("75 % of the pixels are transparent, in part at least: the picture is laid on white"), "{said}");
         // An alpha channel that hides nothing is none.
         std::fs::write(&path, png(RgbaImage::from_pixel(2, 1, image::Rgba([10, 20, 30, 255])))).unwrap();
         let opaque = Portrait::read(&path).unwrap();

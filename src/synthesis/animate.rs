@@ -15,10 +15,10 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Bank, FpBasis, FpMotion, Goal, RegionScheme, Regions, Signs, Solution, Solver, SynthesisError,
+    Bank, FpBasis, FpMotion, FrameAnswer, Goal, RegionScheme, Regions, Signs, Solution, Solver, SynthesisError,
     fitness::fitness,
     regions::OVERLAP,
-    search::{GaOptions, Run},
+    search::GaOptions,
     solve::{best_member, bound, genetic, interpolate, least_squares, refined},
     surface::surface,
     target::{moving_points, staying_points, summed_length},
@@ -98,59 +98,6 @@ impl SynthesisOptions {
     }
 }
 
-/// The answer for one frame.
-///
-/// ```
-/// # let mesh = vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
-/// # let mesh = grimace::mesh::TriangleMesh::new(mesh, vec![[0, 1, 2], [0, 2, 3]])?;
-/// # let names = ["right", "up"].map(str::to_owned).to_vec();
-/// # let moves = [[[1.0, 0.0, 0.0]; 4], [[0.0, 1.0, 0.0]; 4]].concat();
-/// # let points = [("8.4", 0), ("8.3", 1), ("3.11", 2)];
-/// # let points = points.map(|(fp, vertex)| grimace::synthesis::FeaturePointVertex { fp: fp.parse().unwrap(), vertex }).to_vec();
-/// # let bank = grimace::synthesis::Bank::new(mesh, names, moves, points, Default::default())?;
-/// use grimace::synthesis::{FpMotion, SynthesisOptions, Synthesizer};
-///
-/// // The two members of `bank` move all vertices by 1: to the right, and up.
-/// let synthesizer = Synthesizer::new(&bank, SynthesisOptions::default())?;
-/// let answer = synthesizer.solve(&FpMotion::of_surface(&bank, bank.displacements(1)), 0);
-/// // The bank's own member is found: its motion has the target's directions.
-/// assert!(answer.fitness.is_some_and(|fitness| fitness > 0.999));
-/// assert_eq!(answer.weights.len(), 1);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
-#[derive(Clone, Debug, PartialEq)]
-pub struct FrameAnswer {
-    /// Weights of the members, region by region; zeros where nothing should move, empty for [`Solver::Rbf`].
-    pub weights: Vec<Vec<f64>>,
-    /// Fitness in each region; `None` where nothing should move.
-    pub region_fitness: Vec<Option<f64>>,
-    /// Fitness of the joined surface over all feature points; `None` where nothing should move.
-    pub fitness: Option<f64>,
-    /// The bound of the fitness in each region; `None` where nothing should move or no bound was asked for.
-    pub region_bound: Vec<Option<f64>>,
-    /// Runs of the genetic algorithm, region by region.
-    pub runs: Vec<Vec<Run>>,
-}
-
-impl FrameAnswer {
-    /// Mean fitness of the regions that move.
-    pub fn mean_region_fitness(&self) -> Option<f64> {
-        mean(self.region_fitness.iter().flatten())
-    }
-
-    /// Mean fitness over mean bound of the regions, 1 at the bound.
-    pub fn share_of_bound(&self) -> Option<f64> {
-        let pairs = self.region_fitness.iter().zip(&self.region_bound).filter_map(|(f, b)| f.zip(*b));
-        let (fitness, bound) = pairs.fold((0.0, 0.0), |(f, b), (x, y)| (f + x, b + y));
-        (bound > 0.0).then(|| fitness / bound)
-    }
-}
-
-fn mean<'a>(values: impl Iterator<Item = &'a f64>) -> Option<f64> {
-    let (sum, count) = values.fold((0.0, 0), |(sum, count), v| (sum + v, count + 1));
-    (count > 0).then(|| sum / f64::from(count))
-}
-
 /// A bank made ready for searches.
 ///
 /// ```
@@ -224,6 +171,8 @@ impl<'b> Synthesizer<'b> {
             weights: Vec::with_capacity(count),
             region_fitness: Vec::with_capacity(count),
             fitness: None,
+            shown: None,
+            region_shown: vec![None; count],
             region_bound: Vec::with_capacity(count),
             runs: Vec::with_capacity(count),
         };
@@ -246,8 +195,7 @@ impl<'b> Synthesizer<'b> {
             if goal.rest_where_nothing_is_shown(&mut solution.weights) {
                 solution.fitness = 0.0;
             }
-            // A bound that an answer exceeds was none.
-            answer.region_bound.push(climbed.map(|b| b.fitness.max(solution.fitness)));
+            answer.region_bound.push(climbed.map(|b| b.fitness));
             answer.region_fitness.push(Some(solution.fitness));
             answer.weights.push(solution.weights);
             answer.runs.push(solution.runs);
@@ -267,7 +215,8 @@ impl<'b> Synthesizer<'b> {
         }
     }
 
-    /// Fitness of each region and of the joined surface, from the weights; for [`Solver::Rbf`] from its surface. `motion` is emphasized.
+    /// Fitness and share shown of each region and of the joined surface, from the weights; for [`Solver::Rbf`] from its surface. `motion` is
+    /// emphasized. A bound that an answer exceeds was none, and rises to it.
     fn measure(&self, answer: &mut FrameAnswer, motion: &FpMotion) {
         let rbf = (self.options.solver == Solver::Rbf).then(|| {
             let surface = interpolate(self.bank, motion);
@@ -277,24 +226,27 @@ impl<'b> Synthesizer<'b> {
             Some(points) => points.clone(),
             None => self.joined_motion(&answer.weights),
         };
-        let fitness_of = |goal: &Goal, is_in: &dyn Fn(usize) -> bool| {
+        let of_points = |goal: &Goal, is_in: &dyn Fn(usize) -> bool| {
             let flat = |chosen: Vec<usize>| -> Vec<f64> {
                 chosen
                     .iter()
                     .flat_map(|&k| [points[k][0], points[k][1], if motion.planar { 0.0 } else { points[k][2] }])
                     .collect()
             };
-            let count = self.bank.feature_points().len();
-            let rest = flat(staying_points(motion, count, is_in));
-            goal.counting_rest(fitness(goal, &flat(self.moving_points(motion, is_in))), &rest)
+            let rest = flat(staying_points(motion, self.bank.feature_points().len(), is_in));
+            let moved = flat(self.moving_points(motion, is_in));
+            (goal.counting_rest(fitness(goal, &moved), &rest), goal.shown_by(&moved))
         };
-        answer.fitness = self.whole_goal(motion).map(|goal| fitness_of(&goal, &|_| true));
+        (answer.fitness, answer.shown) = self.whole_goal(motion).map(|goal| of_points(&goal, &|_| true)).unzip();
         for region in 0..self.regions.count() {
-            let goal = self.goal(motion, region);
-            answer.region_fitness[region] = goal.map(|goal| match &rbf {
-                Some(_) => fitness_of(&goal, &|point| self.regions.point_shares(region)[point] > 0.0),
-                None => goal.fitness_of(&answer.weights[region]),
+            let measured = self.goal(motion, region).map(|goal| match &rbf {
+                Some(_) => of_points(&goal, &|point| self.regions.point_shares(region)[point] > 0.0),
+                None => (goal.fitness_of(&answer.weights[region]), goal.shown(&answer.weights[region])),
             });
+            (answer.region_fitness[region], answer.region_shown[region]) = measured.unzip();
+            if let (Some(bound), Some((fitness, _))) = (&mut answer.region_bound[region], measured) {
+                *bound = bound.max(fitness);
+            }
         }
         if rbf.is_some() {
             // The bound is that of mixtures of the bank, which this is not.
@@ -463,8 +415,37 @@ impl Synthesizer<'_> {
 #[cfg(test)]
 mod tests {
     use approx::assert_relative_eq;
+    use nalgebra::Vector3;
 
     use super::*;
+    use crate::synthesis::testing;
+
+    /// Three points asked to go 2 to the right, answered by half of that, and as much up.
+    fn halved(bound: f64) -> FrameAnswer {
+        let bank = testing::bank().select(&[0, 1]).unwrap();
+        let synthesizer = Synthesizer::new(&bank, SynthesisOptions::default()).unwrap();
+        let motion = FpMotion { offsets: vec![Some(2.0 * Vector3::x()); 3], planar: true };
+        let mut answer = synthesizer.solve(&motion, 0);
+        (answer.weights, answer.region_bound) = (vec![vec![1.0, 1.0]], vec![Some(bound)]);
+        synthesizer.measure(&mut answer, &motion);
+        answer
+    }
+
+    #[test]
+    fn the_share_shown_counts_lengths_along_the_motion_asked_for() {
+        // The cosine of 45 degrees, and 1 of 2.
+        let answer = halved(0.9);
+        assert_relative_eq!(answer.fitness.unwrap(), 0.5_f64.sqrt(), epsilon = 1e-9);
+        assert_relative_eq!(answer.shown.unwrap(), 0.5, epsilon = 1e-9);
+        assert_eq!((answer.region_shown, answer.region_bound), (vec![answer.shown], vec![Some(0.9)]));
+    }
+
+    #[test]
+    fn a_bound_that_an_answer_exceeds_rises_to_it() {
+        let answer = halved(0.6);
+        assert_eq!(answer.region_bound, answer.region_fitness);
+        assert_eq!(answer.share_of_bound(), Some(1.0));
+    }
 
     #[test]
     fn the_smoother_keeps_what_is_constant_and_averages_what_jumps() {

@@ -225,8 +225,8 @@ impl Animation<'_> {
         })
     }
 
-    /// Writes `frame,region,moving,fitness,bound,share_of_bound`: a row for every frame and region, and one named `joined` for the joined
-    /// surface, whose bound is unknown. What does not move has no numbers.
+    /// Writes `frame,region,fitness,bound,share_of_bound,shown`: a row for every frame and region, and of several regions one named `joined` for
+    /// the joined surface, whose bound is unknown. What does not move has no numbers.
     ///
     /// # Errors
     /// [`OutputError`].
@@ -235,15 +235,17 @@ impl Animation<'_> {
         let number = |value: Option<f64>| value.map(nine_digits).unwrap_or_default();
         write_atomic(path, |out| {
             let mut csv = crate::output::csv_writer(out);
-            csv.write_record(["frame", "region", "fitness", "bound", "share_of_bound"])?;
+            csv.write_record(["frame", "region", "fitness", "bound", "share_of_bound", "shown"])?;
             for (frame, answer) in self.answers.iter().enumerate() {
                 let frame = frame.to_string();
-                for (region, (fitness, bound)) in names.iter().zip(answer.region_fitness.iter().zip(&answer.region_bound)) {
-                    let share = fitness.zip(*bound).and_then(|(f, b)| (b > 0.0).then(|| f / b));
-                    csv.write_record([&frame, *region, &number(*fitness), &number(*bound), &number(share)])?;
+                for (region, name) in names.iter().enumerate() {
+                    let (fitness, bound) = (answer.region_fitness[region], answer.region_bound[region]);
+                    let share = fitness.zip(bound).and_then(|(f, b)| (b > 0.0).then(|| f / b));
+                    let numbers = [fitness, bound, share, answer.region_shown[region]].map(number);
+                    csv.write_record([&frame, *name].into_iter().chain(numbers.iter().map(String::as_str)))?;
                 }
                 if names.len() > 1 {
-                    csv.write_record([&frame, "joined", &number(answer.fitness), "", ""])?;
+                    csv.write_record([&frame, "joined", &number(answer.fitness), "", "", &number(answer.shown)])?;
                 }
             }
             csv.flush()
@@ -295,7 +297,7 @@ impl Animation<'_> {
         (0..self.motions.len()).max_by(|a, b| length(a).total_cmp(&length(b)).then(b.cmp(a))).unwrap_or(0)
     }
 
-    /// Writes a sheet of eight frames, from the front and from the side.
+    /// Writes a sheet of eight frames, from the front and from the side, each with its fitness and the share of the motion that it shows.
     ///
     /// # Errors
     /// [`SynthesisError`] when the picture cannot be encoded or written.
@@ -306,10 +308,11 @@ impl Animation<'_> {
         let pictures: Vec<Labelled> = cells
             .par_iter()
             .map(|&(frame, yaw)| {
-                let fitness = self.answers[frame].fitness.map_or("rest".to_owned(), |f| format!("{f:.3}"));
+                let fit = self.answers[frame].fitness.zip(self.answers[frame].shown);
+                let fit = fit.map_or("rest".to_owned(), |(fitness, shown)| format!("{fitness:.3} {:.0} %", 100.0 * shown));
                 Labelled {
                     picture: scene.draw(&self.surface(frame), View::front(SHEET_CELL.0, SHEET_CELL.1).turned(yaw)),
-                    label: format!("frame {frame} {fitness}"),
+                    label: format!("frame {frame} {fit}"),
                 }
             })
             .collect();

@@ -10,6 +10,7 @@
 //! are in the bank's own unit, axes those of face space.
 
 mod animate;
+mod answer;
 pub mod arkit;
 mod bank;
 mod build;
@@ -43,7 +44,8 @@ mod source;
 mod surface;
 mod target;
 
-pub use animate::{BOUND_STARTS, FrameAnswer, SMOOTHING_FRAMES, SynthesisOptions, Synthesizer, jump};
+pub use animate::{BOUND_STARTS, SMOOTHING_FRAMES, SynthesisOptions, Synthesizer, jump};
+pub use answer::FrameAnswer;
 pub use bank::{Bank, BankHead, BankInfo, Composition, FeaturePointVertex};
 pub use build::{BuildOptions, BuildSummary, MAX_SUBDIVIDE, build_bank};
 pub use candide::{candide_bank, candide_expressions, candide_study};

@@ -31,7 +31,7 @@ pub(crate) struct HeldBack {
     pub moved: f64,
     /// The longest motion asked for in that frame.
     pub asked: f64,
-    /// How far points go along the directions asked for there, summed, as a share of what is asked for.
+    /// Share of the motion that is shown there ([`FrameAnswer::shown`]).
     pub shown: f64,
 }
 
@@ -70,15 +70,8 @@ impl Synthesizer<'_> {
             let asked = moving.iter().map(|m| m.1).fold(0.0, f64::max);
             let all: f64 = moving.iter().map(|m| m.1).sum();
             let length_share = moving.iter().map(|m| length(points[m.0])).sum::<f64>() / all;
-            // What goes along the direction asked for, and not across it.
-            let along = |&(point, asked): &(usize, f64)| {
-                let z = if motion.planar { 0.0 } else { 1.0 };
-                motion.offsets[point]
-                    .map_or(0.0, |v| (v.x * points[point][0] + v.y * points[point][1] + z * v.z * points[point][2]) / asked)
-            };
-            let shown = (moving.iter().map(along).sum::<f64>() / all).max(0.0);
             let rest = staying_points(&motion, count, &|_| true).into_iter().map(|point| (point, length(points[point])));
-            let Some((point, moved)) = rest.max_by(|a, b| a.1.total_cmp(&b.1)) else { continue };
+            let (Some((point, moved)), Some(shown)) = (rest.max_by(|a, b| a.1.total_cmp(&b.1)), answer.shown) else { continue };
             // At the length asked for, the point would go this far.
             let would_tear = moved > 0.99 * REST_REACH * asked * length_share;
             if length_share < SHOWN && would_tear && held.as_ref().is_none_or(|h| asked > h.asked) {

@@ -236,11 +236,16 @@ impl Goal {
         rests
     }
 
-    /// What of the motion asked for weights show: 1 where all points go as far along it as they are asked to.
+    /// Share of the motion asked for that weights show, as [`Goal::shown_by`] has it.
     pub fn shown(&self, weights: &[f64]) -> f64 {
-        let motion = self.motion(weights);
-        let all = self.along(&self.target);
-        if all > 0.0 { self.along(&motion) / all } else { 0.0 }
+        self.shown_by(&self.motion(weights))
+    }
+
+    /// Share of the motion asked for that points show which move so, three numbers each: how far they go along the directions asked for, summed,
+    /// over how far they should; 1 where each goes as far as it should, 0 where they go the other way.
+    pub fn shown_by(&self, motion: &[f64]) -> f64 {
+        let along: f64 = motion.iter().zip(&self.directions).map(|(v, u)| v * u).sum();
+        (along / self.length).max(0.0)
     }
 
     /// How far points that move go along the motions asked for, summed: `v . d`.

@@ -12,7 +12,7 @@ use std::{
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
-use super::{Corrections, TrackFileError, TrackInfo, TrackedFrame, corrections_of, eye_distance_px, read_track};
+use super::{Corrections, NodeState, TrackFileError, TrackInfo, TrackedFrame, corrections_of, eye_distance_px, read_track};
 use crate::{
     geometry::Similarity,
     input::CsvFile,
@@ -148,10 +148,13 @@ const FAR: f64 = 0.5;
 
 /// Fewest corrections of a frame that say together where its face is.
 const FEWEST_TOGETHER: usize = 3;
+/// Share of its nodes that a tracker loses where it has lost the face.
+const LOST: f64 = 0.5;
 
-/// In words, those corrections of a frame that lie further than half an eye distance from every place where their node may be expected:
-/// where it was tracked without them, where the head of the tracked frame or the other corrections of that frame carry it from the neutral
-/// frame, and where the last good correction had it. `frames` are the track without corrections, the neutral frame first, px.
+/// In words, those corrections that lie further than half an eye distance from every place where their node may be expected: where it was
+/// tracked without them, where the head of the tracked frame carries it from the neutral frame, and where the last good correction had it; where
+/// the tracker lost half of its nodes, also where the other corrections of that frame carry it: elsewhere wrong ones would vouch for each
+/// other. `frames` are the track without corrections, the neutral frame first, px.
 #[must_use]
 pub fn far_corrections(
     corrections: &Corrections,
@@ -167,10 +170,12 @@ pub fn far_corrections(
     for frame in frames.iter().skip(1) {
         let Some(set) = corrections.get(&frame.number) else { continue };
         let tracked = places(frame);
+        let is_lost = |&&k: &&usize| frame.nodes.get(k).is_some_and(|n| matches!(n.state, NodeState::Recovered(_)));
+        let is_lost = live.iter().filter(is_lost).count() as f64 >= LOST * live.len() as f64;
         let head = carried(&neutral, live.iter().filter_map(|&k| Some((k, *tracked.get(k)?))));
         for (node, place) in set {
             let others = set.iter().filter(|(other, _)| *other != node).map(|(other, place)| (other.index(), *place));
-            let together = if set.len() > FEWEST_TOGETHER { carried(&neutral, others) } else { None };
+            let together = if is_lost && set.len() > FEWEST_TOGETHER { carried(&neutral, others) } else { None };
             let from_neutral = [head, together].into_iter().flatten().filter_map(|s| Some(s.apply(neutral.get(node.index())?)));
             let expected = tracked.get(node.index()).copied().into_iter().chain(from_neutral).chain(good.get(node).copied());
             let distance = expected.map(|p| (p - place).norm() / eye_distance).min_by(f64::total_cmp).unwrap_or(0.0);
@@ -200,7 +205,7 @@ mod tests {
 
     use super::*;
     use crate::{
-        track::{NodeState, TrackedNode},
+        track::{LossReason, TrackedNode},
         units::NodeId,
     };
 
@@ -261,14 +266,15 @@ mod tests {
         );
     }
 
-    /// Two frames behind a neutral one of 100 px per unit, 61 px between the eyes; in the third the tracker lost the face by 300 px.
+    /// Two frames behind a neutral one of 100 px per unit, 61 px between the eyes; in the third the tracker lost all nodes, and the face by 300 px.
     fn lost_track(wireframe: &Wireframe) -> Vec<TrackedFrame> {
-        let at = |dx: f64| {
+        let at = |dx: f64, state: NodeState| {
             let place = |p: Point2<f64>| Point2::new(400.0 + dx + 100.0 * p.x, 300.0 - 100.0 * p.y);
-            let nodes = wireframe.frontal().into_iter().map(|p| TrackedNode::new(place(p), NodeState::Tracked, None));
-            nodes.collect::<Vec<_>>()
+            wireframe.frontal().into_iter().map(|p| TrackedNode::new(place(p), state, None)).collect::<Vec<_>>()
         };
-        [(1, 0.0), (2, 5.0), (3, 305.0)].map(|(number, dx)| TrackedFrame { number, nodes: at(dx) }).to_vec()
+        let lost = NodeState::Recovered(LossReason::ForwardBackward);
+        let frames = [(1, 0.0, NodeState::Fitted), (2, 5.0, NodeState::Tracked), (3, 305.0, lost)];
+        frames.map(|(number, dx, state)| TrackedFrame { number, nodes: at(dx, state) }).to_vec()
     }
 
     #[test]
@@ -291,6 +297,9 @@ mod tests {
         assert!(said(vec![(3, whole.clone())]).is_empty());
         assert_eq!(said(vec![(3, whole[..2].to_vec())]).len(), 2);
         assert!(said(vec![(2, whole[..2].to_vec()), (3, whole[..2].to_vec())]).is_empty(), "where it was before");
+        // Of a face that was not lost all five are wrong, however well they agree.
+        let beside = [10, 20, 31, 53, 64].map(|node| at(node, 3.0, 240.0)).to_vec();
+        assert_eq!(said(vec![(2, beside)]).len(), 5);
         assert!(said(vec![(1, whole.clone()), (9, whole)]).is_empty(), "these are not applied");
     }
 }

@@ -833,6 +833,32 @@ fn a_released_correction_leaves_no_trace() {
 }
 
 #[test]
+fn corrections_far_off_the_face_are_named_as_run_names_them() {
+    let work = Work::after_run(&["S001_005"], "results");
+    let server = Server::start(&work, "--tracks results");
+    let track = open(&server, "S001_005");
+    let put = |version: &Value, frame: u32, node: u16, x: f64, y: f64| {
+        let body = json!({"version": version, "frame": frame, "corrections": [{"node": node, "x": x, "y": y}]});
+        server.send("PUT", "api/sequences/S001_005/corrections", &body).ok()["version"].clone()
+    };
+    let far = || -> Value {
+        let info: Value = serde_json::from_str(&work.read("results/tracks/S001_005.json")).unwrap();
+        info["corrections"]["far"].clone()
+    };
+    let version = put(&track["version"], 3, 31, 5.0, 5.0);
+    let named = far();
+    assert!(named[0].as_str().unwrap().starts_with("frame 3, node 31 at (5, 5): ") && named[1].is_null(), "{named}");
+    // Another one, a good one, does not make it forgotten; nor do both look otherwise to a run that tracks anew.
+    let place = &track["frames"][4]["nodes"][64];
+    put(&version, 5, 64, place[0].as_f64().unwrap() + 2.0, place[1].as_f64().unwrap());
+    assert_eq!(far(), named);
+    drop(server);
+    ["csv", "json"].iter().for_each(|end| fs::remove_file(work.path(&format!("results/tracks/S001_005.{end}"))).unwrap());
+    work.grimace("run faces -o results").exit(0).prints(&["1 tracked"]);
+    assert_eq!(far(), named);
+}
+
+#[test]
 fn what_can_not_be_annotated_is_said() {
     let work = unmarked();
     work.grimace("annotate").exit(2);

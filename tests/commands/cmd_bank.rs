@@ -29,7 +29,7 @@ fn a_folder_becomes_a_bank_that_says_what_is_in_it() {
     let work = Work::new();
     meshes(&work);
     let ran = work.grimace("bank build meshes -o face.bank --unit cm --credit me").exit(0);
-    ran.prints(&["9 vertices, 8 triangles, 2 members", "3 feature points", "without 53 of the 56"]);
+    ran.prints(&["9 vertices, 8 triangles, 2 members", "3 feature points", "lacks 53 of the 56 feature points"]);
     let ran = work.grimace("bank info face.bank --picture face.png --save-feature-points fp.csv").exit(0);
     ran.prints(&[
         "vertices        9",
@@ -162,7 +162,7 @@ fn a_bank_file_of_version_1_is_read_with_a_warning_and_converted() {
     let ran = work.grimace("bank info old.bank").exit(0);
     let ran = ran.prints(&["vertices        4", "members         1", "mapped", "smile                    0.5000"]);
     ran.says(&["warning: old.bank: a bank file of version 1; `grimace bank convert old.bank -o NEW.bank`"]);
-    work.grimace("bank convert old.bank -o new.bank").exit(0).prints(&["1 members, 4 vertices, written to new.bank"]);
+    work.grimace("bank convert old.bank -o new.bank").exit(0).prints(&["1 member, 4 vertices, written to new.bank"]);
     work.grimace("bank convert old.bank -o new.bank").exit(1).says(&["new.bank is there already; --force"]);
     let ran = work.grimace("bank info new.bank").exit(0);
     let ran = ran.prints(&["vertices        4", "members         1", "mapped", "smile                    0.5000"]);

@@ -65,6 +65,28 @@ fn a_track_on_a_photograph_gives_frames_track_fap_overlay_sheet_and_films() {
 }
 
 #[test]
+fn a_sheet_shows_the_face_of_a_wide_picture() {
+    let work = work();
+    let target = picture(&work, "target.png");
+    let (width, height) = target.dimensions();
+    let mut wide = RgbImage::from_pixel(3 * width, height, image::Rgb([90; 3]));
+    image::imageops::replace(&mut wide, &target, i64::from(width), 0);
+    wide.save(work.path("wide.png")).unwrap();
+    let moved = |row: &std::collections::BTreeMap<String, String>| {
+        format!("{},{},{}\n", row["node"], row["x"].parse::<f64>().unwrap() + f64::from(width), row["y"])
+    };
+    work.write("wide.csv", "node,x,y\n".to_owned() + &work.rows("marks.csv").iter().map(moved).collect::<String>());
+    work.grimace(
+        "clone --source S001_005.csv --source-frames faces/S001/005 --target wide.png --correspondences wide.csv -o wide",
+    )
+    .exit(0);
+    // Two rows of five, none wider than what the face was pasted in; frames are whole pictures.
+    assert_eq!(picture(&work, "wide/frames/wide_00000006.png").dimensions(), wide.dimensions());
+    let sheet = picture(&work, "wide/sheet.png");
+    assert!(sheet.width() <= 5 * (width + 6) + 6 && sheet.height() > height, "{:?}", sheet.dimensions());
+}
+
+#[test]
 fn a_clone_is_the_same_to_the_byte_and_is_not_written_over() {
     let work = work();
     clone(&work, "--source S001_005.csv -o a").exit(0);

@@ -181,7 +181,7 @@ fn a_transparent_picture_is_read_as_it_is_seen_on_white() {
         let numbers = |row: BTreeMap<String, String>| [row["x"].clone(), row["y"].clone(), row["expected_error"].clone()];
         (
             work.rows(&format!("{name}.csv")).into_iter().map(numbers).collect::<Vec<_>>(),
-            ran.stderr.contains("40 % of the picture is transparent"),
+            ran.stderr.contains("40 % of the pixels are transparent"),
         )
     };
     let (beneath, said) = found("clear");

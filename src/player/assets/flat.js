@@ -180,7 +180,7 @@ class FlatStage {
       const origin = [0, 1].map((axis) => (rig.nodes[2 * 87 + axis] + rig.nodes[2 * 40 + axis]) / 2 + m.skull[axis]);
       const size = (rig.unit / teeth.scale) * rig.teethSize, [dx, dy] = rig.down;
       // The axes of the mouth: across, then down.
-      context.transform(dy * size, -dx * size, dx * size, dy * size, origin[0] + m.incisors * rig.unit * dx, origin[1] + m.incisors * rig.unit * dy);
+      context.transform(dy * size * m.wider, -dx * size * m.wider, dx * size, dy * size, origin[0] + m.incisors * rig.unit * dx, origin[1] + m.incisors * rig.unit * dy);
       context.filter = `brightness(${((rig.enamel[1] / teeth.white) * 0.86).toFixed(2)}) grayscale(${rig.tone.share.toFixed(2)})`;
       context.drawImage(rig.teethImage, -teeth.origin[0], -teeth.origin[1]);
     }

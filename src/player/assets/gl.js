@@ -55,7 +55,7 @@ precision highp float;
 varying vec2 p; varying vec2 l; varying vec2 ua; varying vec2 ub;
 uniform sampler2D picture; uniform sampler2D teeth; uniform vec3 lip; uniform vec3 enamel; uniform vec3 flesh; uniform vec2 ends; uniform vec2 teethSize;
 uniform vec2 teethOrigin; uniform float teethScale; uniform float white; uniform float gap; uniform float jaw; uniform float floorY;
-uniform float shown; uniform float lit; uniform float scale; uniform float incisors; uniform float tongue; uniform vec3 toneFrom; uniform vec3 toneRise; uniform float toneShare;
+uniform float shown; uniform float lit; uniform float scale; uniform float wider; uniform float incisors; uniform float tongue; uniform vec3 toneFrom; uniform vec3 toneRise; uniform float toneShare;
 vec3 tinted(vec3 warm, float light) {
   vec3 grey = vec3(0.3, 0.59, 0.11);
   float luma = max(dot(lip, grey), min(60.0 / 255.0, 0.5 * dot(enamel, grey)));
@@ -92,6 +92,7 @@ void main() {
     colour = mix(colour, meat + enamel * 0.055 * gapes * band, cover);
   }
   if (shown > 0.5) {
+    x /= wider;
     float turned = (0.25 + 0.75 * smoothstep(0.0, mix(0.14, 0.10, lit), fromCorner)) * (1.0 - mix(0.40, 0.10, lit) * smoothstep(0.10, 0.30, abs(x) / scale));
     float gaping = smoothstep(0.14, 0.34, gap);
     float lowerY = y - max(0.012 + 0.88 * jaw, floorY + 0.007 - 0.061 * smoothstep(0.05, 0.12, floorY - jaw)) + 1.5 * gaping * x * x;
@@ -497,7 +498,7 @@ class GlStage {
     this.uniform(mouth, "ends", ...m.ends);
     this.uniform(mouth, "teethSize", rig.teethImage.naturalWidth, rig.teethImage.naturalHeight);
     this.uniform(mouth, "teethOrigin", ...this.teeth.origin);
-    for (const [name, value] of [["teethScale", this.teeth.scale / rig.teethSize], ["white", this.teeth.white], ["gap", m.gap], ["jaw", m.jaw], ["lit", m.lit], ["floorY", m.floor], ["toneShare", rig.tone.share], ["shown", rig.closed ? 1 : 0], ["scale", rig.teethSize], ["incisors", m.incisors], ["tongue", rig.inside[1]]]) this.uniform(mouth, name, value);
+    for (const [name, value] of [["teethScale", this.teeth.scale / rig.teethSize], ["white", this.teeth.white], ["gap", m.gap], ["jaw", m.jaw], ["lit", m.lit], ["floorY", m.floor], ["toneShare", rig.tone.share], ["shown", rig.closed ? 1 : 0], ["scale", rig.teethSize], ["wider", m.wider], ["incisors", m.incisors], ["tongue", rig.inside[1]]]) this.uniform(mouth, name, value);
     gl.activeTexture(gl.TEXTURE1);
     if (!this.teethPictures.has(rig)) this.teethPictures.set(rig, this.texture(rig.teethImage));
     gl.bindTexture(gl.TEXTURE_2D, this.teethPictures.get(rig));

@@ -353,7 +353,9 @@ class Rig {
     // Lips that a dropped jaw parts show the incisors so far at least: see `SHOWN_DROPPED` in src/warp/mouth/interior.rs.
     const least = middle(upper) + Math.min(0.062, 0.66 * gap), incisors = this.inside[0] + Math.max(least - this.inside[0], 0) * (1 - lit);
     const ends = [upper[0][0], upper[upper.length - 1][0]].sort((a, b) => a - b);
-    return { opening, upper, lower, jaw, lit, floor, ends, skull, incisors, gap };
+    // Rows of teeth reach the corners of a mouth that is wider than a smile: see `ROW_REACHES` there.
+    const wider = Math.max((0.5 * (ends[1] - ends[0])) / (0.48 * this.teethSize), 1);
+    return { opening, upper, lower, jaw, lit, floor, ends, wider, skull, incisors, gap };
   }
   /** Where the vertices of a mouth that the photograph shows open lie: they stay with the skull, but for an upper lip that rises, and a lower one that drops a little. */
   ownMouth(skull) {

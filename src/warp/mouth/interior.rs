@@ -59,6 +59,9 @@ const ROW_EDGE: f64 = 0.60;
 /// and at least. Lips cover the rest in the smiles that it is made of; a lip that is raised further shows it, up to the whole crown.
 const CROWNS_SHOWN: (f64, f64, f64) = (0.122, 0.35, 0.05);
 const CROWN: f64 = 0.165;
+/// Half the width of a mouth that the row reaches the corners of, over the eye distance: up to that of a broad smile. In one that is drawn wider it is wider
+/// by as much, and does not end before them.
+const ROW_REACHES: f64 = 0.48;
 /// How far crowns go under the lip.
 const TUCKED: f64 = 0.01;
 /// What is seen between two crowns, of the row's light, its tint, and how much of it covers what lies behind.
@@ -256,6 +259,12 @@ impl Interior<'_> {
         (0..3).for_each(|c| colour[c] += (tongue[c] - colour[c]) * cover as f32);
     }
 
+    /// How much wider than in a smile the rows are.
+    fn wider(&self) -> f64 {
+        let half = 0.5 * (self.upper[self.upper.len() - 1].0 - self.upper[0].0);
+        (half / (ROW_REACHES * self.size)).max(1.0)
+    }
+
     /// What is seen between the upper crowns: not the dark of the mouth, but teeth in their own shadow.
     fn lay_between(&self, x: f64, above_edge: f64, light: f64, from_corner: f64, colour: &mut [f32; 3]) {
         let along = smooth_step(0.44, 0.38, x.abs() / self.size) * smooth_step(0.0, 0.035, from_corner);
@@ -270,6 +279,7 @@ impl Interior<'_> {
     /// Both rows of teeth and the gum above the upper one.
     fn lay_arches(&self, (x, y): (f64, f64), below_upper: f64, above_lower: f64, from_corner: f64, colour: &mut [f32; 3]) {
         let Some(picture) = self.teeth else { return };
+        let x = x / self.wider();
         // The row turns away to the sides, and is lost in the dark of the cheeks towards the corners.
         let turned = 1.0 - self.by_light(TURNED) * smooth_step(0.10, 0.30, x.abs() / self.size);
         let side = (0.25 + 0.75 * smooth_step(0.0, self.by_light(CORNERS_DARK), from_corner)) * turned;
@@ -360,6 +370,16 @@ mod tests {
         assert!((flatter(1.0, 0.0) - 0.22).abs() < 1e-12);
         assert!((flatter(0.0, 0.0) - 0.37).abs() < 1e-12);
         assert!((flatter(0.0, 1.0) - 0.50).abs() < 1e-12);
+    }
+
+    #[test]
+    fn rows_reach_the_corners_of_a_mouth_that_is_wider_than_a_smile() {
+        let mouth = dropped(0.06);
+        assert_eq!(mouth.wider(), 1.0);
+        let drawn = |line: &[(f64, f64)]| line.iter().map(|(x, y)| (1.44 * x, *y)).collect();
+        // Half of it 0.576 wide: 1.2 times as wide as the row reaches.
+        let wide = Interior { upper: drawn(&mouth.upper), lower: drawn(&mouth.lower), ..mouth };
+        assert!((wide.wider() - 1.2).abs() < 1e-9);
     }
 
     /// A mouth of grey lips around the origin, 0.8 eye distances wide, whose jaw has dropped by `gap` where the lips part as an arch, 100 px to the eye distance.
