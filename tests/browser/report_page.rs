@@ -7,7 +7,13 @@ use std::{fs, thread::sleep, time::Duration};
 
 use crate::driver::{Browser, keep, wait};
 use crate::report_data::Fixture;
-use grimace::internal::report::{Stage, render_html};
+use grimace::internal::{
+    model::{DynamicExpressionModel, FrameExpressionModel},
+    pipeline::{AnalyzedModel, PipelineOptions, Workbench, analyze, write_analysis},
+    report::{Stage, render_html},
+    statistics::SequenceModel,
+    units::SequenceId,
+};
 use serde_json::json;
 
 /// Writes a report and shows it.
@@ -81,6 +87,48 @@ fn the_representative_plays_scrubs_and_exaggerates() {
     assert!(count("[data-figure=faps] .track") > 60);
     let shades = "return new Set([...document.querySelectorAll('#r0 [data-figure=heat] path[fill^=\"#\"]')].map(p => p.getAttribute('fill'))).size";
     assert!(browser.run(shades).as_u64().unwrap() > 50, "a smooth map has many colours");
+    browser.no_errors();
+}
+
+#[test]
+fn the_expression_at_a_low_and_at_a_high_number_is_shown() {
+    let options = PipelineOptions { covariates: vec!["age".to_owned()], ..PipelineOptions::default() };
+    let bench = Workbench::new(None, options).unwrap();
+    let neutral = bench.normalizer().unwrap().canonical().neutral.clone();
+    // The corners of the mouth rise by an age's number.
+    let model = |age: u32| {
+        let frame = |m: u32| {
+            let mut nodes = neutral.nodes().to_vec();
+            [31, 64].map(|corner: usize| nodes[corner].y += f64::from(age * m) / 4.0 + f64::from(age % 3));
+            FrameExpressionModel::new(nodes)
+        };
+        let id = SequenceId { subject: format!("P{age}"), sequence: "1".to_owned() };
+        let model = DynamicExpressionModel::new([neutral.clone()].into_iter().chain((1..5).map(frame)).collect()).unwrap();
+        let metadata = [("age".to_owned(), age.to_string())].into();
+        AnalyzedModel {
+            model: SequenceModel { id, model },
+            emotion: "happiness".to_owned(),
+            metadata,
+            quality: None,
+            course: None,
+        }
+    };
+    let analysis = analyze([20, 31, 42, 50, 61, 70].map(model).into(), Vec::new(), &bench).unwrap();
+    let browser = Browser::start();
+    browser.size(1280, 900);
+    write_analysis(&analysis, browser.folder.path(), "ages", &bench, |_, _| Ok(())).unwrap();
+    browser.go(&format!("file://{}", browser.folder.path().join("report.html").display()));
+    let titles = || browser.text("return [...document.querySelectorAll('.variation h4')].map(h => h.textContent).join('; ')");
+    let faces =
+        || browser.text("return [...document.querySelectorAll('.variation .contours')].map(p => p.getAttribute('d')).join(';')");
+    assert_eq!(titles(), "−2 standard deviations; Mean; +2 standard deviations");
+    let components = faces();
+    browser.run("const q = document.querySelector('.variation .component'); q.value = q.options.length - 1; q.dispatchEvent(new Event('change'))");
+    assert_eq!(titles(), "age 20; Mean; age 70");
+    assert_ne!(faces(), components);
+    let row = browser.text("return document.querySelector('#numbers tbody tr').textContent");
+    assert!(row.starts_with("happinessage645.67") && row.contains("goes along"), "{row}");
+    browser.screenshot("numbers", false);
     browser.no_errors();
 }
 
