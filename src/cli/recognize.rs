@@ -83,7 +83,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let (unseen, failures) = crate::pipeline::load_unlabelled_tracks(&files, &bench);
     say_failures(known_failures.iter().chain(&failures), None);
     let labelled: Vec<_> = known.iter().map(|m| (&m.model, m.emotion.as_str())).collect();
-    let (labelled, left_out) = shown_by_several(labelled, |(model, label)| (model, label));
+    let (labelled, left_out) = shown_by_several(labelled, |(model, label)| (&model.id.subject, label));
     if let Some(said) = left_out_said(&left_out) {
         eprintln!("note: {said}");
     }

@@ -35,8 +35,8 @@ use median::SearchEnding;
 
 pub(crate) use amplitude::{t_above, t_quantile};
 pub use groups::{
-    EMOTIONS, GroupError, LabelledModel, UNKNOWN_GROUP, check_columns, check_groups, group_models, group_models_unchecked,
-    is_missing, measures_said, missing_words_said,
+    EMOTIONS, GroupError, LabelledModel, SequenceLabels, UNKNOWN_GROUP, check_columns, check_groups, group_models,
+    group_models_unchecked, group_sequences, is_missing, measures_said, missing_words_said,
 };
 pub use representative::{NEUTRAL_TOLERANCE, check_models, representative};
 pub use spelling::{common_spellings, likely_emotion, near_twins, spelling_key, synonyms};
