@@ -3,6 +3,7 @@
 mod amplitudes;
 mod analysis;
 mod beside;
+mod check;
 mod classes;
 #[cfg(feature = "columnar")]
 mod columnar;
@@ -64,6 +65,7 @@ pub use crate::input::file_blake3;
 pub use amplitudes::AmplitudeResults;
 pub use analysis::{Analysis, AnalysisError, AnalyzedClass, AnalyzedModel, analyze};
 pub use beside::{face_of_marks, held};
+pub use check::{CheckedColumn, CheckedEmotion, DatasetCheck, check_dataset, write_check};
 #[cfg(feature = "columnar")]
 pub use columnar::{analyze_columnar, load_columnar, write_columnar};
 pub use corrected::{correct_track, corrections_said};

@@ -11,6 +11,7 @@ mod cmd_annotate;
 mod cmd_apart;
 mod cmd_bank;
 mod cmd_beside;
+mod cmd_check;
 mod cmd_clone;
 mod cmd_consent;
 mod cmd_fap;
