@@ -33,6 +33,7 @@ mod showcase;
 mod skins;
 mod tracks;
 mod units;
+mod unseen;
 mod variation;
 mod work;
 mod write;
@@ -92,6 +93,7 @@ pub use run::{Event, RunError, RunSummary, run};
 pub use sequence::{SequenceFailure, SequenceSource, track_one, track_pictures};
 pub use showcase::{PORTRAIT_NAME, ReportFace, showcase_remarks, showcase_target};
 pub use tracks::{id_of, load_tracks, load_unlabelled_tracks, results_folder, track_files, tracks_folder};
+pub use unseen::{Unseen, track_unseen};
 pub use write::{ANALYSIS_TABLES, analysis_files, write_analysis};
 
 /// Options of every stage: one struct per stage.

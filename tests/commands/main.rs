@@ -25,6 +25,7 @@ mod cmd_package;
 mod cmd_play;
 mod cmd_populations;
 mod cmd_prior;
+mod cmd_recognize;
 mod cmd_run;
 mod cmd_run_input;
 mod cmd_segment;
