@@ -17,6 +17,12 @@ use grimace::{
 /// Sequences that are named of those that failed in the same way.
 const NAMED: usize = 6;
 
+/// What is said before the name of a sequence that deserves a look.
+pub const LOOK_AGAIN: &str = "look again";
+
+/// What became of sequences that failed.
+pub const FAILED: &str = "failed";
+
 /// Most kinds of failures that are told apart.
 const KINDS: usize = 12;
 
@@ -62,13 +68,13 @@ impl Repeated {
         }
     }
 
-    /// What is left to say: one more as it is, several as their number, with the table that has the reasons of all.
-    pub fn rest(&self, table: Option<&str>) -> Vec<String> {
+    /// What is left to say: one more as it is, several as their number, with what became of them and the table that has the reasons of all.
+    pub fn rest(&self, became: &str, table: Option<&str>) -> Vec<String> {
         let summed = |ids: &mut Vec<String>, how: &str| {
             ids.sort();
             let (count, named) = (ids.len(), listed(ids, NAMED));
             let reasons = table.map(|table| format!("; their reasons are in {table}")).unwrap_or_default();
-            format!("{count} more {} failed{how}: {named}{reasons}", if count == 1 { "sequence" } else { "sequences" })
+            format!("{count} more {} {became}{how}: {named}{reasons}", if count == 1 { "sequence" } else { "sequences" })
         };
         let said = |Kind { first, others }: &Kind| match others.as_slice() {
             [] => None,
@@ -89,6 +95,24 @@ impl Repeated {
 /// Says of sequences that failed why, with the table that has all reasons, if it was written.
 pub fn say_failures<'a>(failures: impl IntoIterator<Item = &'a Failure>, table: Option<&Path>) {
     lines_of(failures, table).iter().for_each(|line| eprintln!("{line}"));
+}
+
+/// A line `WHAT: ID: REASON` for every sequence; of many alike the first, and of how many more the same is to be said.
+pub fn lines_by_kind<'a>(
+    said: impl IntoIterator<Item = (&'a SequenceId, String, String)>,
+    became: &str,
+    table: Option<&Path>,
+) -> Vec<String> {
+    let (mut repeated, mut lines) = (Repeated::default(), Vec::new());
+    for (id, what, reason) in said {
+        let name = failed_name(&id.subject, &id.sequence, &reason);
+        let line = if reason.starts_with(&name) { format!("{what}: {reason}") } else { format!("{what}: {name}: {reason}") };
+        if repeated.is_first(&name, &reason, &line) {
+            lines.push(line);
+        }
+    }
+    lines.extend(repeated.rest(became, table.map(|path| path.display().to_string()).as_deref()));
+    lines
 }
 
 /// Says of how many tracks a dataset knows nothing: their labels are those beside them.
@@ -120,7 +144,7 @@ fn lines_of<'a>(failures: impl IntoIterator<Item = &'a Failure>, table: Option<&
             lines.push(line);
         }
     }
-    lines.extend(repeated.rest(table.map(|path| path.display().to_string()).as_deref()));
+    lines.extend(repeated.rest(FAILED, table.map(|path| path.display().to_string()).as_deref()));
     lines
 }
 
@@ -143,7 +167,7 @@ mod tests {
         assert!(repeated.is_first("S005_001", "the file is empty", "S005_001: the file is empty"));
         assert!(!repeated.is_first("S006_001", "the file is empty", "S006_001: the file is empty"));
         let more = "3 more sequences failed in the same way as S001_001: S002_001; S003_001; S004_001; their reasons are in failures.csv";
-        assert_eq!(repeated.rest(Some("failures.csv")), [more, "S006_001: the file is empty"]);
+        assert_eq!(repeated.rest(FAILED, Some("failures.csv")), [more, "S006_001: the file is empty"]);
     }
 
     #[test]

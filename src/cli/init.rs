@@ -112,7 +112,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         if !manifest.people_without_rows.is_empty() {
             println!("note: in the table of people, without a sequence: {}", shortened(&manifest.people_without_rows));
         }
-        println!("next: grimace run {} -o results", quoted(&args.folder.display().to_string()));
+        let folder = quoted(&args.folder.display().to_string());
+        println!(
+            "next: grimace check {folder}, which says in seconds what `run` would meet, then grimace run {folder} -o results"
+        );
     }
     Ok(Outcome::Done)
 }

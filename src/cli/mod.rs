@@ -14,6 +14,7 @@ mod analyze;
 mod annotate;
 pub mod apart;
 pub mod bank;
+mod check;
 mod clone;
 mod clone_again;
 mod clone_skin;
@@ -81,6 +82,8 @@ enum Command {
     Run(run::Args),
     /// Write a manifest for folders of images and videos.
     Init(init::Args),
+    /// What `run` would meet in a dataset, before anything is tracked.
+    Check(check::Args),
     /// Mark points on a local web page, or correct tracks.
     Annotate(annotate::Args),
     /// Fit the wireframe to one neutral face from marked points.
@@ -184,6 +187,7 @@ pub fn main() -> ExitCode {
     exit_code(match cli.command {
         Command::Run(args) => run::run(&args),
         Command::Init(args) => init::run(&args),
+        Command::Check(args) => check::run(&args),
         Command::Annotate(args) => annotate::run(&args),
         Command::Features(args) => features::run(&args),
         Command::Figures(args) => figures::run(&args),

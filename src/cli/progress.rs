@@ -8,7 +8,7 @@ use std::sync::{
 use grimace::{pipeline::Event, report::failed_name};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use super::failures::Repeated;
+use super::failures::{FAILED, Repeated};
 
 /// Bar over sequences with a count of frames and the time left. Hidden when standard error is no terminal.
 #[derive(Debug)]
@@ -56,7 +56,7 @@ impl SequenceBar {
     pub fn finish(&self) {
         self.bar.finish_and_clear();
         let repeated = self.repeated.lock().unwrap_or_else(PoisonError::into_inner);
-        repeated.rest(Some("failures.csv")).iter().for_each(|line| eprintln!("{line}"));
+        repeated.rest(FAILED, Some("failures.csv")).iter().for_each(|line| eprintln!("{line}"));
     }
 }
 

@@ -86,7 +86,7 @@ pub enum CorrespondenceSource {
 }
 
 /// Column of the manifest that says which face of a table of landmarks is meant.
-pub(super) const FACE_COLUMN: &str = "face_id";
+pub(crate) const FACE_COLUMN: &str = "face_id";
 
 impl SequenceEntry {
     /// Lists the frames, cut to the neutral and the apex frame.
@@ -200,6 +200,11 @@ impl SequenceEntry {
     /// As [`SequenceEntry::landmarks_path`] and [`super::read_landmarks`].
     pub fn landmarks(&self) -> Result<Option<LandmarkTrack>, LandmarksError> {
         self.landmarks_path()?.map(|path| read_face(path, LEAST_CONFIDENCE, self.face_id())).transpose()
+    }
+
+    /// What it is labelled with: its id, its emotion, and the further columns of the manifest.
+    pub(crate) fn labels(&self) -> (&SequenceId, &str, &BTreeMap<String, String>) {
+        (&self.id, &self.emotion, &self.metadata)
     }
 
     /// Value of a manifest column to group by: `subject`, `sequence`, `emotion` or metadata; `None` for any other.

@@ -306,12 +306,12 @@ fn same_number(path: &Path) -> Option<PathBuf> {
 }
 
 /// Whether a path has the extension of a video file.
-pub(super) fn is_video(path: &Path) -> bool {
+pub(crate) fn is_video(path: &Path) -> bool {
     has_extension(path, &VIDEO_EXTENSIONS)
 }
 
 /// Whether a folder has an image in it.
-pub(super) fn has_frames(folder: &Path) -> bool {
+pub(crate) fn has_frames(folder: &Path) -> bool {
     visible(folder).is_ok_and(|entries| entries.iter().any(|e| has_picture_name(Path::new(&e.file_name()))))
 }
 

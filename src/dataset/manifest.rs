@@ -8,11 +8,12 @@
 
 use std::{
     collections::BTreeMap,
+    io::{BufRead, BufReader, Read},
     path::{Path, PathBuf},
 };
 
 use super::{
-    Dataset, DatasetError, FailedEntry, PUBLISH_COLUMN, RowError, SEGMENT_COLUMN, SequenceEntry,
+    Dataset, DatasetError, FailedEntry, Labels, PUBLISH_COLUMN, RowError, SEGMENT_COLUMN, SequenceEntry,
     entry::{FACE_COLUMN, is_publish_column},
     error::{check_file_name, name_key},
     frames::is_video,
@@ -25,7 +26,7 @@ use crate::{
 };
 
 /// Name of a correspondence file in the default place.
-pub(super) const CORRESPONDENCES_NAME: &str = "correspondences.csv";
+pub(crate) const CORRESPONDENCES_NAME: &str = "correspondences.csv";
 
 /// Columns that must be there.
 pub const MANIFEST_COLUMNS: [&str; 3] = ["subject", "sequence", "emotion"];
@@ -34,7 +35,8 @@ pub const MANIFEST_COLUMNS: [&str; 3] = ["subject", "sequence", "emotion"];
 struct Columns {
     subject: usize,
     sequence: usize,
-    emotion: usize,
+    /// `None` where emotions need not be known.
+    emotion: Option<usize>,
     frames: Option<usize>,
     first_frame: Option<usize>,
     last_frame: Option<usize>,
@@ -48,9 +50,9 @@ struct Columns {
 ///
 /// # Errors
 /// [`DatasetError`] when the file does not read, lacks a required column, or has no row. Bad rows are failures of the dataset.
-pub(super) fn open(path: &Path) -> Result<Dataset, DatasetError> {
-    let csv = CsvFile::open(path)?.or_semicolons(&MANIFEST_COLUMNS)?;
-    let columns = columns(&csv)?;
+pub(super) fn open(path: &Path, labels: Labels) -> Result<Dataset, DatasetError> {
+    let csv = CsvFile::open(path)?.or_semicolons(needed(labels))?;
+    let columns = columns(&csv, labels)?;
     let root = path.parent().map_or_else(PathBuf::new, Path::to_owned);
     // Line of each file stem `SUBJECT_SEQUENCE`, as a file system may take it, with its id; two ids may share a stem (`a_b`, `c`
     // and `a`, `b_c`).
@@ -70,7 +72,7 @@ pub(super) fn open(path: &Path) -> Result<Dataset, DatasetError> {
                 continue;
             }
         };
-        match entry(&root, &columns, &row, &mut seen) {
+        match entry(&root, &columns, &row, labels, &mut seen) {
             Ok(entry) => sequences.push(entry),
             Err(fault) => failures.push(FailedEntry {
                 subject: row.get(columns.subject).to_owned(),
@@ -118,8 +120,33 @@ fn is_misspelt(found: &str, meant: &str) -> bool {
     }
 }
 
-fn columns(csv: &CsvFile) -> Result<Columns, DatasetError> {
-    let [subject, sequence, emotion] = csv.require(MANIFEST_COLUMNS)?;
+/// The columns that must be there.
+fn needed(labels: Labels) -> &'static [&'static str] {
+    match labels {
+        Labels::Needed => &MANIFEST_COLUMNS,
+        Labels::IfAny => &MANIFEST_COLUMNS[..2],
+    }
+}
+
+/// Whether a table of comma- or semicolon-separated values lists sequences, by its first line.
+pub(crate) fn is_manifest(path: &Path) -> bool {
+    const MOST: u64 = 1 << 16;
+    let mut line = Vec::new();
+    let read = crate::input::open_file(path).and_then(|file| BufReader::new(file.take(MOST)).read_until(b'\n', &mut line));
+    let line = String::from_utf8_lossy(&line);
+    let names: Vec<&str> = line.split([',', ';']).map(|name| name.trim_matches(['\u{feff}', '"', ' ', '\r', '\n'])).collect();
+    read.is_ok() && needed(Labels::IfAny).iter().all(|name| names.contains(name))
+}
+
+fn columns(csv: &CsvFile, labels: Labels) -> Result<Columns, DatasetError> {
+    let emotion = csv.column(MANIFEST_COLUMNS[2]);
+    let (subject, sequence) = if labels == Labels::IfAny && emotion.is_none() {
+        let [subject, sequence] = csv.require([MANIFEST_COLUMNS[0], MANIFEST_COLUMNS[1]])?;
+        (subject, sequence)
+    } else {
+        let [subject, sequence, _] = csv.require(MANIFEST_COLUMNS)?;
+        (subject, sequence)
+    };
     let [frames, first_frame, last_frame, correspondences, landmarks, fps] = OPTIONAL.map(|name| csv.column(name));
     for meant in OPTIONAL.into_iter().chain(FURTHER).filter(|name| csv.column(name).is_none()) {
         let is_near = |name: &&String| !is_publish_column(name) && is_misspelt(name, meant);
@@ -131,7 +158,7 @@ fn columns(csv: &CsvFile) -> Result<Columns, DatasetError> {
             });
         }
     }
-    let named = [subject, sequence, emotion].map(Some).into_iter();
+    let named = [Some(subject), Some(sequence), emotion].into_iter();
     let known: Vec<usize> = named.chain([frames, first_frame, last_frame, correspondences, landmarks, fps]).flatten().collect();
     let others = csv.header().iter().enumerate().filter(|(k, name)| !known.contains(k) && !name.is_empty());
     let metadata = others.map(|(k, name)| (k, name.clone())).collect();
@@ -160,6 +187,7 @@ fn entry(
     root: &Path,
     columns: &Columns,
     row: &CsvRow<'_>,
+    labels: Labels,
     seen: &mut BTreeMap<String, (usize, SequenceId)>,
 ) -> Result<SequenceEntry, Fault> {
     let given = |column: Option<usize>| column.filter(|&k| !row.get(k).is_empty());
@@ -180,14 +208,21 @@ fn entry(
         return Err(problem.into());
     }
     seen.insert(key, (row.line(), id.clone()));
-    let emotion = composed(row.get(columns.emotion)).to_lowercase();
-    if is_missing_word(&emotion) {
-        return Err(RowError::EmotionMissing { value: excerpt(row.get(columns.emotion)) }.into());
-    }
-    check_file_name("emotion", &emotion)?;
-    if emotion == super::UNKNOWN_EMOTION {
-        return Err(RowError::EmotionOpen.into());
-    }
+    let said = columns.emotion.map_or("", |k| row.get(k));
+    let emotion = composed(said).to_lowercase();
+    let is_open = is_missing_word(&emotion) || emotion == super::UNKNOWN_EMOTION;
+    let emotion = if labels == Labels::IfAny && (is_open || emotion.is_empty()) {
+        String::new()
+    } else {
+        if is_missing_word(&emotion) {
+            return Err(RowError::EmotionMissing { value: excerpt(said) }.into());
+        }
+        check_file_name("emotion", &emotion)?;
+        if is_open {
+            return Err(RowError::EmotionOpen.into());
+        }
+        emotion
+    };
     let number = |column| given(column).map(|k| row.whole_number(k)).transpose();
     let (first_frame, last_frame) = (number(columns.first_frame)?, number(columns.last_frame)?);
     if let Some((first, last)) = first_frame.zip(last_frame).filter(|(first, last)| first == last) {

@@ -21,19 +21,21 @@ use std::path::{Path, PathBuf};
 use crate::{text::message, units::SequenceId};
 
 pub use cohn_kanade::emotion_code;
+pub(crate) use entry::FACE_COLUMN;
 pub use entry::{CorrespondenceSource, PUBLISH_COLUMN, SEGMENT_COLUMN, SequenceEntry, is_publish_column, may_publish};
 pub(crate) use error::name_key;
 pub use error::{DatasetError, RowError, check_file_name};
-pub(crate) use frames::visible;
 pub use frames::{
     FrameFile, FrameSource, FramesError, IMAGE_EXTENSIONS, VIDEO_EXTENSIONS, has_picture_name, is_picture, list_frames,
     list_frames_among, list_readable, list_recording,
 };
+pub(crate) use frames::{has_frames, is_video, visible};
 pub use init::{Kept, UNKNOWN_EMOTION, manifest_path, propose_manifest};
 pub use landmarks::{
     DEFAULT_LANDMARK_NODES, LANDMARK_COUNT, LEAST_CONFIDENCE, LandmarkFrame, LandmarkSelection, LandmarkSequence, LandmarkTrack,
     LandmarksError, correspondences_from_landmarks, landmark_files, read_face, read_landmarks,
 };
+pub(crate) use manifest::{CORRESPONDENCES_NAME, is_manifest};
 pub use manifest::{FRAME_RATES, MANIFEST_COLUMNS};
 pub use marks::{MarksFileError, read_marks};
 pub use unread::unread_beside;
@@ -61,6 +63,15 @@ pub struct Dataset {
     pub failures: Vec<FailedEntry>,
     /// Sequences left out that are no failures, sorted by id.
     pub skipped: Vec<SkippedEntry>,
+}
+
+/// Whether the sequences of a manifest have to have emotions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Labels {
+    /// They have.
+    Needed,
+    /// They need not: an emotion that is not there, or open, is empty.
+    IfAny,
 }
 
 /// A row or folder that does not make a sequence.
@@ -126,15 +137,24 @@ impl Dataset {
     /// [`DatasetError`] when there is no such dataset or its manifest does not read as a whole. What is wrong with single
     /// sequences is in [`Dataset::failures`].
     pub fn open(path: &Path) -> Result<Self, DatasetError> {
+        Self::open_as(path, Labels::Needed)
+    }
+
+    /// [`Dataset::open`] of sequences whose emotions need not be known: where a manifest has none, they are empty.
+    pub(crate) fn open_unlabelled(path: &Path) -> Result<Self, DatasetError> {
+        Self::open_as(path, Labels::IfAny)
+    }
+
+    fn open_as(path: &Path, labels: Labels) -> Result<Self, DatasetError> {
         if path.is_file() {
-            return manifest::open(path);
+            return manifest::open(path, labels);
         }
         if !path.is_dir() {
             return Err(DatasetError::NotFound { path: path.to_owned() });
         }
         let manifest = path.join(MANIFEST_NAME);
         if manifest.exists() {
-            return manifest::open(&manifest);
+            return manifest::open(&manifest, labels);
         }
         match cohn_kanade::open(path)? {
             Some(dataset) => Ok(dataset),

@@ -24,7 +24,7 @@ use crate::{
     normalize::{FRAMES_PER_MODEL, Resample},
     output::{OutputError, count, listed},
     statistics::{
-        ClassLabel, GroupError, LabelledModel, Representative, SequenceModel, StatisticsError,
+        ClassLabel, GroupError, LabelledModel, Representative, SequenceLabels, SequenceModel, StatisticsError,
         bootstrap::DispersionInterval,
         check_columns, check_numbers,
         compare::{Comparisons, Strata},
@@ -173,10 +173,11 @@ pub(super) fn analyze_with(
     let fapus = bench.normalizer()?.canonical().fapus;
     let sequences = models.par_iter().map(|model| SequenceRow::of(model, &fapus)).collect();
     let grouped = labelled(models);
-    let spelled = spelling_warnings(&grouped, &options.by);
+    let labels: Vec<SequenceLabels<'_>> = grouped.iter().map(LabelledModel::labels).collect();
+    let spelled = spelling_warnings(&labels, &options.by);
     let told_apart_by = [options.by.as_slice(), &options.strata].concat();
-    let missing = missing_words_said(&grouped, &told_apart_by);
-    let measures = measures_said(&grouped, &told_apart_by);
+    let missing = missing_words_said(&labels, &told_apart_by);
+    let measures = measures_said(&labels, &told_apart_by);
     check_columns(&options.strata, grouped.iter().map(|m| &m.metadata))?;
     check_numbers(&options.covariates, &grouped.iter().map(|m| &m.metadata))?;
     let strata = strata_of(&grouped, &options.strata);
@@ -198,7 +199,7 @@ pub(super) fn analyze_with(
     }
     let mut warnings: Vec<String> =
         marks_beside(&tracks).into_iter().chain(look_again(&tracks)).chain(warnings(&classes, &options.statistics)).collect();
-    warnings.extend(too_short(&tracks, options.normalize.resample));
+    warnings.extend(too_short(lengths_of(&tracks), options.normalize.resample));
     let comparisons = (!options.by.is_empty()).then(|| Comparisons::together(comparisons));
     warnings.extend(comparisons.iter().flat_map(|c| c.warnings(options.groups.compare.significance)));
     warnings.extend(spelled);
@@ -272,10 +273,14 @@ fn look_again(tracks: &[TrackQuality]) -> Option<String> {
         .then(|| format!("{count} of {all} sequences should be looked at again, the reasons are in verdicts.csv: {named}{more}"))
 }
 
+/// How many frames tracks have.
+pub(super) fn lengths_of(tracks: &[TrackQuality]) -> impl Iterator<Item = (&SequenceId, usize)> {
+    tracks.iter().map(|t| (&t.id, t.summary.frames))
+}
+
 /// What a person should know of sequences of fewer frames than a model has, where the nearest frame is taken.
-pub(super) fn too_short(tracks: &[TrackQuality], resample: Resample) -> Option<String> {
-    let is_short = |t: &&TrackQuality| t.summary.frames < FRAMES_PER_MODEL;
-    let ids: Vec<String> = tracks.iter().filter(is_short).map(|t| t.id.to_string()).collect();
+pub(super) fn too_short<'a>(lengths: impl Iterator<Item = (&'a SequenceId, usize)>, resample: Resample) -> Option<String> {
+    let ids: Vec<String> = lengths.filter(|(_, frames)| *frames < FRAMES_PER_MODEL).map(|(id, _)| id.to_string()).collect();
     let (short, named) = (count(ids.len(), "sequence has", "sequences have"), listed(&ids, NAMED_SEQUENCES));
     (resample == Resample::Nearest && !ids.is_empty()).then(|| {
         format!(

@@ -8,7 +8,7 @@ use crate::{
     fap::{Clamped, FapCatalog, FapSequence},
     output::listed,
     statistics::{
-        ClassLabel, LabelledModel, Representative, StatisticsOptions, Weighting, bootstrap::DispersionInterval, likely_emotion,
+        ClassLabel, Representative, SequenceLabels, StatisticsOptions, Weighting, bootstrap::DispersionInterval, likely_emotion,
         near_twins, scale::MANY_MODELS, sequence_weights, spelling_key, synonyms, trimming::trimmed_count,
     },
     text::composed,
@@ -60,25 +60,33 @@ const NOTABLE_CLAMP: f64 = 20.0;
 /// Most classes that a warning names.
 const MOST_NAMED: usize = 12;
 
+/// How many sequences and people a class has, which is called by the stem of its files.
+pub(super) struct ClassSize<'a> {
+    pub stem: &'a str,
+    pub sequences: usize,
+    pub people: usize,
+}
+
+/// What a person should know of classes of few sequences or people.
+pub(super) fn few_said(classes: &[ClassSize<'_>]) -> Vec<String> {
+    let single: Vec<String> = classes.iter().filter(|c| c.sequences == 1).map(|c| c.stem.to_owned()).collect();
+    let is_small = |c: &&ClassSize<'_>| c.sequences > 1 && c.people < SMALL_CLASS;
+    let small: Vec<String> = classes.iter().filter(is_small).map(|c| format!("{} ({})", c.stem, c.people)).collect();
+    let said = |what: String, named: &[String]| (!named.is_empty()).then(|| format!("{what}: {}", listed(named, MOST_NAMED)));
+    let alone = said("a single sequence is its own representative and has no dispersion".to_owned(), &single);
+    let few = said(format!("fewer than {SMALL_CLASS} people say little about anybody else"), &small);
+    alone.into_iter().chain(few).collect()
+}
+
 /// What a person should know before using the results: at most one line of each kind.
 pub(super) fn warnings(classes: &[AnalyzedClass], options: &StatisticsOptions) -> Vec<String> {
-    let mut warnings = Vec::new();
+    let sizes =
+        classes.iter().map(|c| ClassSize { stem: &c.stem, sequences: c.representative.sequences.len(), people: c.subjects });
+    let mut warnings = few_said(&sizes.collect::<Vec<_>>());
     let counted_where = |chosen: &dyn Fn(&Representative) -> bool| -> Vec<String> {
         let chosen = classes.iter().filter(|c| chosen(&c.representative)).map(|c| (&c.stem, c.representative.sequences.len()));
         chosen.map(|(stem, n)| if n == 1 { stem.clone() } else { format!("{stem} ({n})") }).collect()
     };
-    let counted = |few: &dyn Fn(usize) -> bool| counted_where(&|r| few(r.sequences.len()));
-    let single = counted(&|n| n == 1);
-    if !single.is_empty() {
-        let list = listed(&single, MOST_NAMED);
-        warnings.push(format!("a single sequence is its own representative and has no dispersion: {list}"));
-    }
-    let is_small = |c: &&AnalyzedClass| c.representative.sequences.len() > 1 && c.subjects < SMALL_CLASS;
-    let small: Vec<String> = classes.iter().filter(is_small).map(|c| format!("{} ({})", c.stem, c.subjects)).collect();
-    if !small.is_empty() {
-        let list = listed(&small, MOST_NAMED);
-        warnings.push(format!("fewer than {SMALL_CLASS} people say little about anybody else: {list}"));
-    }
     let held: Vec<String> = classes
         .iter()
         .filter_map(|c| {
@@ -193,9 +201,9 @@ fn heaviest_person(r: &Representative, weighting: Weighting) -> Option<(&str, f6
 }
 
 /// Labels that may be misspelt, and people who may be one.
-pub(super) fn spelling_warnings(models: &[LabelledModel], by: &[String]) -> Vec<String> {
+pub(super) fn spelling_warnings(labels: &[SequenceLabels<'_>], by: &[String]) -> Vec<String> {
     let mut twins: Vec<String> = Vec::new();
-    let emotions: BTreeSet<&str> = models.iter().map(|m| m.emotion.as_str()).collect();
+    let emotions: BTreeSet<&str> = labels.iter().map(|(_, emotion, _)| *emotion).collect();
     let words = synonyms(emotions.iter().copied());
     // `surprised` beside `surprise` is no slip.
     let are_words = |a: &String, b: &String| words.iter().any(|words| words.contains(a) && words.contains(b));
@@ -203,10 +211,11 @@ pub(super) fn spelling_warnings(models: &[LabelledModel], by: &[String]) -> Vec<
     let emotion_twins = near_twins(emotions.iter().copied()).into_iter().filter(|(a, b)| !are_words(a, b));
     twins.extend(emotion_twins.map(|(a, b)| format!("emotion {a} and {b}")));
     for column in by {
-        let values: BTreeSet<&str> = models.iter().filter_map(|m| m.metadata.get(column)).map(String::as_str).collect();
+        let values: BTreeSet<&str> =
+            labels.iter().filter_map(|(.., metadata)| metadata.get(column)).map(String::as_str).collect();
         twins.extend(near_twins(values).into_iter().map(|(a, b)| format!("{column} {a} and {b}")));
     }
-    let subjects: BTreeSet<&str> = models.iter().map(|m| m.model.id.subject.as_str()).collect();
+    let subjects: BTreeSet<&str> = labels.iter().map(|(id, ..)| id.subject.as_str()).collect();
     let mut spelled: BTreeMap<String, Vec<&str>> = BTreeMap::new();
     subjects.into_iter().for_each(|subject| spelled.entry(spelling_key(subject)).or_default().push(subject));
     let people: Vec<String> = spelled.into_values().filter(|s| s.len() > 1).map(|s| s.join(" and ")).collect();

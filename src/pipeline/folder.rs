@@ -10,7 +10,7 @@ use super::{
     recording::{SEGMENTS_FOLDER, expand},
 };
 use crate::{
-    dataset::{Dataset, MANIFEST_NAME},
+    dataset::{Dataset, MANIFEST_NAME, SequenceEntry},
     output::{OutputError, create_folders, sweep_once},
     statistics::{check_columns, check_groups, check_numbers},
     track::CORRECTIONS_FOLDER,
@@ -27,14 +27,7 @@ pub(super) fn open(
     force: bool,
     watch: (&AtomicBool, &(dyn Fn(Event) + Sync)),
 ) -> Result<(Dataset, String, Option<RunJson>), RunError> {
-    let mut opened = Dataset::open(dataset)?;
-    // Found out now and not after hours of tracking.
-    for columns in [&bench.options.by, &bench.options.strata] {
-        check_columns(columns, opened.sequences.iter().map(|s| &s.metadata)).map_err(AnalysisError::from)?;
-    }
-    check_numbers(&bench.options.covariates, &opened.sequences.iter().map(|s| &s.metadata)).map_err(AnalysisError::from)?;
-    let labelled = opened.sequences.iter().map(|s| (&s.id, s.emotion.as_str(), &s.metadata));
-    check_groups(&bench.options.by, labelled).map_err(AnalysisError::from)?;
+    let mut opened = open_dataset(dataset, bench)?;
     let name = dataset_name(dataset);
     let earlier = check_output(out, &name, bench, force)?;
     // Only `annotate` writes there, and may have been killed.
@@ -44,6 +37,18 @@ pub(super) fn open(
         return Err(RunError::Empty { path: dataset.to_owned() });
     }
     Ok((opened, name, earlier))
+}
+
+/// Opens a dataset and makes sure that it can be grouped as the options say.
+pub(super) fn open_dataset(dataset: &Path, bench: &Workbench) -> Result<Dataset, RunError> {
+    let opened = Dataset::open(dataset)?;
+    // Found out now and not after hours of tracking.
+    for columns in [&bench.options.by, &bench.options.strata] {
+        check_columns(columns, opened.sequences.iter().map(|s| &s.metadata)).map_err(AnalysisError::from)?;
+    }
+    check_numbers(&bench.options.covariates, &opened.sequences.iter().map(|s| &s.metadata)).map_err(AnalysisError::from)?;
+    check_groups(&bench.options.by, opened.sequences.iter().map(SequenceEntry::labels)).map_err(AnalysisError::from)?;
+    Ok(opened)
 }
 
 /// The record of a run that has just begun.

@@ -185,6 +185,8 @@ pub struct FoundMarks {
     pub remark: Option<String>,
     /// Parts of the face that something covers: their marks are guesses.
     pub covered: Vec<FacePart>,
+    /// Median expected error of the points that were found, over the eye distance; `None` of marks that somebody gave.
+    pub expected_error: Option<f64>,
 }
 
 /// [`found_marks`], and what is to be said where the frame shows more than one face, or one that is covered in part. `colour` is the same picture in
@@ -204,7 +206,12 @@ pub fn found_marks_and_remark(
     if !face.trusted {
         return Err(FoundMarksError::NotTrusted { percent: 100.0 * face.expected_error, covered: face.covered });
     }
-    Ok(FoundMarks { marks: fitting_marks(&face, frame.size(), bench), remark: face.remark(), covered: face.covered })
+    Ok(FoundMarks {
+        marks: fitting_marks(&face, frame.size(), bench),
+        remark: face.remark(),
+        expected_error: Some(face.expected_error),
+        covered: face.covered,
+    })
 }
 
 /// So many of the marks of a face as make a fit; all of them where none do, so that the fit says why.

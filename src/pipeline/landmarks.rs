@@ -37,7 +37,7 @@ pub(super) struct LandmarkSource {
     face: Option<String>,
     /// Marks of the manifest's own; the landmarks of the neutral frame serve where there are none.
     marks: Option<Vec<Correspondence>>,
-    marks_from: &'static str,
+    pub marks_from: &'static str,
     first_frame: Option<u32>,
     last_frame: Option<u32>,
 }

@@ -3,6 +3,7 @@
 mod amplitudes;
 mod analysis;
 mod beside;
+mod check;
 mod classes;
 #[cfg(feature = "columnar")]
 mod columnar;
@@ -34,6 +35,7 @@ mod showcase;
 mod skins;
 mod tracks;
 mod units;
+mod unseen;
 mod variation;
 mod work;
 mod write;
@@ -66,6 +68,7 @@ pub use crate::input::file_blake3;
 pub use amplitudes::AmplitudeResults;
 pub use analysis::{Analysis, AnalysisError, AnalyzedClass, AnalyzedModel, analyze};
 pub use beside::{face_of_marks, held};
+pub use check::{CheckedColumn, CheckedEmotion, DatasetCheck, check_dataset, write_check};
 #[cfg(feature = "columnar")]
 pub use columnar::{analyze_columnar, load_columnar, write_columnar};
 pub use corrected::{correct_track, corrections_said};
@@ -92,6 +95,7 @@ pub use run::{Event, RunError, RunSummary, run};
 pub use sequence::{SequenceFailure, SequenceSource, track_one, track_pictures};
 pub use showcase::{PORTRAIT_NAME, ReportFace, showcase_remarks, showcase_target};
 pub use tracks::{id_of, load_tracks, load_unlabelled_tracks, results_folder, track_files, tracks_folder};
+pub use unseen::{Unseen, track_unseen};
 pub use write::{ANALYSIS_TABLES, analysis_files, write_analysis};
 
 /// Options of every stage: one struct per stage.

@@ -63,7 +63,7 @@ pub(super) fn recognize_left_out(models: &[LabelledModel], bench: &Workbench) ->
     }
     let mut sorted: Vec<&LabelledModel> = models.iter().collect();
     sorted.sort_by(|a, b| a.model.id.cmp(&b.model.id));
-    let (sorted, left_out) = shown_by_several(sorted, |m| (&m.model, &m.emotion));
+    let (sorted, left_out) = shown_by_several(sorted, |m| (&m.model.id.subject, &m.emotion));
     let labelled: Vec<(&SequenceModel, &str)> = sorted.iter().map(|m| (&m.model, m.emotion.as_str())).collect();
     let recognizer = Recognizer::new(&labelled, bench.wireframe.live_nodes(), || {}).map_err(|why| why.to_string())?;
     let rows = sorted.iter().zip(&recognizer.left_out).map(|(m, recognized)| RecognizedRow {

@@ -28,7 +28,7 @@ use crate::{
 };
 
 /// Where marks came from that were found in the picture.
-const FOUND: &str = "found";
+pub(super) const FOUND: &str = "found";
 
 /// A sequence that cannot be processed, and where it failed.
 #[derive(Clone, Debug)]
@@ -130,6 +130,21 @@ impl SequenceSource {
     pub(super) fn inputs(&self, bench: &Workbench) -> Result<Inputs, SequenceFailure> {
         let content = content_blake3(&self.frames).map_err(SequenceFailure::at(Stage::Dataset))?;
         Ok(self.inputs_with(content, bench))
+    }
+
+    /// Fits the wireframe to the marks in the neutral frame, and holds marks that were given against its face.
+    ///
+    /// # Errors
+    /// [`SequenceFailure`] of [`Stage::Fit`].
+    pub(super) fn fit_neutral(&self, first: &Frame, bench: &Workbench) -> Result<NeutralFit, SequenceFailure> {
+        let size = first.size();
+        validate_correspondences(&self.marks, size.width, size.height).map_err(SequenceFailure::at(Stage::Fit))?;
+        let fit = if self.marks_from == FOUND {
+            bench.fit(&self.marks).map(|fitted| NeutralFit { fitted, beside: Vec::new() })
+        } else {
+            bench.fit_in(first.image(), &self.marks)
+        };
+        fit.map_err(SequenceFailure::at(Stage::Fit))
     }
 
     /// BLAKE3 of the inputs with the rate that was given, of frames whose names and bytes have the hash `content`.
@@ -276,14 +291,7 @@ fn track_frames(
 ) -> Result<(Track, TrackInfo), SequenceFailure> {
     let first = frames.next().unwrap_or(Err(SequenceError::TooFewFrames { found: 0 }));
     let first = first.map_err(SequenceFailure::at(Stage::Track))?;
-    let size = first.size();
-    validate_correspondences(&source.marks, size.width, size.height).map_err(SequenceFailure::at(Stage::Fit))?;
-    let fit = if source.marks_from == FOUND {
-        bench.fit(&source.marks).map(|fitted| NeutralFit { fitted, beside: Vec::new() })
-    } else {
-        bench.fit_in(first.image(), &source.marks)
-    };
-    let NeutralFit { fitted, beside } = fit.map_err(SequenceFailure::at(Stage::Fit))?;
+    let NeutralFit { fitted, beside } = source.fit_neutral(&first, bench)?;
     let frames = std::iter::once(Ok(first)).chain(frames);
     let track = track_sequence(&bench.wireframe, &bench.plan, &fitted, frames, &bench.options.track, tick).map_err(|error| {
         let (is_interrupted, is_lost) = (matches!(error, TrackError::Interrupted), matches!(error, TrackError::FaceLost { .. }));

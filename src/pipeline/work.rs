@@ -19,7 +19,7 @@ use super::{
     measured::{measure, measured_files, normalized, write_measured},
     model_file::write_model,
     overlays::{OverlayFolder, overlay_pictures},
-    sequence::{Labels, MACHINE, RunTrack, track_or_reuse, track_recorded},
+    sequence::{FOUND, Labels, MACHINE, RunTrack, track_or_reuse, track_recorded},
     showcase::thumbnails,
 };
 use crate::{
@@ -28,7 +28,7 @@ use crate::{
     overlay::png_bytes,
     sequence::read_first_frame,
     statistics::SequenceModel,
-    track::{Corrections, TrackQuality, TrackedFrame, corrections_path},
+    track::{Corrections, TrackInfo, TrackQuality, TrackedFrame, corrections_path},
     units::SequenceId,
 };
 
@@ -49,7 +49,9 @@ pub(super) struct Driven {
     /// frames are decoded.
     inputs: Option<Inputs>,
     /// What a person should know of the marks that were found.
-    remark: Option<String>,
+    pub remark: Option<String>,
+    /// Median expected error of marks that were found, over the eye distance.
+    pub found_error: Option<f64>,
 }
 
 impl Driven {
@@ -58,6 +60,29 @@ impl Driven {
         match &self.source {
             Source::Images(source) => source.labels(),
             Source::Landmarks(source) => source.labels(),
+        }
+    }
+
+    /// Tracks it; `inputs` becomes the hash of what was read for it.
+    pub fn track(
+        &self,
+        inputs: &mut Option<String>,
+        bench: &Workbench,
+        tick: impl FnMut(u32) -> bool,
+    ) -> Result<(Vec<TrackedFrame>, TrackInfo), SequenceFailure> {
+        match &self.source {
+            Source::Images(source) => {
+                let (read, tracked) = track_recorded(source, bench, tick);
+                *inputs = read.as_ref().ok().cloned();
+                let (track, mut info) = tracked?;
+                info.inputs_blake3 = read.map_err(SequenceFailure::at(Stage::Track))?;
+                Ok((track.frames, info))
+            }
+            Source::Landmarks(source) => {
+                let (read, tracked) = source.track(bench);
+                *inputs = read;
+                tracked
+            }
         }
     }
 
@@ -240,16 +265,16 @@ pub(super) fn collect(
 }
 
 /// What drives a sequence, with the hash of its inputs where that is wanted.
-fn plan(entry: &SequenceEntry, hashed: bool, bench: &Workbench) -> Result<Driven, SequenceFailure> {
+pub(super) fn plan(entry: &SequenceEntry, hashed: bool, bench: &Workbench) -> Result<Driven, SequenceFailure> {
     if let Some(path) = entry.driving_landmarks(bench.options.landmarks.prefer).map_err(SequenceFailure::at(Stage::Dataset))? {
         let source = LandmarkSource::new(entry, path, bench)?;
         let inputs = hashed.then(|| source.inputs(bench)).transpose()?;
         let missing = entry.missing_frames();
         let remark = missing.map(|frames| format!("{} is not there; landmarks drive it, without images", frames.display()));
-        return Ok(Driven { source: Source::Landmarks(source), inputs, remark });
+        return Ok(Driven { source: Source::Landmarks(source), inputs, remark, found_error: None });
     }
     let frames = entry.frames().map_err(SequenceFailure::at(Stage::Dataset))?;
-    let (FoundMarks { marks, remark, covered }, marks_from) = marks_of(entry, &frames, bench)?;
+    let (FoundMarks { marks, remark, covered, expected_error: found_error }, marks_from) = marks_of(entry, &frames, bench)?;
     let source = SequenceSource {
         id: entry.id.clone(),
         emotion: entry.emotion.clone(),
@@ -262,7 +287,7 @@ fn plan(entry: &SequenceEntry, hashed: bool, bench: &Workbench) -> Result<Driven
     };
     // Frames that do not read fail where they are decoded, in the first run as in any other.
     let inputs = hashed.then(|| source.inputs(bench)).and_then(Result::ok);
-    Ok(Driven { source: Source::Images(source), inputs, remark })
+    Ok(Driven { source: Source::Images(source), inputs, remark, found_error })
 }
 
 /// The marks of a sequence, where they come from (its own, landmarks, or found in its neutral frame), and what is to be said of them.
@@ -280,7 +305,7 @@ fn marks_of(
             };
             let found = found_marks_and_remark(&frame, None, bench);
             let found = found.map_err(|error| named(SequenceFailure::at(Stage::Fit)(error)))?;
-            return Ok((found, "found"));
+            return Ok((found, FOUND));
         }
         CorrespondenceSource::Landmarks(_) => "landmarks",
         CorrespondenceSource::File(_) | CorrespondenceSource::None => "file",
@@ -302,7 +327,7 @@ fn process(
 ) -> Result<Done, SequenceFailure> {
     let &Worked { out, ledger, bench, overlay, .. } = worked;
     let driven = item.source.as_ref().map_err(Clone::clone)?;
-    let Driven { source, inputs: known, remark } = driven;
+    let Driven { source, inputs: known, remark, .. } = driven;
     if halt() {
         return Err(SequenceFailure::interrupted(Stage::Track));
     }
@@ -312,20 +337,7 @@ fn process(
         event(Event::Frame);
         !halt()
     };
-    let make = || match source {
-        Source::Images(source) => {
-            let (read, tracked) = track_recorded(source, bench, tick);
-            *inputs = read.as_ref().ok().cloned();
-            let (track, mut info) = tracked?;
-            info.inputs_blake3 = read.map_err(SequenceFailure::at(Stage::Track))?;
-            Ok((track.frames, info))
-        }
-        Source::Landmarks(source) => {
-            let (read, tracked) = source.track(bench);
-            *inputs = read;
-            tracked
-        }
-    };
+    let make = || driven.track(inputs, bench, tick);
     let correct = |frames: &[TrackedFrame], corrections: &Corrections, inputs: &str| match source {
         Source::Images(source) => source.track_corrected(frames, corrections, inputs, bench),
         Source::Landmarks(_) => correct_frames(frames, corrections, bench),
@@ -379,7 +391,7 @@ fn process(
 }
 
 /// Puts the file that the marks came from in front of a failure of the fit.
-fn name_marks(failure: SequenceFailure, entry: Option<&SequenceEntry>) -> SequenceFailure {
+pub(super) fn name_marks(failure: SequenceFailure, entry: Option<&SequenceEntry>) -> SequenceFailure {
     match entry.map(SequenceEntry::correspondence_source) {
         Some(Ok(CorrespondenceSource::File(path) | CorrespondenceSource::Landmarks(path))) if failure.stage == Stage::Fit => {
             SequenceFailure { reason: format!("{}: {}", path.display(), failure.reason), ..failure }

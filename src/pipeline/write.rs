@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::{
     Analysis, AnalysisError, AnalyzedClass, Failure, MADE_BY, NONE_LEVEL, SCHEMA_VERSION, Workbench,
     amplitudes::write_amplitudes,
-    analysis::too_short,
+    analysis::{lengths_of, too_short},
     covariates::{COVARIATE_TABLES, CovariateResult, covariate_models, write_covariates},
     groups::{GROUP_TABLES, write_groups},
     model_file::write_model,
@@ -375,7 +375,7 @@ fn report_html(analysis: &Analysis, title: &str, bench: &Workbench) -> Result<St
         tracks: &analysis.tracks,
         courses: &analysis.courses,
         failures: &analysis.failures,
-        too_short: too_short(&analysis.tracks, bench.options.normalize.resample),
+        too_short: too_short(lengths_of(&analysis.tracks), bench.options.normalize.resample),
         wireframe: &bench.wireframe,
         tables: &bench.tables,
         fapus: bench.normalizer()?.canonical().fapus,

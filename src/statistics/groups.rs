@@ -21,11 +21,14 @@ pub fn is_missing(value: &str) -> bool {
     value.is_empty() || is_missing_word(value)
 }
 
+/// What a sequence is labelled with: its id, its emotion, and the further columns of the manifest.
+pub type SequenceLabels<'a> = (&'a SequenceId, &'a str, &'a BTreeMap<String, String>);
+
 /// What a person should know where words stand for missing values in columns to group by, or of strata.
-pub fn missing_words_said(models: &[LabelledModel], columns: &[String]) -> Option<String> {
+pub fn missing_words_said(labels: &[SequenceLabels<'_>], columns: &[String]) -> Option<String> {
     let mut found: BTreeMap<(&str, &str), usize> = BTreeMap::new();
     for column in columns.iter().collect::<BTreeSet<_>>() {
-        let values = models.iter().filter_map(|m| m.metadata.get(column)).map(|value| value.trim());
+        let values = labels.iter().filter_map(|(.., metadata)| metadata.get(column)).map(|value| value.trim());
         values.filter(|value| is_missing_word(value)).for_each(|value| *found.entry((column, value)).or_default() += 1);
     }
     let first = found.keys().next()?;
@@ -54,11 +57,11 @@ pub fn number_of(value: &str) -> Option<f64> {
 /// What a person should know where columns to group by, or of strata, hold measures and not groups: numbers throughout, of more than 6
 /// values that less than 10 people share on the mean, or of more than 2 and more than half as many as there are people. Each value is a group, as
 /// of any column.
-pub fn measures_said(models: &[LabelledModel], columns: &[String]) -> Option<String> {
-    let people = models.iter().map(|m| m.model.id.subject.as_str()).collect::<BTreeSet<_>>().len();
+pub fn measures_said(labels: &[SequenceLabels<'_>], columns: &[String]) -> Option<String> {
+    let people = labels.iter().map(|(id, ..)| id.subject.as_str()).collect::<BTreeSet<_>>().len();
     let measure = |column: &String| {
         let values: BTreeSet<&str> =
-            models.iter().filter_map(|m| m.metadata.get(column)).map(|v| v.trim()).filter(|v| !is_missing(v)).collect();
+            labels.iter().filter_map(|(.., m)| m.get(column)).map(|v| v.trim()).filter(|v| !is_missing(v)).collect();
         let many = (values.len() > FEW_NUMBERS && people < MANY_PEOPLE * values.len())
             || (values.len() > 2 && 2 * values.len() > people);
         (many && values.iter().all(|value| number_of(value).is_some()))
@@ -82,6 +85,13 @@ pub struct LabelledModel {
     pub emotion: String,
     /// Value by metadata column of the manifest.
     pub metadata: BTreeMap<String, String>,
+}
+
+impl LabelledModel {
+    /// What its sequence is labelled with.
+    pub fn labels(&self) -> SequenceLabels<'_> {
+        (&self.model.id, &self.emotion, &self.metadata)
+    }
 }
 
 /// Columns that every sequence has besides its emotion.
@@ -164,15 +174,30 @@ pub fn group_models_unchecked<'a>(
     models: &'a [LabelledModel],
     by: &[String],
 ) -> Result<Vec<(ClassLabel, Vec<&'a SequenceModel>)>, GroupError> {
-    let columns = Columns::new(by, models.iter().map(|m| &m.metadata));
+    let classes = group_sequences(models, LabelledModel::labels, by)?;
+    let models_of =
+        |(label, models): (ClassLabel, Vec<&'a LabelledModel>)| (label, models.into_iter().map(|m| &m.model).collect());
+    Ok(classes.into_iter().map(models_of).collect())
+}
+
+/// [`group_models_unchecked`] of anything that has labels.
+///
+/// # Errors
+/// [`GroupError::TooManyGroups`].
+pub fn group_sequences<'a, T>(
+    sequences: &'a [T],
+    labels: impl Fn(&'a T) -> SequenceLabels<'a>,
+    by: &[String],
+) -> Result<Vec<(ClassLabel, Vec<&'a T>)>, GroupError> {
+    let all: Vec<SequenceLabels<'a>> = sequences.iter().map(labels).collect();
+    let columns = Columns::new(by, all.iter().map(|&(.., metadata)| metadata));
     // Sorted by emotion, then by group values; the whole emotion has no values, which sorts first.
-    let mut classes: BTreeMap<(usize, &str, Vec<&str>), Vec<&SequenceModel>> = BTreeMap::new();
-    for labelled in models {
-        let rank = EMOTIONS.iter().position(|&e| e == labelled.emotion).unwrap_or(EMOTIONS.len());
-        classes.entry((rank, &labelled.emotion, Vec::new())).or_default().push(&labelled.model);
+    let mut classes: BTreeMap<(usize, &str, Vec<&str>), Vec<&'a T>> = BTreeMap::new();
+    for (sequence, &(id, emotion, metadata)) in sequences.iter().zip(&all) {
+        let rank = EMOTIONS.iter().position(|&e| e == emotion).unwrap_or(EMOTIONS.len());
+        classes.entry((rank, emotion, Vec::new())).or_default().push(sequence);
         if !by.is_empty() {
-            let values = columns.values(&labelled.model.id, &labelled.metadata);
-            classes.entry((rank, &labelled.emotion, values)).or_default().push(&labelled.model);
+            classes.entry((rank, emotion, columns.values(id, metadata))).or_default().push(sequence);
         }
     }
     check_count(by, classes.len())?;
@@ -180,7 +205,7 @@ pub fn group_models_unchecked<'a>(
         emotion: emotion.to_owned(),
         group: by.iter().zip(values).map(|(column, &value)| (column.clone(), value.to_owned())).collect(),
     };
-    Ok(classes.into_iter().map(|((_, emotion, values), models)| (label(emotion, &values), models)).collect())
+    Ok(classes.into_iter().map(|((_, emotion, values), of)| (label(emotion, &values), of)).collect())
 }
 
 /// The columns that are grouped by, each with the spelling of its values that most sequences have.
@@ -224,10 +249,7 @@ fn check_count(by: &[String], found: usize) -> Result<(), GroupError> {
 ///
 /// # Errors
 /// [`GroupError::TooManyGroups`].
-pub fn check_groups<'a>(
-    by: &'a [String],
-    sequences: impl Iterator<Item = (&'a SequenceId, &'a str, &'a BTreeMap<String, String>)> + Clone,
-) -> Result<(), GroupError> {
+pub fn check_groups<'a>(by: &'a [String], sequences: impl Iterator<Item = SequenceLabels<'a>> + Clone) -> Result<(), GroupError> {
     if by.is_empty() {
         return Ok(());
     }
@@ -304,6 +326,10 @@ mod tests {
         LabelledModel { model: SequenceModel { id, model }, emotion: emotion.to_owned(), metadata }
     }
 
+    fn labels(models: &[LabelledModel]) -> Vec<SequenceLabels<'_>> {
+        models.iter().map(LabelledModel::labels).collect()
+    }
+
     fn classes(models: &[LabelledModel], by: &[&str]) -> Vec<String> {
         let by: Vec<String> = by.iter().map(|&c| c.to_owned()).collect();
         let text = |(label, models): (ClassLabel, Vec<&SequenceModel>)| {
@@ -350,13 +376,13 @@ mod tests {
             classes(&models, &["land"])[1..],
             ["anger/Nauru: g", "anger/native: h", "anger/none: i", "anger/unknown: abcdefj"]
         );
-        let said = missing_words_said(&models, &["land".to_owned()]).unwrap();
+        let said = missing_words_said(&labels(&models), &["land".to_owned()]).unwrap();
         assert!(
             said.starts_with("words for a missing value are read as none: `NA` in the column `land` (1 sequence); "),
             "{said}"
         );
         assert!(said.ends_with("such as `NA group`)"), "{said}");
-        assert_eq!(missing_words_said(&sample(), &["age".to_owned(), "sex".to_owned()]), None);
+        assert_eq!(missing_words_said(&labels(&sample()), &["age".to_owned(), "sex".to_owned()]), None);
         // A column of nothing else is empty.
         let error = group_models(&models[..6], &["land".to_owned()]).unwrap_err();
         assert!(matches!(error, GroupError::EmptyColumn { sequences: 6, .. }), "{error}");
@@ -367,7 +393,7 @@ mod tests {
         let said = |values: &[&str], columns: &[&str]| {
             let models: Vec<LabelledModel> =
                 (0..).zip(values).map(|(k, v)| labelled(&k.to_string(), "fear", &[("Age", v)])).collect();
-            measures_said(&models, &columns.iter().map(|&c| c.to_owned()).collect::<Vec<_>>())
+            measures_said(&labels(&models), &columns.iter().map(|&c| c.to_owned()).collect::<Vec<_>>())
         };
         let text = said(&["23", "31", "45.5", "NA", ""], &["Age", "Age"]).unwrap();
         assert!(

@@ -51,6 +51,7 @@ pub(crate) use klt::smoothed;
 pub use klt::{Klt, KltKind, OpenCvKlt};
 pub use landmarks::LandmarkPlan;
 pub use options::{Forces, MIN_WINDOW_PX, TrackOptions};
+pub(crate) use quality::missing_said;
 pub use quality::{FrameQuality, TrackQuality, TrackSummary, Verdict, summarize};
 pub use resume::{Corrections, correct_nodes, corrections_of, resume_with};
 pub use state::{LossReason, NodeState};

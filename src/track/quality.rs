@@ -339,11 +339,7 @@ fn judge(summary: &mut TrackSummary, frames: &[TrackedFrame], wireframe: &Wirefr
             neutral.number
         ));
     }
-    if let Some((first, last)) = missing_frames(frames) {
-        reasons.push(format!(
-            "frames {first} to {last} are missing: how the face moved meanwhile is not known, and the frames of its model are those nearest in number"
-        ));
-    }
+    reasons.extend(missing_said(frames.iter().map(|frame| frame.number)));
     summary.verdict = if reasons.is_empty() { Verdict::Good } else { Verdict::LookAgain };
     summary.reasons = reasons;
 }
@@ -358,9 +354,16 @@ fn by_images(later: &[TrackedFrame]) -> bool {
     later.iter().flat_map(|frame| &frame.nodes).any(looked_for)
 }
 
+/// What a person should know of a sequence with frames of these numbers of which some are missing.
+pub(crate) fn missing_said(numbers: impl Iterator<Item = u32>) -> Option<String> {
+    let (first, last) = missing_frames(numbers.collect())?;
+    Some(format!(
+        "frames {first} to {last} are missing: how the face moved meanwhile is not known, and the frames of its model are those nearest in number"
+    ))
+}
+
 /// The longest part that is missing, by frame number, where it matters (see [`GAP_STEPS`]).
-fn missing_frames(frames: &[TrackedFrame]) -> Option<(u32, u32)> {
-    let mut numbers: Vec<u32> = frames.iter().map(|frame| frame.number).collect();
+fn missing_frames(mut numbers: Vec<u32>) -> Option<(u32, u32)> {
     numbers.sort_unstable();
     let span = numbers.last()? - numbers.first()?;
     let mut steps: Vec<(u32, u32)> = numbers.windows(2).map(|pair| (pair[1] - pair[0], pair[0])).collect();
@@ -417,10 +420,7 @@ mod tests {
 
     #[test]
     fn missing_frames_are_said_where_they_matter() {
-        let gap = |numbers: &[u32]| {
-            let frames: Vec<_> = numbers.iter().map(|&number| TrackedFrame { number, nodes: Vec::new() }).collect();
-            missing_frames(&frames)
-        };
+        let gap = |numbers: &[u32]| missing_frames(numbers.to_vec());
         let without = |from: u32, to: u32| (1..=24).filter(|n| !(from..=to).contains(n)).collect::<Vec<u32>>();
         assert_eq!(gap(&without(14, 23)), Some((14, 23)));
         assert_eq!(gap(&without(14, 16)), None);

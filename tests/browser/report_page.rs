@@ -99,7 +99,9 @@ fn the_expression_at_a_low_and_at_a_high_number_is_shown() {
     let model = |age: u32| {
         let frame = |m: u32| {
             let mut nodes = neutral.nodes().to_vec();
-            [31, 64].map(|corner: usize| nodes[corner].y += f64::from(age * m) / 4.0 + f64::from(age % 3));
+            for corner in [31_usize, 64] {
+                nodes[corner].y += f64::from(age * m) / 4.0 + f64::from(age % 3);
+            }
             FrameExpressionModel::new(nodes)
         };
         let id = SequenceId { subject: format!("P{age}"), sequence: "1".to_owned() };

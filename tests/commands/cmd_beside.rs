@@ -41,6 +41,8 @@ fn shifted_marks_are_not_good_and_right_ones_are() {
     move_marks(&work, MARKS, |_, x, y| (x + 30.0, y));
     let said = "the marks lie 30 px (0.28 of the eye distance) beside the face that is found in the picture: are they of this frame, \
                 and of this person?";
+    work.grimace("check faces").exit(3).prints(&[&format!("look again: P01_001: {said}")]);
+    work.grimace("check faces --check-marks off").exit(0);
     work.grimace("run faces -o beside").exit(0).prints(&["marks of 1 of 1 sequences do not lie where the face is read", said]);
     assert_eq!((verdict("beside")["verdict"].as_str(), verdict("beside")["reasons"].as_str()), ("look again", said));
     assert!(work.read("beside/report.html").contains("0.28 of the eye distance"));

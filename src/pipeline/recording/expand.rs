@@ -21,7 +21,7 @@ use crate::{
 pub(in super::super) const SEGMENTS_FOLDER: &str = "segments";
 
 /// Whether a row is a recording that is to be cut.
-fn is_recording(entry: &SequenceEntry) -> bool {
+pub(in super::super) fn is_recording(entry: &SequenceEntry) -> bool {
     entry.metadata.get(SEGMENT_COLUMN).is_some_and(|value| value.trim().eq_ignore_ascii_case("auto"))
 }
 
@@ -41,17 +41,19 @@ pub(in super::super) fn expand(
             Ok(files) => sequences.extend(files.segments.iter().map(|segment| sequence(&entry, segment, &folder))),
             Err(RecordingError::Interrupted) => return Err(RunError::Interrupted),
             Err(RecordingError::Output(error)) => return Err(OutputError::into(error)),
-            Err(error) => dataset.failures.push(FailedEntry {
-                subject: entry.id.subject.clone(),
-                sequence: entry.id.sequence.clone(),
-                error: DatasetError::Recording { path: entry.frames_path.clone(), reason: error.to_string() },
-            }),
+            Err(error) => dataset.failures.push(failed(&entry, error.to_string())),
         }
     }
     dataset.failures.extend(take_doubles(&mut sequences));
     sequences.sort_by(|a, b| a.id.cmp(&b.id));
     dataset.sequences = sequences;
     Ok(())
+}
+
+/// A recording that gives no sequences.
+pub(in super::super) fn failed(entry: &SequenceEntry, reason: String) -> FailedEntry {
+    let SequenceId { subject, sequence } = entry.id.clone();
+    FailedEntry { subject, sequence, error: DatasetError::Recording { path: entry.frames_path.clone(), reason } }
 }
 
 /// Takes out sequences whose files would be those of an earlier one: rows may be called as parts of a recording are.
@@ -68,11 +70,7 @@ fn take_doubles(sequences: &mut Vec<SequenceEntry>) -> Vec<FailedEntry> {
             Entry::Occupied(first) => {
                 let reason =
                     format!("this sequence would be called {id}, and {} is there already; rename one of them", first.get());
-                doubles.push(FailedEntry {
-                    subject: entry.id.subject.clone(),
-                    sequence: entry.id.sequence.clone(),
-                    error: DatasetError::Recording { path: entry.frames_path.clone(), reason },
-                });
+                doubles.push(failed(entry, reason));
                 false
             }
         }
@@ -85,12 +83,11 @@ fn with_segments(files: RecordingFiles) -> Result<RecordingFiles, RecordingError
     if files.segments.is_empty() { Err(RecordingError::Nothing { reasons: files.notes }) } else { Ok(files) }
 }
 
-fn segmented(
-    entry: &SequenceEntry,
-    folder: &Path,
-    bench: &Workbench,
-    stop: &AtomicBool,
-) -> Result<RecordingFiles, RecordingError> {
+/// The recording that a row is.
+///
+/// # Errors
+/// [`RecordingError::Row`].
+pub(in super::super) fn recording_of(entry: &SequenceEntry, bench: &Workbench) -> Result<Recording, RecordingError> {
     let frames = list_recording(&entry.frames_path).map_err(|e| RecordingError::Row { reason: e.to_string() })?;
     if entry.last_frame.is_some() || (entry.first_frame.is_some() && entry.correspondences_path.is_none()) {
         let reason = "a recording that is cut as a whole (segment is auto) has no first_frame and last_frame of its own: leave them empty, or \
@@ -109,7 +106,16 @@ fn segmented(
             return Err(RecordingError::Row { reason });
         }
     };
-    let recording = Recording { stem: entry.id.sequence.clone(), frames, fps: entry.fps, marks };
+    Ok(Recording { stem: entry.id.sequence.clone(), frames, fps: entry.fps, marks })
+}
+
+fn segmented(
+    entry: &SequenceEntry,
+    folder: &Path,
+    bench: &Workbench,
+    stop: &AtomicBool,
+) -> Result<RecordingFiles, RecordingError> {
+    let recording = recording_of(entry, bench)?;
     let options = SegmentOptions::default();
     let shows = bench.options.shows(&entry.metadata);
     if let Some(files) = reuse_recording(folder, &recording, &options, bench, shows)? {

@@ -143,18 +143,42 @@ pub enum RecognizeError {
 }
 
 /// The sequences whose labels at least two people show, and the other labels: with their only person left out, nobody shows those. Where
-/// fewer than two labels remain, all sequences.
-pub fn shown_by_several<T>(models: Vec<T>, of: impl Fn(&T) -> (&SequenceModel, &str)) -> (Vec<T>, Vec<String>) {
+/// fewer than two labels remain, all sequences. `of` tells the person and the label of one.
+pub fn shown_by_several<T>(models: Vec<T>, of: impl Fn(&T) -> (&str, &str)) -> (Vec<T>, Vec<String>) {
     let mut people: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
     for item in &models {
-        let (model, label) = of(item);
-        people.entry(label.to_owned()).or_default().insert(model.id.subject.clone());
+        let (subject, label) = of(item);
+        people.entry(label.to_owned()).or_default().insert(subject.to_owned());
     }
     let alone: Vec<String> = people.iter().filter(|(_, people)| people.len() < 2).map(|(label, _)| label.clone()).collect();
     if people.len() < alone.len() + 2 {
         return (models, Vec::new());
     }
     (models.into_iter().filter(|item| !alone.iter().any(|label| label == of(item).1)).collect(), alone)
+}
+
+/// The labels that can be learned from sequences of these people and labels, in the order of the project's emotions, then by alphabet.
+///
+/// # Errors
+/// [`RecognizeError`] for fewer than two labels or three people, and a label of one person.
+pub(crate) fn labels_to_learn<'a>(shown: impl Iterator<Item = (&'a str, &'a str)>) -> Result<Vec<String>, RecognizeError> {
+    let rank = |label: &str| EMOTIONS.iter().position(|&e| e == label).unwrap_or(EMOTIONS.len());
+    let mut labels: BTreeMap<(usize, &str), BTreeSet<&str>> = BTreeMap::new();
+    let mut people = BTreeSet::new();
+    for (subject, label) in shown {
+        labels.entry((rank(label), label)).or_default().insert(subject);
+        people.insert(subject);
+    }
+    if labels.len() < 2 {
+        return Err(RecognizeError::TooFewLabels { found: labels.len() });
+    }
+    if people.len() < 3 {
+        return Err(RecognizeError::TooFewPeople { found: people.len() });
+    }
+    match labels.iter().find(|(_, people)| people.len() < 2) {
+        Some(((_, label), _)) => Err(RecognizeError::OnePerson { label: (*label).to_owned() }),
+        None => Ok(labels.into_keys().map(|(_, label)| label.to_owned()).collect()),
+    }
 }
 
 /// A recognizer made of labelled sequences.
@@ -229,23 +253,8 @@ impl Recognizer {
     /// # Errors
     /// [`RecognizeError`] for fewer than two labels or three people, and sequences that do not scatter or differ in shape.
     pub fn new(models: &[(&SequenceModel, &str)], live: &[NodeId], tick: impl Fn() + Sync) -> Result<Self, RecognizeError> {
-        let rank = |label: &str| EMOTIONS.iter().position(|&e| e == label).unwrap_or(EMOTIONS.len());
-        let found: BTreeSet<(usize, &str)> = models.iter().map(|(_, label)| (rank(label), *label)).collect();
-        let labels: Vec<String> = found.into_iter().map(|(_, label)| label.to_owned()).collect();
-        if labels.len() < 2 {
-            return Err(RecognizeError::TooFewLabels { found: labels.len() });
-        }
+        let labels = labels_to_learn(models.iter().map(|(m, label)| (m.id.subject.as_str(), *label)))?;
         let people: BTreeSet<&str> = models.iter().map(|(m, _)| m.id.subject.as_str()).collect();
-        if people.len() < 3 {
-            return Err(RecognizeError::TooFewPeople { found: people.len() });
-        }
-        let shown_by = |label: &str| {
-            let people = models.iter().filter(|(_, l)| *l == label).map(|(m, _)| m.id.subject.as_str());
-            people.collect::<BTreeSet<_>>().len()
-        };
-        if let Some(label) = labels.iter().find(|label| shown_by(label) < 2) {
-            return Err(RecognizeError::OnePerson { label: label.clone() });
-        }
         let place: BTreeMap<&str, usize> = people.into_iter().enumerate().map(|(k, s)| (s, k)).collect();
         let data: Vec<DVector<f64>> = models.par_iter().map(|(m, _)| vector(m, live)).collect();
         let size = data[0].len();

@@ -95,7 +95,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             100.0 * summary.guessing
         );
     }
-    let (learned, alone) = shown_by_several(labelled, |s| (&s.model, &s.label));
+    let (learned, alone) = shown_by_several(labelled, |s| (&s.model.id.subject, &s.label));
     if let Some(said) = left_out_said(&alone) {
         eprintln!("note: discriminants: {said}");
     }

@@ -1,0 +1,76 @@
+//! `grimace check`: what `run` would meet in a dataset, in its words, without tracking anything.
+
+use std::collections::BTreeMap;
+
+use crate::common::{Work, assert_same_files};
+
+type Row = BTreeMap<String, String>;
+
+#[test]
+fn what_a_check_finds_is_what_a_run_says() {
+    let work = Work::with_sequences(&["S001_005", "S001_007", "S002_005", "S002_007", "S003_005", "S003_007"]);
+    let rows =
+        ["S001,005,happiness,A", "S001,007,surprise,A", "S002,005,joy,A", "S002,007,surprise,A", "S003,005,joy,B", "S003,007,,B"];
+    work.write("faces/manifest.csv", format!("subject,sequence,emotion,cohort\n{}\n", rows.join("\n")));
+    // A node that is none, a neutral frame that breaks off, marks outside of the picture, and an apex that is no picture.
+    work.write("faces/S001/005/correspondences.csv", "node,x,y\n20,100,60\n500,90,60\n");
+    let pictures = |folder: &str| -> Vec<String> {
+        let names = work.files(folder).into_keys().filter(|name| !name.ends_with(".csv"));
+        names.map(|name| format!("{folder}/{name}")).collect()
+    };
+    let neutral = &pictures("faces/S001/007")[0];
+    work.write(neutral, &work.bytes(neutral)[..300]);
+    work.write("faces/S002/005/correspondences.csv", "node,x,y\n20,100,60\n23,90,60\n56,80,60\n31,100,900\n");
+    work.write(pictures("faces/S002/007").last().unwrap(), "no picture");
+    let before = work.files("faces");
+    let checked = work.grimace("check faces -o check.csv -j 1").exit(3);
+    let checked =
+        checked.prints(&["6 sequences of 3 people: 1 good, 0 to look at again, 5 would fail", "next: grimace run faces"]);
+    let checked =
+        checked.prints(&["cohort: 2 groups, A (2 people); B (1 person); nothing to test", "happiness and joy (if they mean"]);
+    assert!(checked.stdout.contains("would fail at dataset: S003_007: "), "{}", checked.stdout);
+    assert_same_files(&before, &work.files("faces"));
+    assert_eq!(checked.stdout, work.grimace("check faces -o again.csv -j 3").exit(3).stdout.replace("again.csv", "check.csv"));
+    assert_eq!(work.read("check.csv"), work.read("again.csv"));
+
+    work.grimace("run faces -o out").exit(3);
+    let told = |row: &Row, reason: &str| [&row["id"], &row["stage"], &row[reason]].map(String::clone);
+    let failed: Vec<_> = work.rows("out/failures.csv").iter().map(|row| told(row, "reason")).collect();
+    let (good, fails): (Vec<Row>, Vec<Row>) = work.rows("check.csv").into_iter().partition(|row| row["verdict"] == "good");
+    assert_eq!(fails.iter().map(|row| told(row, "reasons")).collect::<Vec<_>>(), failed);
+    assert_eq!(
+        failed.iter().map(|[_, stage, _]| stage.as_str()).collect::<Vec<_>>(),
+        ["dataset", "track", "fit", "track", "dataset"]
+    );
+    // Of the good one: six frames of 200x160, its own marks, and where its nodes are expected to sit, as in the verdict of the run.
+    let (row, verdict) = (&good[0], &work.rows("out/verdicts.csv")[0]);
+    let of = ["id", "source", "frames", "width", "height", "marks", "marked", "face_error_percent_es"]
+        .map(|column| row[column].as_str());
+    assert_eq!(of, ["S003_005", "images", "6", "200", "160", "file", "11", ""]);
+    let [checked, ran] = [row, verdict].map(|row| row["placement_error_percent_es"].parse::<f64>().unwrap());
+    // Tracks round to a ten-thousandth of a pixel.
+    assert!((checked - ran).abs() < 0.01, "{checked} {ran}");
+
+    // Corrections are in the folder of results.
+    work.write("out/corrections/S9_1.csv", "frame,node,x,y\n");
+    work.grimace("check faces --results out -q").exit(3).prints(&[]);
+    work.grimace("check faces --results out").exit(3).prints(&["note: S9_1.csv in corrections/ is of no sequence of this run"]);
+}
+
+#[test]
+fn what_is_no_dataset_is_refused() {
+    let work = Work::with_sequences(&["S001_005", "S002_005"]);
+    work.grimace("check none").exit(1).says(&["none"]);
+    work.grimace("check faces --by size")
+        .exit(1)
+        .says(&["no sequence has a column `size` to group by; there is: subject, sequence"]);
+    work.grimace("check faces --marks 3 --by").exit(2);
+    work.grimace("check faces -o faces/manifest.csv --force")
+        .exit(1)
+        .says(&["faces/manifest.csv: --output would be written over a file of faces"]);
+    work.grimace("check faces/manifest.csv -o faces/manifest.csv --force").exit(1).says(&["would be written over the dataset"]);
+    work.grimace("check faces --results none").exit(1).says(&["--results none: there is no such folder"]);
+    // Nothing is wrong, and the groups are named as in the files of a run.
+    let ran = work.grimace("check faces --by cohort").exit(0).prints(&["happiness (2); happiness_cohort-A (2)"]);
+    assert!(ran.stdout.ends_with("next: grimace run faces -o results --by cohort\n"), "{}", ran.stdout);
+}
