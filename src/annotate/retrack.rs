@@ -332,10 +332,11 @@ impl TrackDesk {
     fn write(&self, item: &mut Item, frames: &[TrackedFrame], corrections: &Corrections) -> Result<(), RequestError> {
         let mut info = info_of(&item.csv)?;
         let earlier = info.corrections.take();
-        // What cannot be judged, for a frame does not read, keeps what was said of it; that keeps nobody from saving.
-        let far = self.far(item, frames, &info, corrections);
-        let far = far.unwrap_or_else(|_| earlier.as_ref().map(|c| c.far.clone()).unwrap_or_default());
+        let is_first = saved_corrections(item)?.is_none() && item.corrected == 0;
         let saved = write_corrections(&item.csv, corrections).map_err(RequestError::failed)?;
+        // What cannot be judged, for a frame does not read, keeps what was said of it.
+        let far = self.far(item, frames, &info, (corrections, is_first));
+        let far = far.unwrap_or_else(|_| earlier.as_ref().map(|c| c.far.clone()).unwrap_or_default());
         info.corrections = Some(TrackCorrections {
             blake3: saved.blake3,
             image_size: earlier.as_ref().map_or(info.image_size, |c| c.image_size),
@@ -351,13 +352,14 @@ impl TrackDesk {
         Ok(())
     }
 
-    /// Which corrections lie far from where the face is expected, as `run` says it: by the track without corrections.
+    /// Which corrections lie far from where the face is expected, as `run` says it: by the track without corrections; and whether they are the
+    /// first of this track.
     fn far(
         &self,
         item: &Item,
         frames: &[TrackedFrame],
         info: &TrackInfo,
-        corrections: &Corrections,
+        (corrections, is_first): (&Corrections, bool),
     ) -> Result<Vec<String>, RequestError> {
         let (wireframe, tables) = (&self.bench.wireframe, &self.bench.tables);
         let (fit, _) = fitting_corrections(corrections, info.image_size, info.image_size, frames, wireframe);
@@ -365,7 +367,7 @@ impl TrackDesk {
         let Some(first) = places.next() else { return Ok(Vec::new()) };
         let last = places.next_back().unwrap_or(first);
         // Of a track that nobody has corrected yet, what is before the first correction is the tracker's.
-        let known = if saved_corrections(item)?.is_none() && item.corrected == 0 { first } else { 1 };
+        let known = if is_first { first } else { 1 };
         let track = |known: &[TrackedFrame]| {
             let from = known.len() - 1;
             let whole: Vec<_> = known.iter().chain(frames.iter().skip(known.len())).cloned().collect();

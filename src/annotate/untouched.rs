@@ -32,15 +32,16 @@ impl Untouched {
         last: usize,
         track: impl FnOnce(&[TrackedFrame]) -> Result<Vec<TrackedFrame>, RequestError>,
     ) -> Result<Vec<TrackedFrame>, RequestError> {
-        let mut sequences = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let kept = sequences.remove(id).filter(|kept| kept.inputs_blake3 == inputs_blake3).map(|kept| kept.frames);
+        // Other sequences do not wait for this one.
+        let sequences = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let kept = sequences().remove(id).filter(|kept| kept.inputs_blake3 == inputs_blake3).map(|kept| kept.frames);
         let mut frames = kept.filter(|kept| kept.len() >= known.len()).unwrap_or_else(|| known.to_vec());
         if frames.len() <= last {
             let behind = track(&frames)?;
             frames.extend(behind);
         }
         let asked = frames.iter().take(last + 1).cloned().collect();
-        sequences.insert(id.to_owned(), Sequence { inputs_blake3: inputs_blake3.to_owned(), frames });
+        sequences().insert(id.to_owned(), Sequence { inputs_blake3: inputs_blake3.to_owned(), frames });
         Ok(asked)
     }
 }

@@ -140,9 +140,10 @@ fn from_models(args: &Args, path: &Path, bench: &Workbench) -> anyhow::Result<Ou
         file.node_count(),
         bench.wireframe.node_count()
     );
-    if let Some(column) = bench.options.by.iter().find(|column| file.not_read.contains(column)) {
+    let asked = || [&bench.options.by, &bench.options.strata, &bench.options.covariates].into_iter().flatten();
+    if let Some(column) = asked().find(|column| file.not_read.contains(column)) {
         anyhow::bail!(
-            "{}: column `{column}` holds neither text nor plain numbers (a date, a decimal fraction, a list); save it as text to group by it",
+            "{}: column `{column}` holds neither text nor plain numbers (a date, a decimal fraction, a list); save it as text",
             path.display()
         );
     }

@@ -261,10 +261,10 @@ pub struct AnalysisArgs {
     /// Power, 0.5 to 0.99, for which the number of people that a study would take is given
     #[arg(long, default_value_t = AmplitudeOptions::default().power, value_parser = power, value_name = "SHARE")]
     power: f64,
-    /// Permutations of the test between two groups
+    /// Permutations of a test between groups, or by a number
     #[arg(long, default_value_t = CompareOptions::default().permutations, value_parser = count(99, 10_000_000), value_name = "COUNT")]
     permutations: usize,
-    /// Most people of a group that a test uses; of larger groups as many are drawn by the seed
+    /// Most people of a group, or with a number, that a test uses; of more as many are drawn by the seed
     #[arg(long, default_value_t = CompareOptions::default().people, value_parser = count(5, 2000), value_name = "COUNT")]
     test_people: usize,
     /// Draws of people for the 95 % interval of every dispersion, where there are groups; 0 for none
@@ -322,7 +322,12 @@ impl AnalysisArgs {
         options.columnar = self.columnar;
         options.no_faces = self.no_faces;
         options.strata.clone_from(&self.strata);
-        options.covariates.clone_from(&self.covariate);
+        options.covariates = self.covariate.iter().fold(Vec::new(), |mut columns, column| {
+            if !columns.contains(column) {
+                columns.push(column.clone());
+            }
+            columns
+        });
         options.groups.amplitude = AmplitudeOptions { equivalence: self.equivalence, power: self.power };
         options.groups.bootstrap = self.bootstrap;
         options.groups.compare = CompareOptions {

@@ -85,7 +85,8 @@ impl FapSequence {
     ///
     /// A frame lasts one over the rate, and the sequence as long as before, as near as whole frames allow: of n frames it makes n times the
     /// ratio of the rates, rounded; of several at least two. Frame k shows the motion k / `fps` seconds after the first frame. The last one is
-    /// the last frame there was, also where its time has not come yet: a motion ends where it did. Values are not rounded.
+    /// the last frame there was, also where its time has not come yet, for a motion ends where it did; where it would come by a whole frame too
+    /// early, there is one more. Values are not rounded.
     ///
     /// # Errors
     /// [`InterpolateError`] for too many frames or a rate that is not positive.
@@ -98,7 +99,11 @@ impl FapSequence {
             return Ok(self.clone());
         }
         let last = self.frames.len().saturating_sub(1);
-        let count = (self.frames.len() as f64 * fps / self.fps).round().max(2.0);
+        let ratio = fps / self.fps;
+        let count = (self.frames.len() as f64 * ratio).round().max(2.0);
+        // A last frame that came by a whole one too early would be a jump.
+        let early = last as f64 * ratio - (count - 1.0);
+        let count = if early > 1.0 - SAME_RATE { count + 1.0 } else { count };
         let moment =
             |k: usize| Moment::at_place(if k + 1 < count as usize { k as f64 * self.fps / fps } else { last as f64 }, last);
         Ok(Self { fps, ..self.resampled(count, moment)? })

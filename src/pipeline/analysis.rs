@@ -28,7 +28,7 @@ use crate::{
         bootstrap::DispersionInterval,
         check_columns, check_numbers,
         compare::{Comparisons, Strata},
-        group_models, is_missing, measures_said, missing_words_said, spelling_key,
+        group_models, is_missing, measures_said, missing_words_said, no_numbers_said, spelling_key,
     },
     track::{TrackQuality, Verdict},
     units::SequenceId,
@@ -86,7 +86,7 @@ pub enum AnalysisError {
     Columnar(#[from] crate::columnar::ColumnarError),
     /// Groups of models that do not fit into memory.
     #[error(
-        "the models take about {needed} MB, more than the {allowed} MB of --memory, in which groups cannot be compared; allow more, or leave --by out"
+        "the models take about {needed} MB, more than the {allowed} MB of --memory, in which neither groups can be compared nor numbers tested; allow more, or leave --by and --covariate out"
     )]
     GroupsNeedMemory {
         /// Megabytes of all models.
@@ -178,6 +178,7 @@ pub(super) fn analyze_with(
     let told_apart_by = [options.by.as_slice(), &options.strata].concat();
     let missing = missing_words_said(&labels, &told_apart_by);
     let measures = measures_said(&labels, &told_apart_by);
+    let no_numbers = no_numbers_said(&grouped, &options.covariates);
     check_columns(&options.strata, grouped.iter().map(|m| &m.metadata))?;
     check_numbers(&options.covariates, &grouped.iter().map(|m| &m.metadata))?;
     let strata = strata_of(&grouped, &options.strata);
@@ -205,6 +206,7 @@ pub(super) fn analyze_with(
     warnings.extend(spelled);
     warnings.extend(missing);
     warnings.extend(measures);
+    warnings.extend(no_numbers);
     let amplitudes = AmplitudeResults::new(&emotions, &grouped, strata, bench);
     warnings.extend(amplitudes.warnings());
     let covariates = covariates(&emotions, &grouped, &classes, &amplitudes, strata, bench);

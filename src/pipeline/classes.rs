@@ -37,6 +37,11 @@ pub(super) fn unique_stem(label: &ClassLabel, stems: &mut BTreeSet<String>) -> S
     for (column, value) in &label.group {
         stem = format!("{stem}_{}-{}", file_stem(column), file_stem(value));
     }
+    unique_name(&stem, stems)
+}
+
+/// A stem as short as file systems take, different from all `stems` so far on every one of them.
+pub(super) fn unique_name(stem: &str, stems: &mut BTreeSet<String>) -> String {
     let stem: String = stem.chars().take(MAX_STEM).collect();
     let mut unique = stem.clone();
     for number in 2.. {

@@ -51,10 +51,10 @@ pub fn load_columnar(file: &ColumnarModels) -> Result<Vec<AnalyzedModel>, Column
 /// The representative of every emotion of a file, read node by node in about `memory` bytes.
 ///
 /// # Errors
-/// [`AnalysisError`]; [`AnalysisError::GroupsNeedMemory`] when groups are asked for.
+/// [`AnalysisError`]; [`AnalysisError::GroupsNeedMemory`] when groups or numbers are asked for.
 pub fn analyze_columnar(file: &ColumnarModels, bench: &Workbench, memory: u64) -> Result<Analysis, AnalysisError> {
     const MEGABYTE: u64 = 1_000_000;
-    if !bench.options.by.is_empty() {
+    if !bench.options.by.is_empty() || !bench.options.covariates.is_empty() {
         return Err(AnalysisError::GroupsNeedMemory { needed: file.memory() / MEGABYTE, allowed: memory / MEGABYTE });
     }
     let normalizer = bench.normalizer()?;

@@ -1,10 +1,16 @@
 //! Whether expressions go with numbers that are known of the people (`--covariate`), and the files of it.
 
-use std::{collections::BTreeMap, path::Path};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+};
 
 use super::{
-    AmplitudeResults, AnalysisError, AnalyzedClass, Workbench, analysis::EmotionGroups, classes::file_stem,
-    model_file::write_model, write::Wrote,
+    AmplitudeResults, AnalysisError, AnalyzedClass, Workbench,
+    analysis::EmotionGroups,
+    classes::{file_stem, unique_name},
+    model_file::write_model,
+    write::Wrote,
 };
 use crate::{
     output::{OutputError, count, listed, nine_digits, write_records},
@@ -27,7 +33,7 @@ use crate::{
 pub struct CovariateResult {
     /// Emotion.
     pub emotion: String,
-    /// Stem of the emotion's files.
+    /// Stem of the files of the expression at low and at high numbers, different from those of all others.
     pub stem: String,
     /// Column of the number.
     pub column: String,
@@ -50,7 +56,7 @@ pub(super) fn covariates(
 ) -> Vec<CovariateResult> {
     let mut all = Vec::new();
     let options = &bench.options.groups.compare;
-    let values: BTreeMap<&SequenceId, [Option<f64>; 4]> = amplitudes.sequences.iter().map(|s| (&s.id, s.values)).collect();
+    let mut stems = BTreeSet::new();
     for column in &bench.options.covariates {
         let value = |m: &LabelledModel| m.metadata.get(column).filter(|v| !is_missing(v)).and_then(|v| number_of(v));
         let numbers = Numbers::new(models.iter().map(|m| (m.model.id.subject.as_str(), value(m))));
@@ -58,9 +64,11 @@ pub(super) fn covariates(
             let Some((_, whole)) = groups.iter().find(|(label, _)| label.group.is_empty()) else { continue };
             let is_whole =
                 |c: &&AnalyzedClass| c.representative.label.emotion == *emotion && c.representative.label.group.is_empty();
+            let of_emotion = amplitudes.sequences.iter().filter(|s| s.emotion == *emotion);
+            let values: BTreeMap<&SequenceId, [Option<f64>; 4]> = of_emotion.map(|s| (&s.id, s.values)).collect();
             let Some(class) = classes.iter().find(is_whole) else { continue };
             let stream = stream_of(&[(emotion, &BTreeMap::from([(column.clone(), String::new())]))]);
-            let people: std::collections::BTreeSet<&str> = whole.iter().map(|m| m.id.subject.as_str()).collect();
+            let people: BTreeSet<&str> = whole.iter().map(|m| m.id.subject.as_str()).collect();
             let slope = |region: AmplitudeRegion| {
                 if let Some(why) = amplitudes.missing.get(&(emotion.clone(), region)) {
                     return Err(why.clone());
@@ -72,7 +80,7 @@ pub(super) fn covariates(
             };
             all.push(CovariateResult {
                 emotion: emotion.clone(),
-                stem: class.stem.clone(),
+                stem: unique_name(&format!("{}_{}", class.stem, file_stem(column)), &mut stems),
                 column: column.clone(),
                 unknown: people.iter().filter(|subject| numbers.get(subject).is_none()).count(),
                 outcome: covariate(whole, &numbers, &bench.wireframe, options, strata, stream),
@@ -119,7 +127,7 @@ impl CovariateResult {
         let test = self.outcome.as_ref().ok().filter(|t| t.p_either_adjusted <= significance)?;
         let node = clearest_node(test, bench.wireframe.live_nodes()).filter(|(_, p)| *p <= significance);
         let most = node.map(|(node, _)| format!(", most at node {node}")).unwrap_or_default();
-        let (emotion, column, share) = (&self.emotion, &self.column, 100.0 * test.share);
+        let (emotion, column, share) = (&self.emotion, &self.column, 100.0 * test.share.max(0.0));
         Some(format!("{emotion} with {column} ({share:.1} % of how people differ{most})"))
     }
 }
@@ -134,6 +142,26 @@ pub(super) fn covariate_warnings(results: &[CovariateResult], bench: &Workbench)
             "expressions that change with a number, after correction for all that was tested: {}",
             listed(&found, 6)
         ));
+    }
+    let slopes =
+        results.iter().flat_map(|c| c.slopes.iter().filter_map(move |(region, slope)| Some((c, region, slope.as_ref().ok()?))));
+    let stronger = |(c, region, slope): (&CovariateResult, &AmplitudeRegion, &AmplitudeSlope)| {
+        let part = if *region == AmplitudeRegion::Face { String::new() } else { format!(" of the {}", region.name()) };
+        let (direction, column) = (if slope.slope > 0.0 { "rises" } else { "falls" }, &c.column);
+        format!("{}{part} {direction} with {column} (r = {:.2})", c.emotion, slope.correlation)
+    };
+    let found: Vec<String> = slopes.filter(|(.., slope)| slope.p_adjusted <= significance).map(stronger).collect();
+    if !found.is_empty() {
+        said.push(format!("by amplitude: {}", listed(&found, 6)));
+    }
+    said.extend(hopeless(results, significance));
+    let of_draw = |c: &CovariateResult| {
+        let test = c.outcome.as_ref().ok().filter(|t| t.used < t.people)?;
+        Some(format!("{} ({} of {})", c.emotion, test.used, test.people))
+    };
+    let drawn: Vec<String> = results.iter().filter_map(of_draw).collect::<BTreeSet<_>>().into_iter().collect();
+    if !drawn.is_empty() {
+        said.push(format!("of many people a draw was tested by numbers, more by --test-people: {}", listed(&drawn, 6)));
     }
     let mut untested: BTreeMap<(&str, String), Vec<String>> = BTreeMap::new();
     for c in results {
@@ -154,12 +182,35 @@ pub(super) fn covariate_warnings(results: &[CovariateResult], bench: &Workbench)
     said
 }
 
+/// The warning that tests cannot find anything, and what would help.
+fn hopeless(results: &[CovariateResult], significance: f64) -> Option<String> {
+    let tested: Vec<&Covariate> = results.iter().filter_map(|c| c.outcome.as_ref().ok()).collect();
+    let hopeless: Vec<&&Covariate> = tested.iter().filter(|t| t.least_either_adjusted > significance).collect();
+    let first = hopeless.first()?;
+    let mut helps = Vec::new();
+    if hopeless.iter().any(|t| !t.exhaustive) {
+        // Twice one of drawn + 1, times the number of tests, is at most the significance.
+        helps.push(format!("--permutations {} or more", (2.0 * tested.len() as f64 / significance).ceil() as usize));
+    }
+    if hopeless.iter().any(|t| t.exhaustive) {
+        helps.push("more people".to_owned());
+    }
+    helps.push("fewer numbers or emotions".to_owned());
+    Some(format!(
+        "{} of {} by numbers cannot reject at {significance} after Holm's correction for their number, whatever the data (least p of the whole or a node {}); what would help: {}",
+        hopeless.len(),
+        count(tested.len(), "test", "tests"),
+        nine_digits(first.least_either_adjusted),
+        helps.join(", ")
+    ))
+}
+
 /// Names of what [`write_covariates`] writes besides the models.
 pub(super) const COVARIATE_TABLES: [&str; 3] = ["covariates.csv", "covariate_nodes.csv", "covariate_amplitudes.csv"];
 
 /// Names of the models of one result: for a low and for a high number.
 pub(super) fn covariate_models(result: &CovariateResult) -> [String; 2] {
-    ["low", "high"].map(|end| format!("covariates/{}_{}_{end}.csv", result.stem, file_stem(&result.column)))
+    ["low", "high"].map(|end| format!("covariates/{}_{end}.csv", result.stem))
 }
 
 /// Writes [`COVARIATE_TABLES`] and the models of `covariates/`, each told to `wrote` as soon as it stands there.
@@ -174,6 +225,7 @@ pub(super) fn write_covariates(
         "covariate",
         "subjects",
         "without",
+        "used",
         "mean",
         "sd",
         "share",
@@ -182,22 +234,26 @@ pub(super) fn write_covariates(
         "p_max_node",
         "p_either",
         "p_either_holm",
+        "least_p_holm",
         "permutations",
         "exhaustive",
         "low",
         "high",
+        "models",
         "not_tested",
     ];
     let rows = results.iter().map(|c| {
         let mut row = vec![c.emotion.clone(), c.column.clone()];
         match &c.outcome {
             Ok(t) => {
-                row.extend([t.people.to_string(), c.unknown.to_string()]);
+                row.extend([t.people, c.unknown, t.used].map(|n| n.to_string()));
+                row.extend([t.mean, t.deviation, t.share].map(nine_digits));
+                row.push(t.f.map(nine_digits).unwrap_or_default());
                 let max_node = t.node_p.iter().copied().fold(1.0, f64::min);
-                row.extend([t.mean, t.deviation, t.share, t.f, t.p, max_node, t.p_either, t.p_either_adjusted].map(nine_digits));
+                row.extend([t.p, max_node, t.p_either, t.p_either_adjusted, t.least_either_adjusted].map(nine_digits));
                 row.extend([t.permutations.to_string(), t.exhaustive.to_string()]);
                 row.extend(t.shown.map(nine_digits));
-                row.push(String::new());
+                row.extend([format!("covariates/{}", c.stem), String::new()]);
             }
             Err(why) => {
                 row.extend([String::new(), c.unknown.to_string()]);

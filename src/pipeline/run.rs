@@ -25,7 +25,7 @@ use super::{
     skins::{collect_skins, picture_sources},
     variation::model_names,
     work::{Collected, Planned, Worked, collect, corrections_hash, plan_all, process_all, sequence_files},
-    write::{class_files, table_names, write_failures},
+    write::{analysis_files, class_files, table_names, write_failures},
 };
 use crate::{
     dataset::SequenceEntry,
@@ -368,7 +368,7 @@ pub fn run(
     if stop.load(Ordering::Relaxed) {
         return Err(RunError::Interrupted);
     }
-    said.extend(ledger.claim(&analysis.classes.iter().flat_map(|class| class_files(&class.stem)).collect::<Vec<_>>())?);
+    said.extend(ledger.claim(&analysis_files(&analysis, bench))?);
     let mut written = BTreeMap::new();
     write_analysis(&analysis, out, &record.dataset, bench, |name, hash| {
         written.insert(name.to_owned(), hash);

@@ -69,7 +69,8 @@ pub(super) fn write_sequences(
     amplitudes: &AmplitudeResults,
 ) -> Result<blake3::Hash, OutputError> {
     let tracks: BTreeMap<&SequenceId, &TrackQuality> = tracks.iter().map(|t| (&t.id, t)).collect();
-    let amplitudes: BTreeMap<&SequenceId, [Option<f64>; 4]> = amplitudes.sequences.iter().map(|s| (&s.id, s.values)).collect();
+    let amplitudes: BTreeMap<(&str, &SequenceId), [Option<f64>; 4]> =
+        amplitudes.sequences.iter().map(|s| ((s.emotion.as_str(), &s.id), s.values)).collect();
     let columns: BTreeSet<&String> = rows.iter().flat_map(|row| row.metadata.keys()).collect();
     let columns: Vec<&String> = columns.into_iter().collect();
     let faps: BTreeSet<FapNumber> = rows.iter().flat_map(|row| row.faps.keys().copied()).collect();
@@ -87,7 +88,7 @@ pub(super) fn write_sequences(
         .chain(named_faps.iter().cloned())
         .collect();
     let mut rows: Vec<&SequenceRow> = rows.iter().collect();
-    rows.sort_by(|a, b| a.id.cmp(&b.id));
+    rows.sort_by(|a, b| (&a.id, &a.emotion).cmp(&(&b.id, &b.emotion)));
     let number = |value: Option<f64>| value.map(nine_digits).unwrap_or_default();
     // Of what is measured on pictures four decimals are more than is known.
     let measured = |value: Option<f64>| number(value.map(|v| (v * 1e4).round() / 1e4));
@@ -103,7 +104,9 @@ pub(super) fn write_sequences(
         cells.extend(
             [summary.and_then(|s| s.expected_error_px), summary.and_then(|s| s.placement_error_px)].map(percent).map(measured),
         );
-        cells.extend(amplitudes.get(&row.id).copied().unwrap_or([None; AmplitudeRegion::ALL.len()]).map(number));
+        cells.extend(
+            amplitudes.get(&(row.emotion.as_str(), &row.id)).copied().unwrap_or([None; AmplitudeRegion::ALL.len()]).map(number),
+        );
         let pose = course.and_then(|course| course.pose.last());
         cells.extend((0..3).map(|k| measured(pose.map(|pose| f64::from(pose[k])))));
         let intensities = course.and_then(|course| course.units.last());

@@ -155,6 +155,7 @@ const FILES: &[(&str, &[(&str, &str)])] = &[
             ("p_max_node", PROBABILITY),
             ("p_either", PROBABILITY),
             ("p_either_holm", PROBABILITY),
+            ("least_p_holm", PROBABILITY),
         ],
     ),
     ("covariate_nodes.csv", &[("share", RATIO), ("p", PROBABILITY)]),

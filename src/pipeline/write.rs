@@ -387,6 +387,7 @@ fn report_html(analysis: &Analysis, title: &str, bench: &Workbench) -> Result<St
         variations: analysis.classes.iter().map(|class| variation_data(analysis, class)).collect(),
         covariates: analysis.covariates.iter().map(CovariateResult::shown).collect(),
         compare: bench.options.groups.compare,
+        strata: !bench.options.strata.is_empty(),
         groups: analysis.comparisons.as_ref().map(|comparisons| GroupsData {
             comparisons,
             options: &bench.options.groups,
@@ -435,7 +436,7 @@ fn option_rows(bench: &Workbench, tracked_here: bool) -> Vec<(String, String)> {
         ("Confidence of landmarks at least", o.landmarks.least_confidence.to_string()),
     ];
     let tests = [
-        ("Permutations of a test between groups", o.groups.compare.permutations.to_string()),
+        ("Permutations of a test", o.groups.compare.permutations.to_string()),
         ("People of a group in a test, at most", o.groups.compare.people.to_string()),
         ("Bootstrap replicates", o.groups.bootstrap.to_string()),
         ("Significance of tests, over all of them", o.groups.compare.significance.to_string()),
@@ -462,7 +463,10 @@ fn option_rows(bench: &Workbench, tracked_here: bool) -> Vec<(String, String)> {
         ),
         ("Grouped by", if o.by.is_empty() { "emotion".to_owned() } else { format!("emotion, {}", o.by.join(", ")) }),
     ];
-    let rows =
-        tracking.into_iter().filter(|_| tracked_here).chain(analysis).chain(tests.into_iter().filter(|_| !o.by.is_empty()));
+    let rows = tracking
+        .into_iter()
+        .filter(|_| tracked_here)
+        .chain(analysis)
+        .chain(tests.into_iter().filter(|_| !o.by.is_empty() || !o.covariates.is_empty()));
     rows.map(|(label, value)| (label.to_owned(), value)).collect()
 }

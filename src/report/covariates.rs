@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 use super::{
     ReportData, figures,
     groups::{p_value, percent, places},
-    numbers::fixed,
+    numbers::{MISSING, fixed},
     variation::offsets_of,
 };
 use crate::{
@@ -39,6 +39,8 @@ pub(super) struct CovariatesView {
     permutations: usize,
     significance: String,
     has_unknown: bool,
+    drawn: bool,
+    strata: bool,
 }
 
 #[derive(Serialize)]
@@ -53,6 +55,8 @@ struct Row {
     p: String,
     p_either: String,
     goes_along: bool,
+    /// The least p that could come out, where that is above the significance.
+    hopeless: Option<String>,
     place: String,
     direction: String,
     slope: String,
@@ -78,10 +82,11 @@ impl CovariatesView {
                 unknown: c.unknown,
                 number: format!("{} \u{b1} {}", nine_digits(round(t.mean)), nine_digits(round(t.deviation))),
                 share: percent(t.share),
-                f: fixed(t.f, 2),
+                f: t.f.map_or_else(|| MISSING.to_owned(), |f| fixed(f, 2)),
                 p: p_value(t.p),
                 p_either: p_value(t.p_either_adjusted),
                 goes_along,
+                hopeless: (t.least_either_adjusted > significance).then(|| p_value(t.least_either_adjusted)),
                 place: if goes_along { places((&t.node_p, &t.node_share), data, significance) } else { String::new() },
                 direction: if goes_along { figures::directions(high, low, told, data.tables).join("; ") } else { String::new() },
                 slope: c.face.map_or_else(String::new, |s| {
@@ -95,6 +100,8 @@ impl CovariatesView {
         let rows: Vec<Row> = all.iter().filter_map(|c| Some(row(c, c.outcome.as_ref().ok()?))).collect();
         let why = |c: &CovariateData<'_>| c.outcome.as_ref().err().map(|why| format!("{} with {}: {why}", c.emotion, c.column));
         (!all.is_empty()).then(|| Self {
+            drawn: all.iter().any(|c| c.outcome.as_ref().is_ok_and(|t| t.used < t.people)),
+            strata: data.strata,
             has_unknown: rows.iter().any(|row| row.unknown > 0),
             rows,
             untested: all.iter().filter_map(why).collect(),

@@ -112,6 +112,8 @@ pub struct ReportData<'a> {
     pub covariates: Vec<CovariateData<'a>>,
     /// Options of the tests.
     pub compare: CompareOptions,
+    /// Whether labels and numbers are exchanged within strata.
+    pub strata: bool,
     /// Groups beside each other; `None` when nothing was grouped.
     pub groups: Option<GroupsData<'a>>,
 }

@@ -49,9 +49,32 @@ const FEW_NUMBERS: usize = 6;
 /// People of a group from which their numbers may well be names of it, however many groups there are.
 const MANY_PEOPLE: usize = 10;
 
-/// The number that a value of a column is, with a point or a comma before its decimals.
+/// The number that a value of a column is, with a point or a comma before its decimals. What may have a comma between thousands, such as `1,500`,
+/// is none: nobody can tell whether it is one and a half.
 pub fn number_of(value: &str) -> Option<f64> {
-    value.trim().replacen(',', ".", 1).parse().ok().filter(|number: &f64| number.is_finite())
+    let value = value.trim();
+    let may_be_thousands = value.split_once(',').is_some_and(|(whole, rest)| {
+        let whole = whole.trim_start_matches(['-', '+']);
+        (1..=3).contains(&whole.len()) && whole != "0" && rest.len() == 3 && rest.chars().all(|c| c.is_ascii_digit())
+    });
+    let number = value.replacen(',', ".", 1).parse().ok();
+    number.filter(|number: &f64| number.is_finite() && !may_be_thousands)
+}
+
+/// What a person should know where values of columns of numbers are neither numbers nor words for a missing value.
+pub fn no_numbers_said(models: &[LabelledModel], columns: &[String]) -> Option<String> {
+    let mut found: BTreeMap<(&str, &str), BTreeSet<&str>> = BTreeMap::new();
+    for (model, column) in models.iter().flat_map(|m| columns.iter().map(move |column| (m, column))) {
+        let value = model.metadata.get(column).map(|value| value.trim());
+        if let Some(value) = value.filter(|value| !is_missing(value) && number_of(value).is_none()) {
+            found.entry((column, value)).or_default().insert(&model.model.id.subject);
+        }
+    }
+    let said = |((column, value), who): ((&str, &str), BTreeSet<&str>)| {
+        format!("`{value}` in the column `{column}` ({})", count(who.len(), "person", "people"))
+    };
+    let list: Vec<String> = found.into_iter().map(said).collect();
+    (!list.is_empty()).then(|| format!("read as no number, so that these people are left out: {}", listed(&list, 6)))
 }
 
 /// What a person should know where columns to group by, or of strata, hold measures and not groups: numbers throughout, of more than 6
@@ -70,8 +93,8 @@ pub fn measures_said(labels: &[SequenceLabels<'_>], columns: &[String]) -> Optio
     let found: Vec<String> = columns.iter().collect::<BTreeSet<_>>().into_iter().filter_map(measure).collect();
     let first = columns.iter().find(|column| measure(column).is_some())?;
     Some(format!(
-        "each number is a group of its own: {}; --covariate {first} tests whether expressions go with it; for groups of several people, add a \
-         column of classes, such as `{first}_group` with `under 30` and `30 and over`, and name that one",
+        "each number is a group of its own: {}; --covariate tests whether expressions go with numbers; for groups of several people, add a column \
+         of classes, such as `{first}_group` with `under 30` and `30 and over`, and name that one",
         listed(&found, 6)
     ))
 }
@@ -104,7 +127,7 @@ const EMOTION_COLUMN: &str = "emotion";
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum GroupError {
     /// A column that no sequence has.
-    #[error("no sequence has a column `{column}` to group by; there is: {}", known.join(", "))]
+    #[error("no sequence has a column `{column}`; there is: {}", known.join(", "))]
     UnknownColumn {
         /// The column asked for.
         column: String,
@@ -117,8 +140,16 @@ pub enum GroupError {
         /// The column asked for.
         column: String,
     },
+    /// A column that tells sequences apart, given as one of numbers.
+    #[error(
+        "`{column}` tells sequences apart; --covariate takes a further column of the manifest, with a number of every person"
+    )]
+    NoNumbersOfPeople {
+        /// The column asked for.
+        column: String,
+    },
     /// A column of numbers without a number.
-    #[error("no value of the column `{column}` is a number, such as {example}, and --covariate takes numbers; --by takes words")]
+    #[error("no value of the column `{column}` is a number ({example} is none), and --covariate takes numbers; --by takes words")]
     NoNumber {
         /// The column asked for.
         column: String,
@@ -126,7 +157,7 @@ pub enum GroupError {
         example: String,
     },
     /// A column that is there and empty in every sequence.
-    #[error("the column `{column}` to group by is empty in all {sequences} sequences")]
+    #[error("the column `{column}` is empty in all {sequences} sequences")]
     EmptyColumn {
         /// The column asked for.
         column: String,
@@ -299,6 +330,11 @@ pub fn check_numbers<'a>(
     columns: &[String],
     metadata: &(impl IntoIterator<Item = &'a BTreeMap<String, String>> + Clone),
 ) -> Result<(), GroupError> {
+    let own = |column: &&String| ID_COLUMNS.contains(&column.as_str()) || *column == EMOTION_COLUMN;
+    if let Some(column) = columns.iter().find(own).filter(|column| metadata.clone().into_iter().all(|m| !m.contains_key(*column)))
+    {
+        return Err(GroupError::NoNumbersOfPeople { column: column.clone() });
+    }
     check_columns(columns, metadata.clone())?;
     for column in columns {
         let values = metadata.clone().into_iter().filter_map(|m| m.get(column)).filter(|value| !is_missing(value));
@@ -397,7 +433,7 @@ mod tests {
         };
         let text = said(&["23", "31", "45.5", "NA", ""], &["Age", "Age"]).unwrap();
         assert!(
-            text.starts_with("each number is a group of its own: `Age` (3 numbers of 5 people); --covariate Age tests"),
+            text.starts_with("each number is a group of its own: `Age` (3 numbers of 5 people); --covariate tests"),
             "{text}"
         );
         assert!(text.contains("`Age_group` with `under 30`"), "{text}");
@@ -426,9 +462,6 @@ mod tests {
     #[test]
     fn a_column_that_no_sequence_has_is_an_error() {
         let error = group_models(&sample(), &["nationality".to_owned()]).unwrap_err();
-        assert_eq!(
-            error.to_string(),
-            "no sequence has a column `nationality` to group by; there is: subject, sequence, age, sex"
-        );
+        assert_eq!(error.to_string(), "no sequence has a column `nationality`; there is: subject, sequence, age, sex");
     }
 }

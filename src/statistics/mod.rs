@@ -35,10 +35,10 @@ use dispersion::Dispersions;
 use median::SearchEnding;
 
 pub(crate) use amplitude::{t_above, t_quantile};
-use compare::{Strata, StrataError};
+use compare::Strata;
 pub use groups::{
     EMOTIONS, GroupError, LabelledModel, SequenceLabels, UNKNOWN_GROUP, check_columns, check_groups, check_numbers, group_models,
-    group_models_unchecked, group_sequences, is_missing, measures_said, missing_words_said, number_of,
+    group_models_unchecked, group_sequences, is_missing, measures_said, missing_words_said, no_numbers_said, number_of,
 };
 pub use representative::{NEUTRAL_TOLERANCE, check_models, representative};
 pub use spelling::{common_spellings, likely_emotion, near_twins, spelling_key, synonyms};

@@ -61,9 +61,7 @@ fn what_a_check_finds_is_what_a_run_says() {
 fn what_is_no_dataset_is_refused() {
     let work = Work::with_sequences(&["S001_005", "S002_005"]);
     work.grimace("check none").exit(1).says(&["none"]);
-    work.grimace("check faces --by size")
-        .exit(1)
-        .says(&["no sequence has a column `size` to group by; there is: subject, sequence"]);
+    work.grimace("check faces --by size").exit(1).says(&["no sequence has a column `size`; there is: subject, sequence"]);
     work.grimace("check faces --marks 3 --by").exit(2);
     work.grimace("check faces -o faces/manifest.csv --force")
         .exit(1)

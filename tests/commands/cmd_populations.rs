@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::common::{SEQUENCES, Work, assert_same_files};
+use crate::common::{Ran, SEQUENCES, Work, assert_same_files};
 use grimace::internal::{
     columnar::{ColumnarModels, ColumnarRow, ColumnarWriter},
     model::{DynamicExpressionModel, FrameExpressionModel},
@@ -216,7 +216,7 @@ fn groups_that_can_not_be_made_or_tested_are_named() {
     let work = Work::new();
     people(&work, ",place,note", &[("a", 5.0, ",north,"), ("b", 6.0, ",north,"), ("c", 7.0, ",south,"), ("d", 8.0, ",south,")]);
     work.grimace("run people -o out --by nation").exit(1).says(&["no sequence has a column `nation`", "note, place"]);
-    work.grimace("run people -o out --by note").exit(1).says(&["column `note` to group by is empty in all 4 sequences"]);
+    work.grimace("run people -o out --by note").exit(1).says(&["column `note` is empty in all 4 sequences"]);
     // Person c in both groups.
     let manifest = work.read("people/manifest.csv") + "c,2,happiness,c.csv,north,\n";
     work.write("people/manifest.csv", manifest);
@@ -339,7 +339,7 @@ fn words_for_one_emotion_are_kept_apart_and_said_once() {
 fn ages_as_groups_are_said() {
     let work = Work::new();
     people(&work, ",age", &[("a", 5.0, ",23"), ("b", 6.0, ",31"), ("c", 7.0, ",45.5"), ("d", 8.0, ",23")]);
-    let said = "each number is a group of its own: `age` (3 numbers of 4 people); --covariate age tests whether expressions go with it; for groups of several people, add a column of classes, such as `age_group`";
+    let said = "each number is a group of its own: `age` (3 numbers of 4 people); --covariate tests whether expressions go with numbers; for groups of several people, add a column of classes, such as `age_group`";
     work.grimace("run people -o out --resample linear --by age").exit(0).prints(&[said]);
     let ran = work.grimace("analyze out/tracks -o again --resample linear --force").exit(0);
     assert!(!ran.stdout.contains("each number"));
@@ -370,13 +370,42 @@ fn a_smile_that_grows_with_age_is_found_and_shown() {
     assert!(face["slope"].parse::<f64>().unwrap() > 0.0 && face["subjects"] == "6");
     let sequences = work.rows("out/sequences.csv");
     assert_eq!((sequences.len(), sequences[2]["age"].as_str(), sequences[2]["verdict"].as_str()), (7, "32,5", "good"));
-    let again =
-        work.grimace("analyze out/tracks -o again --resample linear --covariate age --strata site --permutations 99").exit(0);
-    again.prints(&["happiness"]);
+    // Within three people of one site and three of the other there are 36 ways.
+    work.grimace("analyze out/tracks -o again --resample linear --covariate age --strata site --permutations 99").exit(0);
+    assert_eq!(work.rows("again/covariates.csv")[0]["permutations"], "36");
+    let few =
+        work.grimace("analyze out/tracks -o few --resample linear --covariate age --permutations 99 --test-people 5").exit(0);
+    few.prints(&["of many people a draw was tested by numbers, more by --test-people: happiness (5 of 6)"]);
     work.grimace("run people -o none --resample linear --covariate site")
         .exit(1)
-        .says(&["no value of the column `site` is a number, such as"]);
+        .says(&["no value of the column `site` is a number ("]);
     work.grimace("run people -o none --resample linear --covariate ages").exit(1).says(&["no sequence has a column `ages`"]);
+}
+
+#[test]
+fn numbers_of_like_names_have_files_of_their_own_that_are_not_written_over() {
+    let work = Work::new();
+    let long = "x".repeat(300);
+    let word = |k: usize| if k == 2 { "3O".to_owned() } else { k.to_string() };
+    let rows: Vec<(String, f64, String)> =
+        (0..6).map(|k| (format!("p{k}"), 4.0 + k as f64, format!(",{k},{},{}", 5 - k, word(k)))).collect();
+    let rows: Vec<(&str, f64, &str)> = rows.iter().map(|(s, x, m)| (s.as_str(), *x, m.as_str())).collect();
+    people(&work, &format!(",a b,a-b,{long}"), &rows);
+    let columns = format!("a b,a-b,a b,{long}");
+    let run = || -> Ran {
+        let mut command = work.command();
+        command.args(["run", "people", "-o", "out", "--resample", "linear", "--covariate", &columns]).output().unwrap().into()
+    };
+    run().exit(0).prints(&["read as no number, so that these people are left out: `3O` in the column", "(1 person)"]);
+    let tests = work.rows("out/covariates.csv");
+    let models: Vec<&str> = tests.iter().map(|r| r["models"].as_str()).collect();
+    assert_eq!((models.len(), &models[..2]), (3, ["covariates/happiness_a-b", "covariates/happiness_a-b~2"].as_slice()));
+    let corner = |stem: &str| moved(&work, &format!("out/{stem}_low.csv"), "31");
+    assert!(corner(models[0]) < corner(models[1]), "one rises with the smile, the other falls");
+    work.write(&format!("out/{}_low.csv", models[0]), "mine");
+    run().exit(1).says(&["covariates/happiness_a-b_low.csv"]);
+    assert_eq!(work.read(&format!("out/{}_low.csv", models[0])), "mine");
+    work.grimace("run people -o none --resample linear --covariate subject").exit(1).says(&["`subject` tells sequences apart"]);
 }
 
 #[test]
@@ -400,9 +429,7 @@ fn words_for_missing_values_make_no_group() {
     assert_eq!(work.rows("out/comparisons.csv").len(), 1);
     let strata = work.grimace("analyze out/tracks -o strata --resample linear --by age --strata site --permutations 99").exit(0);
     strata.prints(&["`n/a` in the column `site` (1 sequence)"]);
-    work.grimace("analyze out/tracks/p4_1.csv out/tracks/p5_1.csv -o none --by age")
-        .exit(1)
-        .says(&["column `age` to group by is empty"]);
+    work.grimace("analyze out/tracks/p4_1.csv out/tracks/p5_1.csv -o none --by age").exit(1).says(&["column `age` is empty"]);
 }
 
 #[test]

@@ -105,6 +105,7 @@ impl Fixture {
             variations: Vec::new(),
             covariates: Vec::new(),
             compare: CompareOptions::default(),
+            strata: false,
             groups: None,
         }
     }

@@ -30,6 +30,7 @@
 //! **Effect size.** H = E / (2 mean d(a, b)), 0 for groups alike to 1 for groups apart, beside what permutations reach by chance.
 
 mod arrangements;
+mod exchange;
 mod groups;
 mod holm;
 mod omnibus;
@@ -45,14 +46,15 @@ use super::{SequenceModel, distance::DisplacementFields};
 use crate::units::NodeId;
 
 pub(crate) use arrangements::Arrangements;
+pub(super) use exchange::Exchange;
 pub use groups::{Comparisons, GroupOptions, MAX_COMPARED_GROUPS, group_values};
 pub(crate) use groups::{compare_groups, is_known, stream_of};
 pub use holm::holm;
 pub use omnibus::{OmnibusComparison, adjust_omnibus, omnibus};
 use pairs::PairDistances;
 pub(super) use pairs::distance_matrix;
+pub(super) use permutation::draw;
 use permutation::{Design, Permuted, permute};
-pub(super) use permutation::{draw, generator};
 pub use strata::{Strata, StrataError};
 
 /// How groups are compared.

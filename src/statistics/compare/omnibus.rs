@@ -13,17 +13,10 @@
 
 use std::collections::BTreeMap;
 
-use rand::RngExt;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    CompareOptions, NotTested, SequenceModel, Strata,
-    arrangements::Arrangements,
-    by_subject,
-    holm::holm,
-    pairs::distance_matrix,
-    permutation::{draw, generator},
+    CompareOptions, Exchange, NotTested, SequenceModel, Strata, by_subject, holm::holm, pairs::distance_matrix, permutation::draw,
 };
 use crate::{statistics::distance::DisplacementFields, units::NodeId};
 
@@ -106,30 +99,13 @@ pub fn omnibus(
             people.push(all[i].1.iter().map(|m| DisplacementFields::of_model(&m.model, live)).collect::<Vec<_>>());
         }
     }
-    let blocks = match strata {
-        None => vec![(0..labels.len()).collect::<Vec<_>>()],
-        Some(strata) => {
-            let mut blocks: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
-            let of = strata.of(&subjects).map_err(|why| why.to_string())?;
-            of.into_iter().enumerate().for_each(|(place, stratum)| blocks.entry(stratum).or_default().push(place));
-            let blocks: Vec<Vec<usize>> = blocks.into_values().collect();
-            if blocks.iter().all(|places| places.iter().all(|&p| labels[p] == labels[places[0]])) {
-                return Err(super::StrataError::Coincide { columns: strata.columns().to_owned() }.to_string());
-            }
-            blocks
-        }
-    };
-    test(&distance_matrix(&people), &labels, &blocks, options, stream)
+    let exchange = Exchange::new(labels, &subjects, strata).map_err(|why| why.to_string())?;
+    test(&distance_matrix(&people), &exchange, options, stream)
 }
 
-/// The tests for a matrix of distances; people exchange labels within blocks.
-fn test(
-    distances: &[Vec<f64>],
-    labels: &[usize],
-    blocks: &[Vec<usize>],
-    options: &CompareOptions,
-    stream: u32,
-) -> Result<Omnibus, String> {
+/// The tests for a matrix of distances.
+fn test(distances: &[Vec<f64>], exchange: &Exchange, options: &CompareOptions, stream: u32) -> Result<Omnibus, String> {
+    let labels = &exchange.labels;
     let sizes = sizes(labels);
     let observed = Split::new(distances, labels, &sizes);
     let total = total(distances);
@@ -138,7 +114,7 @@ fn test(
     }
     let location_f = observed.location_f(total);
     let scatter_f = analysis_of_variance(&observed.to_centroid, labels, &sizes);
-    let is_as_large = |shuffled: &[usize]| {
+    let tried = exchange.permute(options, (stream, PERMUTATIONS), |shuffled| {
         let split = Split::new(distances, shuffled, &sizes);
         let at_least = |f: f64, observed: f64| f >= observed - ROUNDING * observed.abs();
         // Groups within which nobody scatters differ beyond any number.
@@ -146,39 +122,20 @@ fn test(
             analysis_of_variance(&split.to_centroid, shuffled, &sizes).is_none_or(|f| at_least(f, observed))
         });
         (at_least(split.location_f(total), location_f), scatter)
-    };
-    let all = Arrangements::new(labels, blocks.iter().map(Vec::as_slice), options.permutations.max(1));
-    let permuted = |unit: usize| {
-        let mut random = generator(options.seed, stream, PERMUTATIONS, unit as u64);
-        let mut shuffled = labels.to_vec();
-        for places in blocks {
-            for k in (1..places.len()).rev() {
-                shuffled.swap(places[k], places[random.random_range(0..=k)]);
-            }
-        }
-        is_as_large(&shuffled)
-    };
-    let outcomes: Vec<(bool, bool)> = if let Some(all) = &all {
-        (0..all.count()).into_par_iter().map(|k| is_as_large(&all.nth(k))).collect()
-    } else {
-        (0..options.permutations).into_par_iter().map(permuted).collect()
-    };
-    // Among all of them is the observed one; to those drawn it is added.
-    let extra = usize::from(all.is_none());
-    let p = |count: usize| (extra + count) as f64 / (extra + outcomes.len()) as f64;
+    });
     let of_group = |g: usize| observed.to_centroid.iter().zip(labels).filter(move |(_, label)| **label == g).map(|(z, _)| z);
     let scatters = (0..sizes.len()).map(|g| of_group(g).sum::<f64>() / sizes[g] as f64);
     Ok(Omnibus {
         scatters: scatters.collect(),
         location_f,
         location_share: 1.0 - observed.within / total,
-        location_p: p(outcomes.iter().filter(|o| o.0).count()),
+        location_p: tried.p(|o| o.0),
         location_p_adjusted: 1.0,
         scatter_f: scatter_f.unwrap_or(0.0),
-        scatter_p: if scatter_f.is_some() { p(outcomes.iter().filter(|o| o.1).count()) } else { 1.0 },
+        scatter_p: if scatter_f.is_some() { tried.p(|o| o.1) } else { 1.0 },
         scatter_p_adjusted: 1.0,
-        permutations: outcomes.len(),
-        exhaustive: all.is_some(),
+        permutations: tried.outcomes.len(),
+        exhaustive: tried.exhaustive,
         people: sizes,
     })
 }
@@ -256,7 +213,9 @@ pub fn adjust_omnibus(comparisons: &mut [OmnibusComparison]) {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use rand::RngExt;
+
+    use super::{super::permutation::generator, *};
 
     /// Three groups of people on a plane, from `scripts/check_statistics.py`.
     const POINTS: [(f64, f64); 15] = [
@@ -282,18 +241,22 @@ mod tests {
         POINTS.iter().map(|&a| POINTS.iter().map(|&b| d(a, b)).collect()).collect()
     }
 
+    fn everybody(labels: &[usize]) -> Exchange {
+        Exchange::new(labels.to_vec(), &[], None).unwrap()
+    }
+
     #[test]
     fn location_and_scatter_agree_with_scikit_bio_and_numpy() {
         let labels: Vec<usize> = (0..15).map(|i| i / 5).collect();
         let options = CompareOptions { permutations: 9999, ..CompareOptions::default() };
-        let found = test(&distances(), &labels, &[(0..15).collect()], &options, 0).unwrap();
+        let found = test(&distances(), &everybody(&labels), &options, 0).unwrap();
         approx::assert_relative_eq!(found.location_f, SCIKIT_BIO[0], max_relative = 1e-6);
         approx::assert_relative_eq!(found.scatter_f, SCIKIT_BIO[1], max_relative = 1e-6);
         // Of 9,999 permutations each: within four standard errors of both.
         for (p, expected) in [(found.location_p, SCIKIT_BIO[2]), (found.scatter_p, SCIKIT_BIO[3])] {
             assert!((p - expected).abs() < 4.0 * (2.0 * expected / 9999.0).sqrt() + 2e-4, "{p} {expected}");
         }
-        assert_eq!(found, test(&distances(), &labels, &[(0..15).collect()], &options, 0).unwrap());
+        assert_eq!(found, test(&distances(), &everybody(&labels), &options, 0).unwrap());
     }
 
     #[test]
@@ -302,15 +265,16 @@ mod tests {
         let labels: Vec<usize> = (0..10).map(|i| i / 5).collect();
         let ten: Vec<Vec<f64>> = distances()[..10].iter().map(|row| row[..10].to_vec()).collect();
         let options = CompareOptions::default();
-        let found = test(&ten, &labels, &[(0..10).collect()], &options, 0).unwrap();
+        let found = test(&ten, &everybody(&labels), &options, 0).unwrap();
         assert!(found.exhaustive && found.permutations == 252);
         approx::assert_relative_eq!(found.location_p, NUMPY_EXACT[0], max_relative = 1e-6);
         approx::assert_relative_eq!(found.scatter_p, NUMPY_EXACT[1], max_relative = 1e-6);
         // Within two strata 3 of 5 and 2 of 5: 100 ways.
         let blocks = [vec![0, 1, 2, 5, 6], vec![3, 4, 7, 8, 9]];
-        let within = test(&ten, &labels, &blocks, &options, 0).unwrap();
+        let strata = Exchange { labels, blocks: blocks.into() };
+        let within = test(&ten, &strata, &options, 0).unwrap();
         assert!(within.exhaustive && within.permutations == 100);
-        assert!(!test(&ten, &labels, &blocks, &CompareOptions { permutations: 99, ..options }, 0).unwrap().exhaustive);
+        assert!(!test(&ten, &strata, &CompareOptions { permutations: 99, ..options }, 0).unwrap().exhaustive);
     }
 
     #[test]
@@ -324,7 +288,7 @@ mod tests {
             let points: Vec<Vec<f64>> = (0..15).map(|_| draw()).collect();
             let d = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| (x - y).powi(2)).sum::<f64>().sqrt();
             let distances: Vec<Vec<f64>> = points.iter().map(|a| points.iter().map(|b| d(a, b)).collect()).collect();
-            test(&distances, &labels, &[(0..15).collect()], &options, 0).unwrap().scatter_p <= 0.05
+            test(&distances, &everybody(&labels), &options, 0).unwrap().scatter_p <= 0.05
         });
         // 20 are expected, with a standard deviation of 4.4.
         let rejected = rejected.count();
@@ -334,7 +298,7 @@ mod tests {
     #[test]
     fn people_who_are_all_alike_say_so() {
         let same = vec![vec![0.0; 4]; 4];
-        let why = test(&same, &[0, 0, 1, 1], &[vec![0, 1, 2, 3]], &CompareOptions::default(), 0).unwrap_err();
+        let why = test(&same, &everybody(&[0, 0, 1, 1]), &CompareOptions::default(), 0).unwrap_err();
         assert!(why.starts_with("all people of a group are alike"));
     }
 

@@ -93,7 +93,7 @@ pub(super) struct Permuted {
 }
 
 /// Random numbers of one use: comparison, purpose (0 and 1 draws of people, 2 splits), unit of work.
-pub(crate) fn generator(seed: u64, stream: u32, purpose: u64, unit: u64) -> ChaCha8Rng {
+pub(super) fn generator(seed: u64, stream: u32, purpose: u64, unit: u64) -> ChaCha8Rng {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream((u64::from(stream) << 32) | (purpose << 24) | (unit & 0x00ff_ffff));
     random

@@ -15,39 +15,43 @@
 //!
 //! **Null distribution.** People exchange their numbers, each with all their sequences, within [`Strata`] where there are any; all ways are
 //! tried where there are no more than the permutations asked for, else so many are drawn, and p = (1 + those at least as large) / (1 + drawn).
+//! Strata change nothing but p: shares, slopes and intervals are those of all people together. Of many people a draw is tested
+//! ([`CompareOptions::people`]); lines go through all of them.
 //!
 //! Somebody of whom several numbers are known (sessions at two ages) counts with their mean. What is found is a straight line: what is largest
 //! in the middle is not seen, and a number that goes along with another one may stand for it.
 
+mod slope;
+
 use std::collections::BTreeMap;
 
 use nalgebra::{DVector, Vector2};
-use rand::RngExt;
 use rayon::prelude::*;
 
 use super::{
     SequenceModel, Strata,
-    amplitude::{PersonValue, t_above, t_quantile},
-    compare::{Arrangements, CompareOptions, by_subject, distance_matrix, draw, generator, holm},
+    compare::{CompareOptions, Exchange, StrataError, by_subject, distance_matrix, draw, holm},
     distance::DisplacementFields,
     variation::{Band, moved, offsets_of},
 };
 use crate::{
     model::{DynamicExpressionModel, ModelError},
+    output::nine_digits,
     units::{FaceUnit, NodeId},
     wireframe::Wireframe,
 };
 
-/// Fewest people: a line through three has one degree of freedom left, of which nothing can be said.
-pub const LEAST_PEOPLE: usize = 4;
+pub use slope::{AmplitudeSlope, adjust_slopes, amplitude_slope};
+
+/// Fewest people: of four, the least p of the whole or a node is 2 of 24.
+pub const LEAST_PEOPLE: usize = 5;
 
 /// Relative difference of two numbers that is rounding.
 const ROUNDING: f64 = 1e-10;
 
-/// Purposes of the random numbers: draws of people, permutations of the whole and of amplitudes.
+/// Purposes of the random numbers: draws of people, and permutations.
 const DRAW: u64 = 128;
 const PERMUTATIONS: u64 = 129;
-const AMPLITUDES: u64 = 130;
 
 /// Numbers of people by subject.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -68,7 +72,8 @@ impl Numbers {
             v.sort_by(f64::total_cmp);
             v.iter().sum::<f64>() / v.len() as f64
         };
-        let of = values.into_iter().filter(|(_, v)| !v.is_empty()).map(|(subject, v)| (subject.to_owned(), mean(v))).collect();
+        let known = values.into_iter().filter(|(_, v)| !v.is_empty()).map(|(subject, v)| (subject.to_owned(), mean(v)));
+        let of = known.filter(|(_, number)| number.is_finite()).collect();
         Self { of }
     }
 
@@ -81,16 +86,18 @@ impl Numbers {
 /// How an expression goes with a number.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Covariate {
-    /// People of the test.
+    /// People with a number.
     pub people: usize,
-    /// Mean and standard deviation of their numbers.
+    /// How many of them the test used.
+    pub used: usize,
+    /// Mean of all their numbers.
     pub mean: f64,
     /// Standard deviation of their numbers.
     pub deviation: f64,
-    /// Share of the squared distances between people that goes with the number; below 0 only where distances are those of no space.
+    /// Share of the squared distances between people that goes with the number; below 0 or above 1 only where distances are those of no space.
     pub share: f64,
-    /// Pseudo-F.
-    pub f: f64,
+    /// Pseudo-F; `None` where nothing is left that does not go with the number.
+    pub f: Option<f64>,
     /// Chance of an F at least as large if the number meant nothing.
     pub p: f64,
     /// By live node the share of the people's variance there that goes with the number, 0 to 1.
@@ -101,11 +108,15 @@ pub struct Covariate {
     pub p_either: f64,
     /// [`Covariate::p_either`] after Holm over all that is tested in the analysis; 1 until [`adjust_covariates`] was called.
     pub p_either_adjusted: f64,
+    /// The smallest p that can come out.
+    pub least_p: f64,
+    /// The smallest [`Covariate::p_either_adjusted`] that can come out: above the significance nothing can be found, whatever the data.
+    pub least_either_adjusted: f64,
     /// Permutations.
     pub permutations: usize,
     /// Whether these are all there are.
     pub exhaustive: bool,
-    /// Numbers under which 5 and 95 % of the people lie, for which [`Covariate::models`] are.
+    /// Numbers under which 5 and 95 % of the people lie, or the least and the largest where these are one, for which [`Covariate::models`] are.
     pub shown: [f64; 2],
     /// The expression at these numbers: on the line of least squares at every node and frame.
     pub models: [DynamicExpressionModel<FaceUnit>; 2],
@@ -121,19 +132,27 @@ pub enum NoCovariate {
         people: usize,
     },
     /// Everybody has the same number.
-    #[error("all {people} people have the same number, {number}")]
+    #[error("all {people} people have the same number, {}", nine_digits(*.number))]
     Same {
         /// People with a number.
         people: usize,
         /// The number.
         number: f64,
     },
+    /// Everybody who was drawn has the same number.
+    #[error("all {used} people who were drawn of {people} have the same number; --test-people draws more")]
+    SameDrawn {
+        /// People who were drawn.
+        used: usize,
+        /// People with a number.
+        people: usize,
+    },
     /// Everybody moves alike.
     #[error("all people move alike; a test needs people who differ")]
     Alike,
     /// People cannot be permuted within strata.
     #[error(transparent)]
-    Strata(#[from] super::StrataError),
+    Strata(StrataError),
     /// Nobody's numbers differ within a stratum.
     #[error("within the strata of `{columns}` all people have the same number: nothing can be told apart from the strata")]
     Coincide {
@@ -143,6 +162,15 @@ pub enum NoCovariate {
     /// Positions that are not finite.
     #[error(transparent)]
     Model(#[from] ModelError),
+}
+
+impl From<StrataError> for NoCovariate {
+    fn from(error: StrataError) -> Self {
+        match error {
+            StrataError::Coincide { columns } => Self::Coincide { columns },
+            other => Self::Strata(other),
+        }
+    }
 }
 
 /// Tests whether an expression goes with a number.
@@ -163,59 +191,56 @@ pub fn covariate(
     let live = wireframe.live_nodes();
     let all: Vec<(f64, &str, Vec<&SequenceModel>)> =
         by_subject(models).into_iter().filter_map(|(subject, models)| Some((numbers.get(subject)?, subject, models))).collect();
-    check(all.iter().map(|person| person.0))?;
-    let drawn: Vec<_> = draw(all.len(), options, stream, DRAW).into_iter().map(|i| &all[i]).collect();
-    let values: Vec<f64> = drawn.iter().map(|person| person.0).collect();
-    let (z, mean, deviation) = check(values.iter().copied())?;
-    let subjects: Vec<&str> = drawn.iter().map(|person| person.1).collect();
-    let exchange = Exchange::new(&values, &subjects, strata)?;
+    let known: Vec<f64> = all.iter().map(|person| person.0).collect();
+    let Centred { mean, deviation, .. } = Centred::new(&known)?;
+    let courses: Vec<DVector<f64>> = all.par_iter().map(|person| course_of(&person.2, live)).collect();
+    let places = draw(all.len(), options, stream, DRAW);
+    let numbers: Vec<f64> = places.iter().map(|&i| all[i].0).collect();
+    let same = |_| NoCovariate::SameDrawn { used: places.len(), people: all.len() };
+    let z = Centred::new(&numbers).map_err(same)?.z;
+    let subjects: Vec<&str> = places.iter().map(|&i| all[i].1).collect();
+    let (exchange, by_label) = exchange(&numbers, &z, &subjects, strata)?;
 
-    let of_person = |models: &Vec<&SequenceModel>| {
-        let fields: Vec<_> = models.iter().map(|m| DisplacementFields::of_model(&m.model, live)).collect();
-        let mut course = DVector::zeros(offsets_of(models[0], live).len());
-        models.iter().for_each(|m| course.axpy(1.0 / models.len() as f64, &offsets_of(m, live), 1.0));
-        (fields, course)
-    };
-    let (fields, courses): (Vec<_>, Vec<_>) = drawn.par_iter().map(|person| of_person(&person.2)).unzip();
-    let centred = gower(&distance_matrix(&fields));
+    let fields = |&i: &usize| all[i].2.iter().map(|m| DisplacementFields::of_model(&m.model, live)).collect::<Vec<_>>();
+    let centred = gower(&distance_matrix(&places.par_iter().map(fields).collect::<Vec<_>>()));
     let total: f64 = (0..centred.len()).map(|i| centred[i][i]).sum();
-    let nodes = NodeCourses::new(&courses, live.len());
     if !(total > 0.0) {
         return Err(NoCovariate::Alike);
     }
+    let nodes = NodeCourses::new(places.iter().map(|&i| &courses[i]), live.len());
     let explained = quadratic(&centred, &z);
     let node_share = nodes.shares(&z);
-    let largest = |shares: &[f64]| shares.iter().copied().fold(0.0, f64::max);
-    let tried = exchange.permute(&z, options, (stream, PERMUTATIONS), |z| (quadratic(&centred, z), largest(&nodes.shares(z))));
+    let tried = exchange.permute(options, (stream, PERMUTATIONS), |labels| {
+        let z: Vec<f64> = labels.iter().map(|&label| by_label[label]).collect();
+        (quadratic(&centred, &z), nodes.shares(&z).into_iter().fold(0.0, f64::max))
+    });
     let slack = ROUNDING * total;
-    let node_p = node_share.iter().map(|&share| tried.p(|(_, largest)| *largest >= share - ROUNDING)).collect::<Vec<f64>>();
+    let node_p: Vec<f64> = node_share.iter().map(|&share| tried.p(|(_, largest)| *largest >= share - ROUNDING)).collect();
     let p = tried.p(|(other, _)| *other >= explained - slack);
     let least_node = node_p.iter().copied().fold(1.0, f64::min);
 
-    // Lines through what people do, each person once.
-    let mut middle = DVector::zeros(courses[0].len());
-    courses.iter().for_each(|course| middle.axpy(1.0 / courses.len() as f64, course, 1.0));
-    let mut slope = DVector::zeros(courses[0].len());
-    let spread = deviation * ((values.len() - 1) as f64).sqrt();
-    courses.iter().zip(&z).for_each(|(course, z)| slope.axpy(z / spread, course, 1.0));
-    let shown = shown(&values);
-    let neutral = drawn[0].2[0].model.neutral();
-    let at = |value: f64| -> Result<_, ModelError> {
-        let course = &middle + &slope * (value - mean);
+    let shown = shown(&known);
+    let (middle, slope) = line(&courses, known.iter().map(|number| number - mean), deviation);
+    let at = |number: f64| -> Result<_, ModelError> {
+        let course = &middle + &slope * (number - mean);
         let frames = course.as_slice().chunks_exact(2 * live.len());
         let offsets: Vec<Vec<Vector2<f64>>> =
             frames.map(|frame| frame.chunks_exact(2).map(|v| Vector2::new(v[0], v[1])).collect()).collect();
-        moved(neutral, &offsets, wireframe)
+        moved(all[0].2[0].model.neutral(), &offsets, wireframe)
     };
+    let left = total - explained;
     Ok(Covariate {
-        people: values.len(),
+        people: all.len(),
+        used: places.len(),
         mean,
         deviation,
         share: explained / total,
-        f: explained * (values.len() - 2) as f64 / (total - explained),
+        f: (left > slack).then(|| explained * (places.len() - 2) as f64 / left),
         p,
         p_either: (2.0 * p.min(least_node)).min(1.0),
         p_either_adjusted: 1.0,
+        least_p: tried.least_p(),
+        least_either_adjusted: 1.0,
         node_share,
         node_p,
         permutations: tried.outcomes.len(),
@@ -225,25 +250,69 @@ pub fn covariate(
     })
 }
 
-/// Numbers under which 5 and 95 % of the people lie.
-fn shown(values: &[f64]) -> [f64; 2] {
-    let weighted: Vec<(f64, f64)> = values.iter().map(|&v| (v, 1.0)).collect();
-    Band::of(&weighted).map_or([0.0; 2], |band| [band.quantiles[0], band.quantiles[4]])
+/// The mean course of a person's sequences: neutral offsets by frame, by node, x and y.
+fn course_of(models: &[&SequenceModel], live: &[NodeId]) -> DVector<f64> {
+    let courses = models.iter().map(|m| offsets_of(m, live));
+    courses.fold(DVector::zeros(0), |mean, course| {
+        let share = 1.0 / models.len() as f64;
+        if mean.is_empty() { course * share } else { mean + course * share }
+    })
+}
+
+/// The line of least squares through everybody's course, over numbers less their mean: the middle, and the change by 1.
+fn line(courses: &[DVector<f64>], offsets: impl Iterator<Item = f64>, deviation: f64) -> (DVector<f64>, DVector<f64>) {
+    let (count, size) = (courses.len() as f64, courses.first().map_or(0, DVector::len));
+    let (mut middle, mut slope) = (DVector::zeros(size), DVector::zeros(size));
+    for (course, offset) in courses.iter().zip(offsets) {
+        middle.axpy(1.0 / count, course, 1.0);
+        slope.axpy(offset / deviation / ((count - 1.0) * deviation), course, 1.0);
+    }
+    (middle, slope)
+}
+
+/// Numbers under which 5 and 95 % of the people lie; the least and the largest where these are one.
+fn shown(numbers: &[f64]) -> [f64; 2] {
+    let weighted: Vec<(f64, f64)> = numbers.iter().map(|&v| (v, 1.0)).collect();
+    let ends = Band::of(&weighted).map_or([0.0; 2], |band| [band.quantiles[0], band.quantiles[4]]);
+    let all = || numbers.iter().copied();
+    if ends[0] < ends[1] { ends } else { [all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max)] }
+}
+
+/// Who may exchange numbers with whom, and the centred number of every label.
+fn exchange(numbers: &[f64], z: &[f64], subjects: &[&str], strata: Option<&Strata>) -> Result<(Exchange, Vec<f64>), StrataError> {
+    let mut different = numbers.to_vec();
+    different.sort_by(f64::total_cmp);
+    different.dedup();
+    let labels: Vec<usize> = numbers.iter().map(|v| different.partition_point(|other| other < v)).collect();
+    let mut by_label = vec![0.0; different.len()];
+    labels.iter().zip(z).for_each(|(&label, &z)| by_label[label] = z);
+    Ok((Exchange::new(labels, subjects, strata)?, by_label))
 }
 
 /// Numbers centred and of length 1, their mean and their standard deviation.
-fn check(values: impl Iterator<Item = f64> + Clone) -> Result<(Vec<f64>, f64, f64), NoCovariate> {
-    let people = values.clone().count();
-    if people < LEAST_PEOPLE {
-        return Err(NoCovariate::TooFewPeople { people });
+struct Centred {
+    z: Vec<f64>,
+    mean: f64,
+    deviation: f64,
+}
+
+impl Centred {
+    fn new(numbers: &[f64]) -> Result<Self, NoCovariate> {
+        let people = numbers.len();
+        if people < LEAST_PEOPLE {
+            return Err(NoCovariate::TooFewPeople { people });
+        }
+        // Over the largest, of which no square is beyond what a number can be.
+        let largest = numbers.iter().map(|v| v.abs()).fold(0.0, f64::max);
+        let scaled = || numbers.iter().map(|&v| if largest > 0.0 { v / largest } else { 0.0 });
+        let mean = scaled().sum::<f64>() / people as f64;
+        let length = scaled().map(|v| (v - mean).powi(2)).sum::<f64>().sqrt();
+        if !(length > ROUNDING) {
+            return Err(NoCovariate::Same { people, number: mean * largest });
+        }
+        let z = scaled().map(|v| (v - mean) / length).collect();
+        Ok(Self { z, mean: mean * largest, deviation: length * largest / ((people - 1) as f64).sqrt() })
     }
-    let mean = values.clone().sum::<f64>() / people as f64;
-    let length = values.clone().map(|v| (v - mean).powi(2)).sum::<f64>().sqrt();
-    let largest = values.clone().map(f64::abs).fold(0.0, f64::max);
-    if !(length > ROUNDING * largest) || !length.is_finite() {
-        return Err(NoCovariate::Same { people, number: mean });
-    }
-    Ok((values.map(|v| (v - mean) / length).collect(), mean, length / ((people - 1) as f64).sqrt()))
 }
 
 /// Minus half the squared distances, centred by rows and columns.
@@ -270,10 +339,11 @@ struct NodeCourses {
 }
 
 impl NodeCourses {
-    fn new(courses: &[DVector<f64>], nodes: usize) -> Self {
-        let mut mean = DVector::zeros(courses[0].len());
-        courses.iter().for_each(|course| mean.axpy(1.0 / courses.len() as f64, course, 1.0));
-        let courses: Vec<DVector<f64>> = courses.iter().map(|course| course - &mean).collect();
+    fn new<'a>(courses: impl Iterator<Item = &'a DVector<f64>> + Clone, nodes: usize) -> Self {
+        let count = courses.clone().count() as f64;
+        let sum =
+            courses.clone().fold(DVector::zeros(0), |sum, course| if sum.is_empty() { course.clone() } else { sum + course });
+        let courses: Vec<DVector<f64>> = courses.map(|course| course - &sum / count).collect();
         let mut squares = vec![0.0; nodes];
         courses.iter().for_each(|course| add_squares(course, &mut squares));
         Self { courses, squares }
@@ -281,7 +351,7 @@ impl NodeCourses {
 
     /// By node the share of the sum of squares that goes with z.
     fn shares(&self, z: &[f64]) -> Vec<f64> {
-        let mut along = DVector::zeros(self.courses[0].len());
+        let mut along = DVector::zeros(self.courses.first().map_or(0, DVector::len));
         self.courses.iter().zip(z).for_each(|(course, z)| along.axpy(*z, course, 1.0));
         let mut explained = vec![0.0; self.squares.len()];
         add_squares(&along, &mut explained);
@@ -298,148 +368,13 @@ fn add_squares(course: &DVector<f64>, nodes: &mut [f64]) {
     }
 }
 
-/// Who may exchange numbers with whom.
-struct Exchange {
-    blocks: Vec<Vec<usize>>,
-    /// By person the place of their number among the different ones.
-    labels: Vec<usize>,
-}
-
-impl Exchange {
-    fn new(values: &[f64], subjects: &[&str], strata: Option<&Strata>) -> Result<Self, NoCovariate> {
-        let mut different = values.to_vec();
-        different.sort_by(f64::total_cmp);
-        different.dedup();
-        let labels: Vec<usize> = values.iter().map(|v| different.partition_point(|other| other < v)).collect();
-        let Some(strata) = strata else { return Ok(Self { blocks: vec![(0..values.len()).collect()], labels }) };
-        let mut blocks: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
-        let of = strata.of(subjects)?;
-        of.into_iter().enumerate().for_each(|(place, stratum)| blocks.entry(stratum).or_default().push(place));
-        let blocks: Vec<Vec<usize>> = blocks.into_values().collect();
-        if blocks.iter().all(|places| places.iter().all(|&p| labels[p] == labels[places[0]])) {
-            return Err(NoCovariate::Coincide { columns: strata.columns().to_owned() });
-        }
-        Ok(Self { blocks, labels })
-    }
-
-    /// What `of` says of every permutation of z.
-    fn permute<T: Send>(
-        &self,
-        z: &[f64],
-        options: &CompareOptions,
-        (stream, purpose): (u32, u64),
-        of: impl Fn(&[f64]) -> T + Sync,
-    ) -> Tried<T> {
-        let wanted = options.permutations.max(1);
-        if let Some(all) = Arrangements::new(&self.labels, self.blocks.iter().map(Vec::as_slice), wanted) {
-            let mut by_label = vec![0.0; self.labels.iter().max().map_or(0, |most| most + 1)];
-            self.labels.iter().zip(z).for_each(|(&label, &z)| by_label[label] = z);
-            let arranged = |k: usize| all.nth(k).into_iter().map(|label| by_label[label]).collect::<Vec<f64>>();
-            let outcomes = (0..all.count()).into_par_iter().map(|k| of(&arranged(k))).collect();
-            return Tried { outcomes, exhaustive: true };
-        }
-        let drawn = |unit: usize| {
-            let mut random = generator(options.seed, stream, purpose, unit as u64);
-            let mut shuffled = z.to_vec();
-            for places in &self.blocks {
-                for k in (1..places.len()).rev() {
-                    shuffled.swap(places[k], places[random.random_range(0..=k)]);
-                }
-            }
-            of(&shuffled)
-        };
-        Tried { outcomes: (0..wanted).into_par_iter().map(drawn).collect(), exhaustive: false }
-    }
-}
-
-/// What permutations gave.
-struct Tried<T> {
-    outcomes: Vec<T>,
-    exhaustive: bool,
-}
-
-impl<T> Tried<T> {
-    /// The chance of what is at least as large; among all ways is the observed one, to those drawn it is added.
-    fn p(&self, is_as_large: impl Fn(&T) -> bool) -> f64 {
-        let extra = usize::from(!self.exhaustive);
-        let count = self.outcomes.iter().filter(|outcome| is_as_large(outcome)).count();
-        (extra + count) as f64 / (extra + self.outcomes.len()) as f64
-    }
-}
-
-/// How amplitudes go with a number.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct AmplitudeSlope {
-    /// People.
-    pub people: usize,
-    /// Change of the amplitude, in times the median, by 1 of the number.
-    pub slope: f64,
-    /// Student's 95 % interval of the slope.
-    pub interval: [f64; 2],
-    /// Pearson's correlation.
-    pub correlation: f64,
-    /// Chance of a correlation at least as far from 0, by permutation.
-    pub p: f64,
-    /// The same by Student's t.
-    pub p_t: f64,
-    /// [`AmplitudeSlope::p`] after Holm over all slopes of the analysis; 1 until [`adjust_slopes`] was called.
-    pub p_adjusted: f64,
-}
-
-/// The line of people's amplitudes over their numbers.
-///
-/// # Errors
-/// [`NoCovariate`].
-pub fn amplitude_slope(
-    people: &[PersonValue],
-    numbers: &Numbers,
-    options: &CompareOptions,
-    strata: Option<&Strata>,
-    stream: u32,
-) -> Result<AmplitudeSlope, NoCovariate> {
-    let known: Vec<(&str, f64, f64)> =
-        people.iter().filter_map(|p| Some((p.subject.as_str(), numbers.get(&p.subject)?, p.value))).collect();
-    let values: Vec<f64> = known.iter().map(|k| k.1).collect();
-    let (z, _, deviation) = check(values.iter().copied())?;
-    let subjects: Vec<&str> = known.iter().map(|k| k.0).collect();
-    let exchange = Exchange::new(&values, &subjects, strata)?;
-    let n = known.len() as f64;
-    let mean = known.iter().map(|k| k.2).sum::<f64>() / n;
-    let length = known.iter().map(|k| (k.2 - mean).powi(2)).sum::<f64>().sqrt();
-    if !(length > ROUNDING * known.iter().map(|k| k.2.abs()).fold(0.0, f64::max)) {
-        return Err(NoCovariate::Alike);
-    }
-    let y: Vec<f64> = known.iter().map(|k| (k.2 - mean) / length).collect();
-    let correlation = |z: &[f64]| z.iter().zip(&y).map(|(a, b)| a * b).sum::<f64>();
-    let r = correlation(&z).clamp(-1.0, 1.0);
-    let tried = exchange.permute(&z, options, (stream, AMPLITUDES), |z| correlation(z).abs());
-    // In units of the amplitude by those of the number.
-    let scale = length / (deviation * (n - 1.0).sqrt());
-    let freedom = n - 2.0;
-    let error = ((1.0 - r * r).max(0.0) / freedom).sqrt();
-    let half = t_quantile(0.975, freedom).unwrap_or(f64::INFINITY) * error * scale;
-    let p_t = if error > 0.0 { t_above((r / error).abs(), freedom).map_or(1.0, |p| 2.0 * p) } else { 0.0 };
-    Ok(AmplitudeSlope {
-        people: known.len(),
-        slope: r * scale,
-        interval: [r * scale - half, r * scale + half],
-        correlation: r,
-        p: tried.p(|other| *other >= r.abs() - ROUNDING),
-        p_t,
-        p_adjusted: 1.0,
-    })
-}
-
 /// Corrects for the number of all that was tested.
 pub fn adjust_covariates(tests: &mut [&mut Covariate]) {
     let adjusted = holm(&tests.iter().map(|t| t.p_either).collect::<Vec<_>>());
-    tests.iter_mut().zip(adjusted).for_each(|(test, p)| test.p_either_adjusted = p);
-}
-
-/// Corrects for the number of all slopes.
-pub fn adjust_slopes(slopes: &mut [&mut AmplitudeSlope]) {
-    let adjusted = holm(&slopes.iter().map(|t| t.p).collect::<Vec<_>>());
-    slopes.iter_mut().zip(adjusted).for_each(|(slope, p)| slope.p_adjusted = p);
+    let least = holm(&tests.iter().map(|t| (2.0 * t.least_p).min(1.0)).collect::<Vec<_>>());
+    for (test, (p, least)) in tests.iter_mut().zip(adjusted.into_iter().zip(least)) {
+        (test.p_either_adjusted, test.least_either_adjusted) = (p, least);
+    }
 }
 
 /// Node with the least chance, and that, of a test.
@@ -481,7 +416,7 @@ mod tests {
         // Products 200, squares 10 and 5000: r² = 0.8, F = 0.8 · 3 / 0.2. Of 120 orders this and its reverse have such an r².
         let found = of(&FIVE, None).unwrap();
         assert_relative_eq!(found.share, 0.8, max_relative = 1e-9);
-        assert_relative_eq!(found.f, 12.0, max_relative = 1e-9);
+        assert_relative_eq!(found.f.unwrap(), 12.0, max_relative = 1e-9);
         assert!(found.exhaustive && found.permutations == 120);
         assert_relative_eq!(found.p, 2.0 / 120.0, max_relative = 1e-9);
         // At every node the same.
@@ -505,7 +440,7 @@ mod tests {
         assert_eq!((found.people, found.shown), (5, [1.0, 5.0]));
         assert!(found.node_share.iter().zip(&five.node_share).all(|(a, b)| (a - b).abs() < 1e-9));
         // d of two people is the mean over their sequences, which for e is that of the mean: everybody else is farther down.
-        assert_relative_eq!(found.f, five.f, max_relative = 1e-9);
+        assert_relative_eq!(found.f.unwrap(), five.f.unwrap(), max_relative = 1e-9);
     }
 
     #[test]
@@ -525,7 +460,7 @@ mod tests {
     #[test]
     fn what_cannot_be_tested_says_why() {
         let why = |people: &[(&str, f64, f64)]| of(people, None).unwrap_err().to_string();
-        assert_eq!(why(&FIVE[..3]), "3 of the people have a number; 4 or more are needed");
+        assert_eq!(why(&FIVE[..4]), "4 of the people have a number; 5 or more are needed");
         assert_eq!(why(&FIVE.map(|(who, _, x)| (who, 30.0, x))), "all 5 people have the same number, 30");
         assert_eq!(
             why(&FIVE.map(|(who, number, _)| (who, number, 7.0))),
@@ -534,26 +469,36 @@ mod tests {
     }
 
     #[test]
-    fn squares_of_distances_are_parted_as_those_of_coordinates() {
-        // Four people in the plane: what goes with z of the squared distances is the squared length of the sum of z times their places.
-        let places = [(0.0, 1.0), (2.0, -1.0), (3.0, 4.0), (-1.0, 2.0)].map(|(x, y)| Vector2::<f64>::new(x, y));
-        let distances: Vec<Vec<f64>> = places.iter().map(|a| places.iter().map(|b| (a - b).norm()).collect()).collect();
-        let (z, _, _) = check([1.0, 2.0, 4.0, 9.0].into_iter()).unwrap();
-        let along: Vector2<f64> = places.iter().zip(&z).map(|(p, z)| p * *z).sum();
-        assert_relative_eq!(quadratic(&gower(&distances), &z), along.norm_squared(), max_relative = 1e-9);
+    fn rare_numbers_and_huge_ones_and_people_who_are_drawn() {
+        // Nine of ten have 0: both quantiles are 0, and the ends are shown.
+        let names: Vec<String> = (0..24).map(|k| format!("p{k:02}")).collect();
+        let rare: Vec<(&str, f64, f64)> =
+            names.iter().enumerate().map(|(k, who)| (who.as_str(), f64::from(u8::from(k == 3)), k as f64 * k as f64)).collect();
+        assert_eq!(of(&rare, None).unwrap().shown, [0.0, 1.0]);
+        let huge = of(&FIVE.map(|(who, number, x)| (who, number * 1e300, x)), None).unwrap();
+        assert_relative_eq!(huge.f.unwrap(), 12.0, max_relative = 1e-9);
+        // What a draw of five leaves out, lines do not.
+        let models: Vec<SequenceModel> = rare.iter().map(|&(who, _, x)| moving((who, x))).collect();
+        let numbers = Numbers::new(rare.iter().enumerate().map(|(k, &(who, ..))| (who, Some(k as f64))));
+        let options = CompareOptions { permutations: 99, people: 5, ..CompareOptions::default() };
+        let models: Vec<&SequenceModel> = models.iter().collect();
+        let drawn = covariate(&models, &numbers, &Wireframe::candide3(), &options, None, 0).unwrap();
+        assert_eq!((drawn.people, drawn.used, drawn.mean, drawn.least_p), (24, 5, 11.5, 0.01));
+        // Everybody on a line: nothing is left.
+        let line = of(&FIVE.map(|(who, number, _)| (who, number, 10.0 * number)), None).unwrap();
+        assert!(line.f.is_none() && (line.share - 1.0).abs() < 1e-9);
+        let mut tests = [line];
+        adjust_covariates(&mut tests.iter_mut().collect::<Vec<_>>());
+        assert_relative_eq!(tests[0].least_either_adjusted, 2.0 / 120.0, max_relative = 1e-9);
     }
 
     #[test]
-    fn amplitudes_have_the_line_of_least_squares() {
-        let people = FIVE.map(|(who, _, value)| PersonValue { subject: who.to_owned(), value });
-        let numbers = Numbers::new(FIVE.iter().map(|p| (p.0, Some(p.1))));
-        let found = amplitude_slope(&people, &numbers, &CompareOptions::default(), None, 0).unwrap();
-        assert_relative_eq!(found.slope, 20.0, max_relative = 1e-9);
-        assert_relative_eq!(found.correlation, 0.8f64.sqrt(), max_relative = 1e-9);
-        // Student's t of 3 degrees of freedom: 3.182446, times the root of 0.2 / 3 times that of 5000 / 10.
-        assert_relative_eq!(found.interval[1] - 20.0, 18.373_863, max_relative = 1e-6);
-        assert_relative_eq!(found.p, 2.0 / 120.0, max_relative = 1e-9);
-        // t = r / sqrt((1 - r²) / 3) = 3.4641, two-sided.
-        assert_relative_eq!(found.p_t, 0.040_519, max_relative = 1e-4);
+    fn squares_of_distances_are_parted_as_those_of_coordinates() {
+        // Five people in the plane: what goes with z of the squared distances is the squared length of the sum of z times their places.
+        let places = [(0.0, 1.0), (2.0, -1.0), (3.0, 4.0), (-1.0, 2.0), (0.5, 0.0)].map(|(x, y)| Vector2::<f64>::new(x, y));
+        let distances: Vec<Vec<f64>> = places.iter().map(|a| places.iter().map(|b| (a - b).norm()).collect()).collect();
+        let z = Centred::new(&[1.0, 2.0, 4.0, 9.0, 3.0]).unwrap().z;
+        let along: Vector2<f64> = places.iter().zip(&z).map(|(p, z)| p * *z).sum();
+        assert_relative_eq!(quadratic(&gower(&distances), &z), along.norm_squared(), max_relative = 1e-9);
     }
 }

@@ -1,0 +1,85 @@
+//! Who may exchange labels with whom, and what comes out when they do.
+
+use std::collections::BTreeMap;
+
+use rand::RngExt;
+use rayon::prelude::*;
+
+use super::{CompareOptions, Strata, StrataError, arrangements::Arrangements, permutation::generator};
+
+/// Labels of people, and the blocks of places within which they may be exchanged.
+#[derive(Clone, Debug)]
+pub(crate) struct Exchange {
+    pub labels: Vec<usize>,
+    pub blocks: Vec<Vec<usize>>,
+}
+
+impl Exchange {
+    /// People exchange labels with everybody, or within strata.
+    ///
+    /// # Errors
+    /// [`StrataError`], [`StrataError::Coincide`] where nobody in a stratum has another label.
+    pub fn new(labels: Vec<usize>, subjects: &[&str], strata: Option<&Strata>) -> Result<Self, StrataError> {
+        let Some(strata) = strata else {
+            let blocks = vec![(0..labels.len()).collect()];
+            return Ok(Self { labels, blocks });
+        };
+        let mut blocks: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
+        let of = strata.of(subjects)?;
+        of.into_iter().enumerate().for_each(|(place, stratum)| blocks.entry(stratum).or_default().push(place));
+        let blocks: Vec<Vec<usize>> = blocks.into_values().collect();
+        if blocks.iter().all(|places| places.iter().all(|&p| labels[p] == labels[places[0]])) {
+            return Err(StrataError::Coincide { columns: strata.columns().to_owned() });
+        }
+        Ok(Self { labels, blocks })
+    }
+
+    /// What `of` says of the labels: in all ways, where there are no more than the permutations asked for, else in so many that are drawn, each
+    /// with random numbers of its own.
+    pub fn permute<T: Send>(
+        &self,
+        options: &CompareOptions,
+        (stream, purpose): (u32, u64),
+        of: impl Fn(&[usize]) -> T + Sync,
+    ) -> Exchanged<T> {
+        let wanted = options.permutations.max(1);
+        if let Some(all) = Arrangements::new(&self.labels, self.blocks.iter().map(Vec::as_slice), wanted) {
+            return Exchanged { outcomes: (0..all.count()).into_par_iter().map(|k| of(&all.nth(k))).collect(), exhaustive: true };
+        }
+        let drawn = |unit: usize| {
+            let mut random = generator(options.seed, stream, purpose, unit as u64);
+            let mut shuffled = self.labels.clone();
+            for places in &self.blocks {
+                for k in (1..places.len()).rev() {
+                    shuffled.swap(places[k], places[random.random_range(0..=k)]);
+                }
+            }
+            of(&shuffled)
+        };
+        Exchanged { outcomes: (0..wanted).into_par_iter().map(drawn).collect(), exhaustive: false }
+    }
+}
+
+/// What exchanged labels gave.
+pub(crate) struct Exchanged<T> {
+    pub outcomes: Vec<T>,
+    /// Whether these are all ways there are.
+    pub exhaustive: bool,
+}
+
+impl<T> Exchanged<T> {
+    /// The chance of what is as large as what was observed; among all ways is the observed one, to those drawn it is added.
+    pub fn p(&self, is_as_large: impl Fn(&T) -> bool) -> f64 {
+        let count = self.outcomes.iter().filter(|outcome| is_as_large(outcome)).count();
+        (self.extra() + count) as f64 / (self.extra() + self.outcomes.len()) as f64
+    }
+
+    /// The smallest p that can come out.
+    pub fn least_p(&self) -> f64 {
+        1.0 / (self.extra() + self.outcomes.len()) as f64
+    }
+
+    fn extra(&self) -> usize {
+        usize::from(!self.exhaustive)
+    }
+}
