@@ -50,8 +50,9 @@ pub fn check_apart(outputs: &[Named<'_>], inputs: &[Named<'_>]) -> anyhow::Resul
     Ok(())
 }
 
-/// Refuses an output that is there among the inputs of a folder.
+/// Refuses an output that is there among the inputs of a folder; the folder of a bare name is the current one.
 pub fn check_not_over(output: &Path, folder: &Path) -> anyhow::Result<()> {
+    let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     anyhow::ensure!(
         !(output.is_file() && lies_in(output, folder)),
         "{}: --output would be written over a file of {}; give it another name",

@@ -3,16 +3,20 @@
 use std::path::PathBuf;
 
 use grimace::{
+    normalize::NormalizeOptions,
     output::{count, listed},
     pipeline::{self, CheckedColumn, CheckedEmotion, DatasetCheck, PipelineOptions},
 };
 
 use super::{
-    Outcome,
+    Cli, Outcome,
     apart::{check_apart, check_not_over},
     failures::{LOOK_AGAIN, lines_by_kind},
+    numbers::given_options,
     progress::SequenceBar,
-    shared::{CheckArgs, FitArgs, GeneralArgs, MarksArgs, MethodArgs, quoted, set_threads, thread_count},
+    shared::{
+        CheckArgs, ColumnArgs, FitArgs, GeneralArgs, MarksArgs, MethodArgs, ResampleArgs, quoted, set_threads, thread_count,
+    },
 };
 
 /// What `run` would meet in a dataset, before anything is tracked.
@@ -23,28 +27,32 @@ Example:
 
 Every sequence is prepared as `run` prepares it: its frames are listed, its marks are read, or found in its neutral frame, the wireframe is fitted, and marks \
 that are given are held against the face of the picture; what is wrong is said in the words of `run`. Of pictures the neutral frame and the apex are decoded, of a \
-video its neutral frame: whatever lies between shows in `run`. Sequences that landmarks drive are gone through whole.
+video its neutral frame: whatever lies between shows in `run`. Sequences that landmarks drive are gone through whole. Of a whole recording (segment is auto) only the row, \
+the first frame and the length are looked at: it counts as one sequence, and nothing is found or fitted in it.
 
-Columns of the table: subject, sequence, emotion, verdict (good, look again, fails), stage at which it fails, reasons, source (images, video, landmarks, \
-recording), frames (of a video as its header states them), width, height (px), marks (file, landmarks, found, none), marked (how many), eye_distance (px), \
+Columns of the table: subject, sequence, emotion, verdict (good, look again, fails), stage at which it fails, reasons, notes (which `run` would print, and which are no reason \
+to look again), source (images, video, landmarks, \
+recording), frames (of a video as its header states them), width, height (px), marks (file, landmarks, found, none; empty for a recording without), marked (how many), eye_distance (px), \
 face_error_percent_es (of marks that were found: half of them are expected to be nearer), placement_error_percent_es (the same of all nodes), id.
 
-Exit status: 0 nothing wrong, 1 the dataset cannot be read, 2 bad usage, 3 some sequences would fail or deserve a look. Notes of the dataset as a whole do not change it.")]
+Exit status: 0 nothing wrong, 1 nothing could be checked (a dataset that does not open, a column that is not there, results that are not there, a table that is there already), \
+2 bad usage, 3 some sequences would fail or deserve a look. Notes do not change it.")]
 pub struct Args {
     /// Dataset folder, or its manifest file
     dataset: PathBuf,
     /// Table to write, a row for every sequence
     #[arg(short, long, value_name = "TABLE.csv")]
     output: Option<PathBuf>,
-    /// Columns of the manifest that `run` is to group by, besides the emotion
-    #[arg(long, value_delimiter = ',', value_name = "COLUMN")]
-    by: Vec<String>,
     /// Results of an earlier run over the dataset, whose corrections by hand are checked, too
     #[arg(long, value_name = "OUT")]
     results: Option<PathBuf>,
     /// Threads; 0 for one per processor
     #[arg(short = 'j', long, default_value_t = 0, value_parser = thread_count)]
     threads: usize,
+    #[command(flatten)]
+    columns: ColumnArgs,
+    #[command(flatten)]
+    frames: ResampleArgs,
     #[command(flatten)]
     marks: MarksArgs,
     #[command(flatten)]
@@ -62,21 +70,23 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     set_threads(args.threads)?;
     if let Some(output) = &args.output {
         check_apart(&[("--output", output)], &[("the dataset", &args.dataset)])?;
-        check_not_over(output, &args.dataset)?;
+        // A manifest lies among the files of its dataset.
+        let folder = Some(args.dataset.as_path()).filter(|path| !path.is_file());
+        check_not_over(output, folder.or(args.dataset.parent()).unwrap_or(&args.dataset))?;
         args.general.check_free(output)?;
     }
     if let Some(results) = &args.results {
         anyhow::ensure!(results.is_dir(), "--results {}: there is no such folder", results.display());
     }
-    let options = PipelineOptions {
+    let mut options = PipelineOptions {
         fit: args.fit.options_of(args.method.method),
-        normalize: args.method.method.normalize(),
+        normalize: NormalizeOptions { resample: args.frames.resample, ..args.method.method.normalize() },
         marks: args.marks.marks.clone(),
         landmarks: args.marks.landmarks(),
         unchecked_marks: args.check.unchecked(),
-        by: args.by.clone(),
         ..PipelineOptions::default()
     };
+    args.columns.fill(&mut options);
     let bench = args.general.workbench(options)?;
     let bar = SequenceBar::new(args.general.quiet);
     let checked = pipeline::check_dataset(&args.dataset, &bench, args.results.as_deref(), |event| bar.show(&event));
@@ -108,9 +118,12 @@ fn print_summary(checked: &DatasetCheck, args: &Args) {
         let (sequences, people) = (count(*sequences, "sequence", "sequences"), count(*people, "person", "people"));
         println!("  {emotion:<width$}  {sequences:>15} of {people}{fail}");
     }
-    if !columns.is_empty() {
-        println!("columns to group by (--by):");
-        columns.iter().for_each(|column| println!("  {}: {}", column.name, groups_said(column)));
+    let (measures, groups): (Vec<_>, Vec<_>) = columns.iter().partition(|column| column.is_measure);
+    for (what, columns) in [("columns to group by (--by):", groups), ("columns of numbers (--covariate):", measures)] {
+        if !columns.is_empty() {
+            println!("{what}");
+            columns.iter().for_each(|column| println!("  {}: {}", column.name, groups_said(column)));
+        }
     }
     if !skipped.is_empty() {
         println!("{} left out: {}", count(skipped.len(), "sequence", "sequences"), skipped[0].1);
@@ -118,21 +131,30 @@ fn print_summary(checked: &DatasetCheck, args: &Args) {
     let table = args.output.as_deref();
     let failing_ones = sequences.iter().filter_map(|s| {
         let (stage, reason) = s.failure.as_ref()?;
-        Some((&s.id, format!("would fail at {stage}"), reason.clone()))
+        let what = if s.ends_run { "`run` would stop at" } else { "would fail at" };
+        Some((&s.id, format!("{what} {stage}"), reason.clone()))
     });
     lines_by_kind(failing_ones, "would fail", table).iter().for_each(|line| println!("{line}"));
     let to_look_at = sequences.iter().filter(|s| s.failure.is_none() && !s.reasons.is_empty());
     let to_look_at = to_look_at.map(|s| (&s.id, LOOK_AGAIN.to_owned(), s.reasons.join("; ")));
     lines_by_kind(to_look_at, "deserve a look", table).iter().for_each(|line| println!("{line}"));
+    let noted = sequences.iter().filter(|s| s.failure.is_none() && !s.notes.is_empty());
+    let noted = noted.map(|s| (&s.id, "note".to_owned(), s.notes.join("; ")));
+    lines_by_kind(noted, "have a note", table).iter().for_each(|line| println!("{line}"));
     notes.iter().for_each(|note| println!("note: {note}"));
     if let Some(output) = &args.output {
         println!("table: {}", output.display());
     }
-    if failing < sequences.len() {
-        let by = if args.by.is_empty() { String::new() } else { format!(" --by {}", quoted(&args.by.join(","))) };
-        println!("next: grimace run {} -o results{by}", quoted(&args.dataset.display().to_string()));
+    // Where it would stop it has no results.
+    if failing < sequences.len() && !sequences.iter().any(|s| s.ends_run) {
+        let dataset = quoted(&args.dataset.display().to_string());
+        let command = [format!("grimace run {dataset} -o results")].into_iter().chain(given_options::<Cli>(&NOT_OF_RUN));
+        println!("next: {}", command.collect::<Vec<_>>().join(" "));
     }
 }
+
+/// Options of this command that `run` has not, or that are about this time.
+const NOT_OF_RUN: [&str; 5] = ["output", "results", "threads", "force", "quiet"];
 
 /// The groups of a column in words.
 fn groups_said(column: &CheckedColumn) -> String {
@@ -143,6 +165,9 @@ fn groups_said(column: &CheckedColumn) -> String {
         Err(why) => return why.to_string(),
     };
     let people = |n: usize| count(n, "person", "people");
+    if column.is_measure {
+        return format!("{} of {}", count(groups.len(), "number", "numbers"), people(groups.iter().map(|(_, n)| n).sum()));
+    }
     let of = if groups.len() <= NAMED {
         let named: Vec<String> = groups.iter().map(|(group, n)| format!("{group} ({})", people(*n))).collect();
         listed(&named, NAMED)
@@ -152,6 +177,7 @@ fn groups_said(column: &CheckedColumn) -> String {
         let range = if least == most { people(most) } else { format!("{least} to {}", people(most)) };
         format!("{range} each")
     };
-    let untested = if column.is_testable() { "" } else { "; nothing to test: that takes two groups of two people" };
+    let untested =
+        if column.is_testable { "" } else { "; nothing to test: that takes two groups of two people with the same emotion" };
     format!("{}, {of}{untested}", count(groups.len(), "group", "groups"))
 }

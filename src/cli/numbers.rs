@@ -11,11 +11,33 @@ use std::{
 use clap::{Command, Parser};
 use grimace::dataset::FRAME_RATES;
 
+use super::shared::quoted;
+
 /// Parses the arguments of the process. Negative numbers are values of options: an option says itself which it takes.
 pub fn parse<C: Parser>() -> Result<C, clap::Error> {
     let mut command = with_negative_numbers(C::command());
     let mut matches = command.try_get_matches_from_mut(std::env::args_os())?;
     C::from_arg_matches_mut(&mut matches).map_err(|error| error.format(&mut command))
+}
+
+/// The options of a command as they were given to the process, as one writes them in a shell, without those of `left_out`, by their long names, and
+/// arguments without a name; for saying what another command with the same options is to be given.
+pub fn given_options<C: Parser>(left_out: &[&str]) -> Vec<String> {
+    let mut command = with_negative_numbers(C::command());
+    let Ok(matches) = command.try_get_matches_from_mut(std::env::args_os()) else { return Vec::new() };
+    let Some((name, matches)) = matches.subcommand() else { return Vec::new() };
+    let Some(command) = command.find_subcommand(name) else { return Vec::new() };
+    let is_given = |id: &str| matches.value_source(id) == Some(clap::parser::ValueSource::CommandLine);
+    let said = |arg: &clap::Arg| {
+        let id = arg.get_id().as_str();
+        let long = arg.get_long().filter(|long| !left_out.contains(long) && is_given(id))?;
+        if !arg.get_action().takes_values() {
+            return Some(format!("--{long}"));
+        }
+        let values: Vec<_> = matches.get_raw(id)?.map(|value| value.to_string_lossy()).collect();
+        Some(format!("--{long} {}", quoted(&values.join(","))))
+    };
+    command.get_arguments().filter_map(said).collect()
 }
 
 fn with_negative_numbers(command: Command) -> Command {

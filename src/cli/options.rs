@@ -183,13 +183,21 @@ impl TrackArgs {
     }
 }
 
+/// How sequences of any length become models of five frames.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Normalization and statistics")]
+pub struct ResampleArgs {
+    /// How the five frames are taken from a sequence: the nearest frame, or linear interpolation
+    #[arg(long, default_value = "nearest", value_parser = words::<Resample>(&["nearest", "linear"]))]
+    pub resample: Resample,
+}
+
 /// Options of normalization and of the generalized median.
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Normalization and statistics")]
 pub struct ModelArgs {
-    /// How the five frames are taken from a sequence: the nearest frame, or linear interpolation
-    #[arg(long, default_value = "nearest", value_parser = words::<Resample>(&["nearest", "linear"]))]
-    resample: Resample,
+    #[command(flatten)]
+    frames: ResampleArgs,
     /// Sizes made equal by the FAPUs of each facial region, or by the eye separation alone
     #[arg(long, default_value = "fapu", value_parser = words::<SizeMode>(&["fapu", "uniform"]))]
     size: SizeMode,
@@ -220,7 +228,7 @@ impl ModelArgs {
     pub fn normalize_of(&self, method: Method) -> NormalizeOptions {
         let by_method = method.normalize();
         NormalizeOptions {
-            resample: self.resample,
+            resample: self.frames.resample,
             size: self.size,
             pose: self.pose.unwrap_or(by_method.pose),
             irisd: self.irisd.unwrap_or(by_method.irisd),
@@ -238,13 +246,11 @@ impl ModelArgs {
     }
 }
 
-/// Options of normalization, statistics and FAP files.
+/// Columns of the manifest that the analysis goes by.
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Normalization and statistics")]
 #[command(group(clap::ArgGroup::new("tested").args(["by", "covariate"]).multiple(true)))]
-pub struct AnalysisArgs {
-    #[command(flatten)]
-    models: ModelArgs,
+pub struct ColumnArgs {
     /// Columns of the manifest to group by, besides the emotion
     #[arg(long, value_delimiter = ',', value_name = "COLUMN")]
     by: Vec<String>,
@@ -255,6 +261,29 @@ pub struct AnalysisArgs {
     /// high numbers is written
     #[arg(long, value_delimiter = ',', value_name = "COLUMN")]
     covariate: Vec<String>,
+}
+
+impl ColumnArgs {
+    pub fn fill(&self, options: &mut PipelineOptions) {
+        options.by.clone_from(&self.by);
+        options.strata.clone_from(&self.strata);
+        options.covariates = self.covariate.iter().fold(Vec::new(), |mut columns, column| {
+            if !columns.contains(column) {
+                columns.push(column.clone());
+            }
+            columns
+        });
+    }
+}
+
+/// Options of normalization, statistics and FAP files.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Normalization and statistics")]
+pub struct AnalysisArgs {
+    #[command(flatten)]
+    models: ModelArgs,
+    #[command(flatten)]
+    columns: ColumnArgs,
     /// Amplitudes that differ by less than this count as equivalent, in times the median motion
     #[arg(long, default_value_t = AmplitudeOptions::default().equivalence, value_parser = positive, value_name = "AMPLITUDE")]
     equivalence: f64,
@@ -315,19 +344,12 @@ impl AnalysisArgs {
         }
         options.normalize = self.models.normalize_of(method);
         options.statistics = self.models.statistics_of(method);
-        options.by.clone_from(&self.by);
+        self.columns.fill(options);
         if let Some(portrait) = &self.portrait {
             options.report_face = ReportFace::photograph(portrait, self.correspondences.as_deref());
         }
         options.columnar = self.columnar;
         options.no_faces = self.no_faces;
-        options.strata.clone_from(&self.strata);
-        options.covariates = self.covariate.iter().fold(Vec::new(), |mut columns, column| {
-            if !columns.contains(column) {
-                columns.push(column.clone());
-            }
-            columns
-        });
         options.groups.amplitude = AmplitudeOptions { equivalence: self.equivalence, power: self.power };
         options.groups.bootstrap = self.bootstrap;
         options.groups.compare = CompareOptions {

@@ -4,10 +4,11 @@ use std::{
     collections::BTreeSet,
     fs,
     path::{Path, PathBuf},
+    sync::atomic::{AtomicBool, Ordering},
 };
 
 use anyhow::Context;
-use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use serde_json::Value;
 
 use super::{
@@ -20,11 +21,11 @@ use super::{
 use crate::{
     dataset::Dataset,
     fit::{LoadedPrior, PriorKind},
-    output::write_records,
+    output::{count, write_records},
     pipeline::{
         AnalyzedModel, NONE_LEVEL, PipelineOptions, RecognitionResults, RecognizedRow, RunError, Unseen, Workbench,
-        left_out_said, load_tracks, load_unlabelled_tracks, read_run_json, recognition_header, recognition_record,
-        results_folder, track_files, track_unseen, tracks_folder, write_recognition,
+        differing_wireframes, left_out_said, load_tracks, load_unlabelled_tracks, read_run_json, recognition_header,
+        recognition_record, results_folder, track_files, track_unseen, tracks_folder, write_recognition,
     },
     report::{Failure, Stage},
     statistics::recognize::{Recognizer, shown_by_several},
@@ -38,9 +39,10 @@ Examples:
   grimace recognize --with results new-people/tracks/*.csv -o recognition.csv
   grimace recognize --with results new-people anna.mp4 -o recognition.csv
 
-What is no track is tracked first, as the run in OUT was (options of fit, tracker and marks in its run.json), and nothing of it is kept: a dataset (a folder with manifest.csv, which \
-needs no emotions here, or in the layout of Cohn-Kanade), a folder of the frames of one sequence, neutral first, or a video. Marks are found where there are none. What cannot \
-be tracked is named as `run` names it.
+What is no track is tracked first, as the run in OUT was (options of fit, tracker and marks in its run.json), and nothing of it is kept: a dataset (a folder with manifest.csv, or in \
+the layout of Cohn-Kanade, which needs no emotions here), a folder of the frames of one sequence, neutral first, or a video. Marks are found where there are none. Of a folder that \
+has tracks of its own, as results do, these are taken. A folder S005/001 or S005_001, and a video S005_001.mp4 or S005/001.mp4, is sequence 001 of S005; anna.mp4 is of anna. What \
+cannot be tracked is named as `run` names it, and the others are recognized; of two that are called the same the first is taken.
 
 Columns: subject, sequence, emotion (where the track's .json or the manifest names one), recognized, probability, p_LABEL for every label, distance \
 (squared, in standard deviations within labels), typicality (share of known sequences that are as far from their label; beyond all of them, by how their distances scatter; of a sequence that moves \
@@ -70,94 +72,71 @@ pub struct Args {
     general: GeneralArgs,
 }
 
-/// The options of the run that is learned from, where it says them: sequences are tracked and normalized as its are.
-fn options_of_run(with: &Path) -> anyhow::Result<PipelineOptions> {
-    fn take<T: DeserializeOwned>(option: &mut T, said: &Value) {
-        if let Ok(value) = serde_json::from_value(said.clone()) {
-            *option = value;
-        }
-    }
-    let mut options = PipelineOptions::default();
-    if let Some(run) = read_run_json::<Value>(&results_folder(with))? {
-        let said = &run["options"];
-        take(&mut options.normalize, &said["normalize"]);
-        take(&mut options.fit, &said["fit"]);
-        take(&mut options.track, &said["track"]);
-        take(&mut options.marks, &said["marks"]);
-        take(&mut options.landmarks, &said["landmarks"]);
-        take(&mut options.unchecked_marks, &said["unchecked_marks"]);
-    }
-    Ok(options)
+/// What is read of the record of the run that is learned from.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct Record {
+    options: Value,
+    wireframe_blake3: Option<String>,
 }
 
-/// Reads the tracks, and tracks the pictures; what failed, too.
-fn read_unseen(unseen: Unseen, bench: &Workbench, quiet: bool) -> anyhow::Result<(Vec<AnalyzedModel>, Vec<Failure>)> {
-    let (mut models, mut failures) = load_unlabelled_tracks(&unseen.tracks, bench);
-    if unseen.pictures.sequences.is_empty() && unseen.pictures.failures.is_empty() {
-        return Ok((models, failures));
-    }
-    let scratch = tempfile::tempdir().context("cannot make a temporary folder")?;
-    let stop = stop_flag()?;
-    let bar = SequenceBar::new(quiet);
-    let tracked = track_unseen(unseen.pictures, scratch.path(), bench, &stop, |event| bar.show(&event));
-    bar.finish();
-    let tracked = tracked.map_err(|error| match error {
-        RunError::Interrupted => anyhow::anyhow!("interrupted"),
-        other => other.into(),
-    })?;
-    tracked.notes.iter().for_each(|note| eprintln!("note: {note}"));
-    let reasons = tracked.models.iter().filter_map(|m| Some((&m.model.id, m.quality.as_ref()?.summary.reasons.join("; "))));
-    let to_look_at = reasons.filter(|(_, said)| !said.is_empty()).map(|(id, said)| (id, LOOK_AGAIN.to_owned(), said));
-    lines_by_kind(to_look_at, "deserve a look", None).iter().for_each(|line| eprintln!("{line}"));
-    failures.extend(tracked.failures);
-    let read: BTreeSet<String> = models.iter().map(|m| m.model.id.to_string()).collect();
-    for model in tracked.models {
-        let SequenceId { subject, sequence } = model.model.id.clone();
-        if read.contains(&model.model.id.to_string()) {
-            let reason = format!("a track of {} was read already", model.model.id);
-            failures.push(Failure { subject, sequence, stage: Stage::Dataset, reason });
-        } else {
-            models.push(model);
+impl Record {
+    /// The run's options: sequences are tracked and normalized as its are. Those that it says otherwise than this version would are named; as far as
+    /// they are not known they are as usual.
+    fn options(&self, with: &Path) -> PipelineOptions {
+        fn take<'a, T: DeserializeOwned + Serialize>(said: &Value, name: &'a str, option: &mut T) -> Option<&'a str> {
+            let said = &said[name];
+            if let Ok(value) = serde_json::from_value(said.clone()) {
+                *option = value;
+            }
+            (serde_json::to_value(&*option).ok().as_ref() != Some(said)).then_some(name)
         }
+        // Nobody sees pictures of what is cut from recordings.
+        let mut options = PipelineOptions { no_faces: true, ..PipelineOptions::default() };
+        let said = &self.options;
+        let unknown = [
+            take(said, "normalize", &mut options.normalize),
+            take(said, "fit", &mut options.fit),
+            take(said, "track", &mut options.track),
+            take(said, "marks", &mut options.marks),
+            take(said, "landmarks", &mut options.landmarks),
+            take(said, "unchecked_marks", &mut options.unchecked_marks),
+        ];
+        let unknown: Vec<&str> = unknown.into_iter().flatten().collect();
+        if !unknown.is_empty() {
+            eprintln!(
+                "note: the run.json of {} says these options otherwise than this version: {}; what is not known of them is as usual",
+                with.display(),
+                unknown.join(", ")
+            );
+        }
+        // Of a prior's file only the content is recorded.
+        if let PriorKind::File(LoadedPrior { prior: None, .. }) = &options.fit.prior {
+            options.fit.prior = PriorKind::default();
+            eprintln!(
+                "note: the run in {} had a shape prior of a file, which is not in it; pictures are fitted with --prior auto",
+                with.display()
+            );
+        }
+        options
     }
-    Ok((models, failures))
 }
 
-/// Runs the command.
-pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    set_threads(args.threads)?;
-    if let Some(path) = &args.output {
-        args.general.check_free(path)?;
-    }
-    let mut options = options_of_run(&args.with)?;
-    // Of a prior's file only the content is recorded.
-    if let PriorKind::File(LoadedPrior { prior: None, .. }) = &options.fit.prior {
-        options.fit.prior = PriorKind::default();
-        eprintln!(
-            "note: the run in {} had a shape prior of a file, which is not in it; pictures are fitted with --prior auto",
-            args.with.display()
-        );
-    }
+/// A workbench as the run had that is learned from; its record may not be there.
+fn workbench(args: &Args, record: Option<&Record>) -> anyhow::Result<Workbench> {
+    let options =
+        record.map_or_else(|| PipelineOptions { no_faces: true, ..PipelineOptions::default() }, |r| r.options(&args.with));
     let bench = args.general.workbench(options)?;
-    let dataset = args.dataset.as_deref().map(Dataset::open).transpose()?;
-    let known_files = track_files(std::slice::from_ref(&args.with))?;
-    anyhow::ensure!(
-        !known_files.is_empty(),
-        "{} has no tracks to learn from; give results of `run`, or a folder of tracks",
-        tracks_folder(&args.with).display()
-    );
-    let unseen = Unseen::of(&args.inputs)?;
-    if let Some(output) = &args.output {
-        let inputs = all("an input", &args.inputs).chain(all("a track", &unseen.tracks));
-        check_apart(&[("--output", output)], &inputs.chain(all("a track of --with", &known_files)).collect::<Vec<_>>())?;
-        for folder in args.inputs.iter().filter(|path| path.is_dir()) {
-            check_not_over(output, folder)?;
-        }
+    let now = args.general.wireframe_blake3();
+    let differing = record.and_then(|r| differing_wireframes(r.wireframe_blake3.as_deref(), now.as_deref()));
+    if let Some(what) = differing {
+        anyhow::bail!("{} holds a run with {what}; give --wireframe as it was given there", args.with.display());
     }
-    let (known, known_failures) = load_tracks(&known_files, dataset.as_ref(), &bench);
-    say_unlisted(&known, dataset.as_ref());
-    let (unseen, failures) = read_unseen(unseen, &bench, args.general.quiet)?;
-    say_failures(known_failures.iter().chain(&failures), None);
+    Ok(bench)
+}
+
+/// Learns from the tracks that are known, and says what is to be said of that.
+fn learn(known: &[AnalyzedModel], args: &Args, bench: &Workbench) -> anyhow::Result<(Recognizer, Vec<String>)> {
     let labelled: Vec<_> = known.iter().map(|m| (&m.model, m.emotion.as_str())).collect();
     let (labelled, left_out) = shown_by_several(labelled, |(model, label)| (&model.id.subject, label));
     if let Some(said) = left_out_said(&left_out) {
@@ -173,6 +152,90 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
              off than all of them, and by how their distances scatter would be in less than {level} of all"
         );
     }
+    Ok((recognizer, left_out))
+}
+
+/// Tracks pictures; their models and what failed.
+fn track(
+    pictures: Dataset,
+    bench: &Workbench,
+    stop: &AtomicBool,
+    quiet: bool,
+) -> anyhow::Result<(Vec<AnalyzedModel>, Vec<Failure>)> {
+    let scratch = tempfile::tempdir().context("cannot make a temporary folder")?;
+    let bar = SequenceBar::new(quiet);
+    let tracked = track_unseen(pictures, scratch.path(), bench, stop, |event| bar.show(&event));
+    bar.finish();
+    let tracked = tracked.map_err(|error| match error {
+        RunError::Interrupted => interrupted(),
+        other => other.into(),
+    })?;
+    let lines = |said: &[(SequenceId, String)], what: &str, became: &str| {
+        let said = said.iter().map(|(id, said)| (id, what.to_owned(), said.clone()));
+        lines_by_kind(said, became, None).iter().for_each(|line| eprintln!("{line}"));
+    };
+    if !quiet {
+        lines(&tracked.notes, "note", "have a note");
+    }
+    lines(&tracked.reasons, LOOK_AGAIN, "deserve a look");
+    Ok((tracked.models, tracked.failures))
+}
+
+fn interrupted() -> anyhow::Error {
+    anyhow::anyhow!("interrupted")
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    set_threads(args.threads)?;
+    if let Some(path) = &args.output {
+        args.general.check_free(path)?;
+    }
+    let results = results_folder(&args.with);
+    let record: Option<Record> = read_run_json(&results)?;
+    let bench = workbench(args, record.as_ref())?;
+    let dataset = args.dataset.as_deref().map(Dataset::open).transpose()?;
+    let known_files = track_files(std::slice::from_ref(&args.with))?;
+    anyhow::ensure!(
+        !known_files.is_empty(),
+        "{} has no tracks to learn from; give results of `run`, or a folder of tracks",
+        tracks_folder(&args.with).display()
+    );
+    let unseen = Unseen::of(&args.inputs)?;
+    if let Some(output) = &args.output {
+        let inputs = all("an input", &args.inputs).chain(all("a track", &unseen.tracks));
+        check_apart(&[("--output", output)], &inputs.chain(all("a track of --with", &known_files)).collect::<Vec<_>>())?;
+        for folder in unseen.folders.iter().chain([&results]) {
+            check_not_over(output, folder)?;
+        }
+    }
+    let (known, known_failures) = load_tracks(&known_files, dataset.as_ref(), &bench);
+    say_unlisted(&known, dataset.as_ref());
+    say_failures(&known_failures, None);
+    // Before hours of tracking, not after.
+    let (recognizer, left_out) = learn(&known, args, &bench)?;
+    let Unseen { tracks, pictures, .. } = unseen;
+    let (mut unseen, mut failures) = load_unlabelled_tracks(&tracks, &bench);
+    let has_pictures = !pictures.sequences.is_empty() || !pictures.failures.is_empty();
+    let stop = has_pictures.then(stop_flag).transpose()?;
+    if let Some(stop) = &stop {
+        if record.is_none() {
+            eprintln!("note: {} has no run.json; pictures are tracked with the usual options", results.display());
+        }
+        let (tracked, failed) = track(pictures, &bench, stop, args.general.quiet)?;
+        failures.extend(failed);
+        let read: BTreeSet<String> = unseen.iter().map(|m| m.model.id.to_string()).collect();
+        for model in tracked {
+            let SequenceId { subject, sequence } = model.model.id.clone();
+            if read.contains(&model.model.id.to_string()) {
+                let reason = format!("a track of {} was read already", model.model.id);
+                failures.push(Failure { subject, sequence, stage: Stage::Dataset, reason });
+            } else {
+                unseen.push(model);
+            }
+        }
+    }
+    say_failures(&failures, None);
     let subjects: BTreeSet<&str> = known.iter().map(|m| m.model.id.subject.as_str()).collect();
     let seen = unseen.iter().filter(|m| subjects.contains(m.model.id.subject.as_str())).count();
     if seen > 0 {
@@ -184,6 +247,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         Ok(RecognizedRow { id: m.model.id.clone(), emotion: m.emotion.clone(), recognized: recognizer.recognize(&m.model)? })
     };
     let rows = unseen.iter().map(row).collect::<anyhow::Result<Vec<_>>>()?;
+    if stop.is_some_and(|stop| stop.load(Ordering::Relaxed)) {
+        return Err(interrupted());
+    }
     let results = RecognitionResults { labels: recognizer.labels.clone(), rows, left_out };
     match &args.output {
         // A table without a row would only be in the way of the next one.
@@ -191,7 +257,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         Some(path) => {
             write_recognition(path, &results, args.none)?;
             if !args.general.quiet {
-                println!("{} sequences recognized, in {}", results.rows.len(), path.display());
+                println!("{} recognized, in {}", count(results.rows.len(), "sequence", "sequences"), path.display());
             }
         }
         None => print_table(&results, args.none)?,

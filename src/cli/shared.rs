@@ -21,7 +21,10 @@ use grimace::{
 
 pub use super::{
     numbers::{alpha, count, emphasis, frame_rate, gain, memory, not_negative, positive, share, thread_count},
-    options::{AnalysisArgs, CheckArgs, FitArgs, MarksArgs, MethodArgs, ModelArgs, ProfileArgs, TrackArgs, words},
+    options::{
+        AnalysisArgs, CheckArgs, ColumnArgs, FitArgs, MarksArgs, MethodArgs, ModelArgs, ProfileArgs, ResampleArgs, TrackArgs,
+        words,
+    },
 };
 
 /// The verb of one thing or several.

@@ -7,7 +7,7 @@
 //! Landmarks/S005/001/S005_001_00000001_landmarks.txt    68 lines `x y`
 //! ```
 //!
-//! CK+ labels a part of its sequences only; those without a label are skipped, not failed.
+//! CK+ labels a part of its sequences only; those without a label are skipped, not failed, unless labels are not needed.
 
 use std::{
     collections::{BTreeMap, btree_map::Entry},
@@ -16,7 +16,7 @@ use std::{
 };
 
 use super::{
-    Dataset, DatasetError, FailedEntry, RowError, SequenceEntry, SkippedEntry,
+    Dataset, DatasetError, FailedEntry, Labels, RowError, SequenceEntry, SkippedEntry,
     error::{check_file_name, name_key},
     frames::{has_frames, sub_folders, visible},
     manifest::CORRESPONDENCES_NAME,
@@ -51,16 +51,17 @@ const FACS_FOLDERS: [&str; 2] = ["FACS", "FACS_labels"];
 /// The three folders of the layout.
 struct Folders {
     images: PathBuf,
-    emotions: PathBuf,
+    /// `None` only where labels are not needed.
+    emotions: Option<PathBuf>,
     landmarks: Option<PathBuf>,
 }
 
 /// Opens a folder in this layout, the one above or that of the images itself; `None` when it is not in this layout.
 ///
 /// # Errors
-/// [`DatasetError`] when the images are there and the labels are not, or a folder cannot be listed.
-pub(super) fn open(root: &Path) -> Result<Option<Dataset>, DatasetError> {
-    let Some(folders) = find_folders(root)? else { return Ok(None) };
+/// [`DatasetError`] when the images are there and the labels are not, though they are needed, or a folder cannot be listed.
+pub(super) fn open(root: &Path, labels: Labels) -> Result<Option<Dataset>, DatasetError> {
+    let Some(folders) = find_folders(root, labels)? else { return Ok(None) };
     let images = &folders.images;
     let list = |folder: &Path| sub_folders(folder).map_err(|reason| DatasetError::Io { path: folder.to_owned(), reason });
     let mut dataset = Dataset { root: images.clone(), sequences: Vec::new(), failures: Vec::new(), skipped: Vec::new() };
@@ -71,7 +72,7 @@ pub(super) fn open(root: &Path) -> Result<Option<Dataset>, DatasetError> {
         }
         for sequence in list(&folder)? {
             let id = SequenceId { subject: subject.clone(), sequence };
-            match entry(&folders, &id) {
+            match entry(&folders, &id, labels) {
                 Ok(Some(entry)) => dataset.sequences.push(entry),
                 Ok(None) => dataset.skipped.push(SkippedEntry { id, reason: "it has no emotion label".to_owned() }),
                 Err(error) => dataset.failures.push(FailedEntry { subject: id.subject, sequence: id.sequence, error }),
@@ -104,13 +105,12 @@ pub(super) fn open(root: &Path) -> Result<Option<Dataset>, DatasetError> {
 impl Folders {
     /// Whether a folder beside the subjects holds labels or landmarks.
     fn has_labels(&self, folder: &Path) -> bool {
-        self.emotions.starts_with(folder)
-            || self.landmarks.as_ref().is_some_and(|landmarks| landmarks.starts_with(folder))
+        [&self.emotions, &self.landmarks].into_iter().flatten().any(|labels| labels.starts_with(folder))
             || FACS_FOLDERS.iter().any(|name| folder.ends_with(name))
     }
 }
 
-fn find_folders(root: &Path) -> Result<Option<Folders>, DatasetError> {
+fn find_folders(root: &Path, labels: Labels) -> Result<Option<Folders>, DatasetError> {
     // Of `.` and other paths without a name the folder above shows only when they are resolved.
     let resolved = fs::canonicalize(root).unwrap_or_else(|_| root.to_owned());
     let bases: Vec<&Path> = [Some(root), resolved.parent()].into_iter().flatten().collect();
@@ -121,14 +121,19 @@ fn find_folders(root: &Path) -> Result<Option<Folders>, DatasetError> {
     let named = IMAGE_FOLDERS.iter().map(|name| root.join(name)).find(|path| path.is_dir());
     let is_named = resolved.file_name().is_some_and(|name| IMAGE_FOLDERS.iter().any(|known| name == *known));
     let named = named.or_else(|| is_named.then(|| root.to_owned()));
+    let landmarks = find(&LANDMARK_FOLDERS);
     let Some(emotions) = find(&EMOTION_FOLDERS) else {
-        return named.map_or(Ok(None), |images| Err(DatasetError::NoEmotionFolder { images }));
+        return match (named, labels) {
+            (None, _) => Ok(None),
+            (Some(images), Labels::IfAny) => Ok(Some(Folders { images, emotions: None, landmarks })),
+            (Some(images), Labels::Needed) => Err(DatasetError::NoEmotionFolder { images }),
+        };
     };
     let images = named.or_else(|| {
         let below = sub_folders(root).unwrap_or_default().into_iter().map(|name| root.join(name));
         std::iter::once(root.to_owned()).chain(below).find(|folder| has_images_of(folder, &emotions))
     });
-    Ok(images.map(|images| Folders { images, emotions, landmarks: find(&LANDMARK_FOLDERS) }))
+    Ok(images.map(|images| Folders { images, emotions: Some(emotions), landmarks }))
 }
 
 /// Whether a folder holds images of a subject that has a label.
@@ -139,14 +144,17 @@ fn has_images_of(folder: &Path, emotions: &Path) -> bool {
     sub_folders(&folder).unwrap_or_default().iter().any(|sequence| has_frames(&folder.join(sequence)))
 }
 
-/// A sequence with its label; `None` without a label.
-fn entry(folders: &Folders, id: &SequenceId) -> Result<Option<SequenceEntry>, DatasetError> {
+/// A sequence with its label; `None` without one that is needed.
+fn entry(folders: &Folders, id: &SequenceId, labels: Labels) -> Result<Option<SequenceEntry>, DatasetError> {
     let inside = Path::new(&id.subject).join(&id.sequence);
     let frames_path = folders.images.join(&inside);
     for (column, value) in [("subject", &id.subject), ("sequence", &id.sequence)] {
         check_file_name(column, value).map_err(|problem| DatasetError::FolderName { path: frames_path.clone(), problem })?;
     }
-    let Some(emotion) = read_emotion(&folders.emotions.join(&inside))? else { return Ok(None) };
+    let emotion = match folders.emotions.as_ref().map(|emotions| read_emotion(&emotions.join(&inside))).transpose()?.flatten() {
+        None if labels == Labels::Needed => return Ok(None),
+        emotion => emotion.unwrap_or_default(),
+    };
     Ok(Some(SequenceEntry {
         id: id.clone(),
         emotion: emotion.to_owned(),

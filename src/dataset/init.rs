@@ -18,7 +18,7 @@ use self::{
     search::Found,
 };
 pub use self::{kept::Kept, people::PicturesOfPeople};
-use super::{Dataset, DatasetError, MANIFEST_NAME, cohn_kanade, entry::is_publish_column, error::name_key};
+use super::{Dataset, DatasetError, Labels, MANIFEST_NAME, cohn_kanade, entry::is_publish_column, error::name_key};
 use crate::{
     input::CsvFile,
     output::{OutputError, write_records},
@@ -89,7 +89,7 @@ pub fn propose_manifest(root: &Path) -> Result<ProposedManifest, DatasetError> {
     if !root.is_dir() {
         return Err(DatasetError::NotFound { path: root.to_owned() });
     }
-    let labelled = match cohn_kanade::open(root) {
+    let labelled = match cohn_kanade::open(root, Labels::Needed) {
         Ok(dataset) => dataset,
         Err(DatasetError::NoEmotionFolder { .. }) => None,
         Err(error) => return Err(error),

@@ -130,12 +130,17 @@ fn needed(labels: Labels) -> &'static [&'static str] {
 
 /// Whether a table of comma- or semicolon-separated values lists sequences, by its first line.
 pub(crate) fn is_manifest(path: &Path) -> bool {
+    has_columns(path, needed(Labels::IfAny))
+}
+
+/// Whether the first line of a table of comma- or semicolon-separated values names all of these columns.
+pub(crate) fn has_columns(path: &Path, columns: &[&str]) -> bool {
     const MOST: u64 = 1 << 16;
     let mut line = Vec::new();
     let read = crate::input::open_file(path).and_then(|file| BufReader::new(file.take(MOST)).read_until(b'\n', &mut line));
     let line = String::from_utf8_lossy(&line);
     let names: Vec<&str> = line.split([',', ';']).map(|name| name.trim_matches(['\u{feff}', '"', ' ', '\r', '\n'])).collect();
-    read.is_ok() && needed(Labels::IfAny).iter().all(|name| names.contains(name))
+    read.is_ok() && columns.iter().all(|name| names.contains(name))
 }
 
 fn columns(csv: &CsvFile, labels: Labels) -> Result<Columns, DatasetError> {

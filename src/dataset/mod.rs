@@ -35,7 +35,7 @@ pub use landmarks::{
     DEFAULT_LANDMARK_NODES, LANDMARK_COUNT, LEAST_CONFIDENCE, LandmarkFrame, LandmarkSelection, LandmarkSequence, LandmarkTrack,
     LandmarksError, correspondences_from_landmarks, landmark_files, read_face, read_landmarks,
 };
-pub(crate) use manifest::{CORRESPONDENCES_NAME, is_manifest};
+pub(crate) use manifest::{CORRESPONDENCES_NAME, has_columns, is_manifest};
 pub use manifest::{FRAME_RATES, MANIFEST_COLUMNS};
 pub use marks::{MarksFileError, read_marks};
 pub use unread::unread_beside;
@@ -65,7 +65,7 @@ pub struct Dataset {
     pub skipped: Vec<SkippedEntry>,
 }
 
-/// Whether the sequences of a manifest have to have emotions.
+/// Whether sequences have to have emotions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Labels {
     /// They have.
@@ -140,7 +140,7 @@ impl Dataset {
         Self::open_as(path, Labels::Needed)
     }
 
-    /// [`Dataset::open`] of sequences whose emotions need not be known: where a manifest has none, they are empty.
+    /// [`Dataset::open`] of sequences whose emotions need not be known: where nothing says them, they are empty, and none is skipped.
     pub(crate) fn open_unlabelled(path: &Path) -> Result<Self, DatasetError> {
         Self::open_as(path, Labels::IfAny)
     }
@@ -156,7 +156,7 @@ impl Dataset {
         if manifest.exists() {
             return manifest::open(&manifest, labels);
         }
-        match cohn_kanade::open(path)? {
+        match cohn_kanade::open(path, labels)? {
             Some(dataset) => Ok(dataset),
             None => Err(no_manifest(path)),
         }

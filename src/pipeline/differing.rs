@@ -24,7 +24,7 @@ pub(super) fn differing_options(there: &PipelineOptions, now: &PipelineOptions) 
 }
 
 /// What differs between two wireframes that are known by their hashes, of which Candide-3 has none.
-pub(super) fn differing_wireframes(there: Option<&str>, now: Option<&str>) -> Option<&'static str> {
+pub(crate) fn differing_wireframes(there: Option<&str>, now: Option<&str>) -> Option<&'static str> {
     match (there, now) {
         (None, Some(_)) => Some("another wireframe (Candide-3 there, that of a file now)"),
         (Some(_), None) => Some("another wireframe (that of a file there, Candide-3 now)"),

@@ -72,6 +72,7 @@ pub use check::{CheckedColumn, CheckedEmotion, DatasetCheck, check_dataset, writ
 #[cfg(feature = "columnar")]
 pub use columnar::{analyze_columnar, load_columnar, write_columnar};
 pub use corrected::{correct_track, corrections_said};
+pub(crate) use differing::differing_wireframes;
 pub use divide::{run_emotion, run_part, run_plan};
 pub use figures::{figure_files, figures_of, write_figures};
 pub use files::{RunJson, RunJsonError, SCHEMA_VERSION, SequenceRecord, read_run_json};

@@ -10,19 +10,19 @@ use std::{
 use rayon::prelude::*;
 
 use super::{
-    AnalyzedModel, Event, Failure, RunError, SequenceFailure, Stage, Workbench, id_of,
+    AnalyzedModel, Event, Failure, RunError, SequenceFailure, Stage, UNLABELLED, Workbench, id_of,
     measured::normalized,
-    recording::expand,
-    track_files,
+    recording::{expand, take_doubles},
+    track_files, tracks_folder,
     work::{Planned, name_marks, plan},
 };
 use crate::{
     dataset::{
-        CORRESPONDENCES_NAME, Dataset, DatasetError, MANIFEST_NAME, SequenceEntry, has_frames, has_picture_name, is_manifest,
-        is_video,
+        CORRESPONDENCES_NAME, Dataset, DatasetError, MANIFEST_NAME, SequenceEntry, has_columns, has_frames, has_picture_name,
+        is_manifest, is_video,
     },
     statistics::SequenceModel,
-    track::{TrackQuality, neutral_first, parse_track, track_csv},
+    track::{neutral_first, parse_track, track_csv},
     units::SequenceId,
 };
 
@@ -31,8 +31,10 @@ use crate::{
 pub struct Unseen {
     /// Tracks.
     pub tracks: Vec<PathBuf>,
-    /// Sequences to be tracked first, in the order given, and what of the datasets is none.
+    /// Sequences to be tracked first, and what of the datasets is none.
     pub pictures: Dataset,
+    /// Folders that were given, and those of manifests: what is in them is not to be written over.
+    pub folders: Vec<PathBuf>,
 }
 
 /// Why nothing can be recognized in what was given.
@@ -64,22 +66,29 @@ pub enum UnseenError {
 }
 
 impl Unseen {
-    /// What is at the paths: tracks or folders of them, datasets, folders of the frames of one sequence, videos.
+    /// What is at the paths, each once: tracks or folders of them, datasets, folders of the frames of one sequence, videos. Of results in the
+    /// folder of a dataset the tracks are taken, with what was corrected in them by hand.
     ///
     /// # Errors
     /// [`UnseenError`].
     pub fn of(paths: &[PathBuf]) -> Result<Self, UnseenError> {
         let mut all = Self::default();
-        let mut tracks = Vec::new();
+        let (mut tracks, mut met) = (Vec::new(), BTreeSet::new());
         for path in paths {
-            let is_file = path.is_file();
+            if !met.insert(path.canonicalize().unwrap_or_else(|_| path.clone())) {
+                continue;
+            }
+            let (is_file, is_folder) = (path.is_file(), path.is_dir());
+            all.folders.extend(is_folder.then(|| path.clone()));
             if is_file && has_picture_name(path) {
                 return Err(UnseenError::SinglePicture { path: path.clone() });
-            } else if (is_file && is_video(path)) || (path.is_dir() && !path.join(MANIFEST_NAME).exists() && has_frames(path)) {
-                all.pictures.sequences.push(entry_of(path));
+            } else if is_folder && tracks_folder(path) != *path && has_tracks(path)? {
+                tracks.push(path.clone());
             } else if path.join(MANIFEST_NAME).exists() || (is_file && is_manifest(path)) {
                 all.add(Dataset::open_unlabelled(path).map_err(|error| UnseenError::Dataset(Box::new(error)))?);
-            } else if is_file || !track_files(std::slice::from_ref(path))?.is_empty() {
+            } else if (is_file && is_video(path)) || (is_folder && has_frames(path)) {
+                all.pictures.sequences.push(entry_of(path));
+            } else if !is_folder || has_tracks(path)? {
                 tracks.push(path.clone());
             } else {
                 let neither = |source| UnseenError::Neither { path: path.clone(), source: Box::new(source) };
@@ -87,24 +96,43 @@ impl Unseen {
             }
         }
         all.tracks = track_files(&tracks)?;
+        // Before recordings are cut: what is found in them is filed by their names.
+        let said = |double: &SequenceEntry, first: &SequenceEntry| {
+            format!("{} was given already, in {}; rename one of them", double.id, first.frames_path.display())
+        };
+        all.pictures.failures.extend(take_doubles(&mut all.pictures.sequences, said));
         Ok(all)
     }
 
     fn add(&mut self, dataset: Dataset) {
-        self.pictures.sequences.extend(dataset.sequences);
+        self.folders.push(dataset.root);
+        self.pictures.sequences.extend(dataset.sequences.into_iter().map(|mut entry| {
+            // What `segment` writes where nobody says an emotion.
+            if entry.emotion == UNLABELLED {
+                entry.emotion.clear();
+            }
+            entry
+        }));
         self.pictures.failures.extend(dataset.failures);
-        self.pictures.skipped.extend(dataset.skipped);
     }
 }
 
-/// A folder of frames, or a video, as a sequence of its own: `S005_001` and `S005/001` are sequence 001 of S005.
+/// Whether there is a track in a folder, or in its folder `tracks`.
+fn has_tracks(folder: &Path) -> io::Result<bool> {
+    Ok(track_files(&[folder.to_owned()])?.iter().any(|path| has_columns(path, &["frame", "node"])))
+}
+
+/// A folder of frames, or a video, as a sequence of its own: `S005_001` and `S005/001` are sequence 001 of S005, and so is `S005/001.mp4`; `anna.mp4`
+/// is of Anna, for videos of several people lie side by side.
 fn entry_of(path: &Path) -> SequenceEntry {
     let full = path.canonicalize().unwrap_or_else(|_| path.to_owned());
-    let name = if full.is_dir() { full.file_name() } else { full.file_stem() };
+    let is_folder = full.is_dir();
+    let name = if is_folder { full.file_name() } else { full.file_stem() };
     let name = name.unwrap_or_default().to_string_lossy().into_owned();
+    let is_part = if is_folder { !name.contains('_') } else { name.chars().all(|c| c.is_ascii_digit()) };
     let above = full.parent().and_then(Path::file_name).map(|above| above.to_string_lossy().into_owned());
     let id = match above {
-        Some(subject) if !name.contains('_') => SequenceId { subject, sequence: name },
+        Some(subject) if is_part => SequenceId { subject, sequence: name },
         // What is no ending stays in the name of a folder.
         _ => id_of(Path::new(&format!("{name}.csv"))),
     };
@@ -125,19 +153,21 @@ fn entry_of(path: &Path) -> SequenceEntry {
 /// What became of sequences that were tracked.
 #[derive(Debug, Default)]
 pub struct TrackedUnseen {
-    /// Normalized, with how well they were tracked, in the order given.
+    /// Normalized, by id.
     pub models: Vec<AnalyzedModel>,
-    /// What failed.
+    /// What failed, be it the machine's fault: the others are recognized all the same.
     pub failures: Vec<Failure>,
-    /// What a person should know, a line each.
-    pub notes: Vec<String>,
+    /// Why a track deserves a look, a text for each that does.
+    pub reasons: Vec<(SequenceId, String)>,
+    /// What a person should know.
+    pub notes: Vec<(SequenceId, String)>,
 }
 
 /// Tracks and normalizes sequences as a run does, and keeps nothing of them but their models. Whole recordings are cut first; what is found in
 /// them goes into the folder `scratch`. `event` is called from many threads; that a sequence failed is in the answer alone.
 ///
 /// # Errors
-/// [`RunError::Interrupted`] where `stop` says so, and what is the machine's fault.
+/// [`RunError::Interrupted`] where `stop` says so, and [`RunError::Output`] where `scratch` cannot be written to.
 pub fn track_unseen(
     mut pictures: Dataset,
     scratch: &Path,
@@ -147,51 +177,53 @@ pub fn track_unseen(
 ) -> Result<TrackedUnseen, RunError> {
     expand(&mut pictures, scratch, bench, (stop, &event))?;
     event(Event::Started { sequences: pictures.sequences.len() });
-    let mut known = BTreeSet::new();
-    let twice: Vec<bool> = pictures.sequences.iter().map(|entry| !known.insert(entry.id.to_string())).collect();
-    let one = |(entry, twice): (&SequenceEntry, &bool)| {
-        let tracked = if *twice {
-            let reason = format!("{}: a sequence of {} was read already", entry.frames_path.display(), entry.id);
-            Err(SequenceFailure { stage: Stage::Dataset, reason, fatal: false })
-        } else {
-            track(entry, bench, stop, &event)
-        };
+    let one = |entry: &SequenceEntry| {
+        let tracked = track(entry, bench, stop, &event);
         event(Event::Finished { id: entry.id.clone(), reused: false, failure: None });
         tracked
     };
-    let tracked: Vec<_> = pictures.sequences.par_iter().zip(&twice).map(one).collect();
+    let tracked: Vec<_> = pictures.sequences.par_iter().map(one).collect();
     if stop.load(Ordering::Relaxed) {
         return Err(RunError::Interrupted);
     }
     let mut all = TrackedUnseen::default();
-    let failed = |id: SequenceId, SequenceFailure { stage, reason, fatal }: SequenceFailure| {
-        let SequenceId { subject, sequence } = id.clone();
-        if fatal { Err(RunError::Write { id, reason }) } else { Ok(Failure { subject, sequence, stage, reason }) }
-    };
-    for (entry, tracked) in pictures.sequences.iter().zip(tracked) {
+    for (SequenceEntry { id, .. }, tracked) in pictures.sequences.into_iter().zip(tracked) {
         match tracked {
-            Ok((model, notes)) => {
+            Ok(Tracked { model, reasons, notes }) => {
                 all.models.push(model);
-                all.notes.extend(notes.into_iter().map(|said| format!("{}: {said}", entry.id)));
+                all.reasons.extend((!reasons.is_empty()).then(|| (id.clone(), reasons.join("; "))));
+                all.notes.extend(notes.into_iter().map(|said| (id.clone(), said)));
             }
-            Err(failure) => all.failures.push(failed(entry.id.clone(), failure)?),
+            Err(failure) => all.failures.push(failed(id, failure)),
         }
     }
     for row in pictures.failures.iter().map(Planned::damaged) {
         let Planned { id, source: Err(failure), .. } = row else { continue };
-        all.failures.push(failed(id, failure)?);
+        all.failures.push(failed(id, failure));
     }
-    all.notes.extend(pictures.skipped.iter().map(|skipped| format!("{} is left out: {}", skipped.id, skipped.reason)));
     Ok(all)
 }
 
-/// One sequence, and what a person should know of it.
+fn failed(SequenceId { subject, sequence }: SequenceId, SequenceFailure { stage, reason, .. }: SequenceFailure) -> Failure {
+    Failure { subject, sequence, stage, reason }
+}
+
+/// What is kept of one sequence.
+struct Tracked {
+    model: AnalyzedModel,
+    /// Why the track deserves a look.
+    reasons: Vec<String>,
+    /// What a person should know.
+    notes: Vec<String>,
+}
+
+/// One sequence.
 fn track(
     entry: &SequenceEntry,
     bench: &Workbench,
     stop: &AtomicBool,
     event: &(impl Fn(Event) + Sync),
-) -> Result<(AnalyzedModel, Vec<String>), SequenceFailure> {
+) -> Result<Tracked, SequenceFailure> {
     let goes_on = || !stop.load(Ordering::Relaxed);
     if !goes_on() {
         return Err(SequenceFailure::interrupted(Stage::Track));
@@ -209,13 +241,84 @@ fn track(
     let normalized = normalized(&frames, &info.mark_places(), info.times.as_deref(), bench)?;
     let mut summary = info.summary.clone();
     normalized.judge(&mut summary, &frames, bench);
-    let quality = TrackQuality::new(entry.id.clone(), entry.emotion.clone(), summary, &frames, &bench.wireframe);
     let model = AnalyzedModel {
         model: SequenceModel { id: entry.id.clone(), model: normalized.model },
         emotion: entry.emotion.clone(),
         metadata: entry.metadata.clone(),
-        quality: Some(quality),
+        quality: None,
         course: None,
     };
-    Ok((model, driven.remark.into_iter().chain(info.notes).collect()))
+    Ok(Tracked { model, reasons: summary.reasons, notes: driven.remark.into_iter().chain(info.notes).collect() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn write(folder: &Path, names: &[&str], content: &str) {
+        for name in names {
+            let path = folder.join(name);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, content).unwrap();
+        }
+    }
+
+    /// Names of tracks, ids of sequences, and what failed, of what is at some paths in a folder.
+    fn found(folder: &Path, paths: &[&str]) -> (Vec<String>, Vec<String>, Vec<String>) {
+        let all = Unseen::of(&paths.iter().map(|path| folder.join(path)).collect::<Vec<_>>()).unwrap();
+        let name = |path: &PathBuf| path.file_name().unwrap().to_string_lossy().into_owned();
+        let ids = all.pictures.sequences.iter().map(|entry| entry.id.to_string());
+        (
+            all.tracks.iter().map(name).collect(),
+            ids.collect(),
+            all.pictures.failures.iter().map(crate::dataset::FailedEntry::reason).collect(),
+        )
+    }
+
+    fn names(list: &[&str]) -> Vec<String> {
+        list.iter().map(|&name| name.to_owned()).collect()
+    }
+
+    #[test]
+    fn what_is_given_is_told_by_what_is_in_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = folder.path();
+        // Results in the folder of a dataset, with a picture and tables beside them.
+        write(at, &["R/tracks/S1_1.csv", "loose/S2_1.csv"], "frame,node,x,y\n");
+        write(at, &["R/manifest.csv", "ck/people.csv", "list.csv"], "subject,sequence\nS1,1\n");
+        write(at, &["R/logo.png", "S3/5/1.png", "S3/5/2.png", "anna.mp4", "S4/001.mp4", "S5_2.avi"], "");
+        let none: Vec<String> = Vec::new();
+        assert_eq!(found(at, &["R", "loose"]), (names(&["S1_1.csv", "S2_1.csv"]), none.clone(), none.clone()));
+        let sequences = names(&["S3_5", "anna_1", "S4_001", "S5_2", "S1_1"]);
+        assert_eq!(
+            found(at, &["S3/5", "anna.mp4", "S4/001.mp4", "S5_2.avi", "list.csv"]),
+            (none.clone(), sequences, none.clone())
+        );
+        // Cohn-Kanade, without labels and with one of two.
+        let images = ["ck/cohn-kanade-images/S6/1/a_1.png", "ck/cohn-kanade-images/S6/2/a_1.png"];
+        write(at, &images, "");
+        assert_eq!(found(at, &["ck"]), (none.clone(), names(&["S6_1", "S6_2"]), none.clone()));
+        write(at, &["ck/Emotion/S6/1/a_emotion.txt"], "3.0");
+        let emotions = Unseen::of(&[at.join("ck")]).unwrap().pictures.sequences.into_iter().map(|entry| entry.emotion);
+        assert_eq!(emotions.collect::<Vec<_>>(), ["disgust", ""]);
+        assert!(matches!(Dataset::open(&at.join("ck")), Ok(dataset) if dataset.skipped.len() == 1));
+        // A table of something else is neither.
+        write(at, &["other/people.csv"], "subject,age\n");
+        assert!(matches!(Unseen::of(&[at.join("other")]), Err(UnseenError::Neither { .. })));
+    }
+
+    #[test]
+    fn the_same_is_taken_once_and_the_same_name_of_another_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = folder.path();
+        // Whole recordings are filed by their names, so that doubles are found before anything is cut.
+        let rows = "subject,sequence,emotion,frames,segment\nS1,talk,unlabelled,talk,auto\n";
+        write(at, &["a/manifest.csv", "b/manifest.csv"], rows);
+        let (_, ids, failed) = found(at, &["a", "a/../a", "b"]);
+        assert_eq!((ids, failed.len()), (names(&["S1_talk"]), 1));
+        let said = format!("S1_talk was given already, in {}; rename one of them", at.join("a/talk").display());
+        assert!(failed[0].ends_with(&said), "{failed:?}");
+        // What `segment` writes for an emotion that nobody said is none.
+        assert_eq!(Unseen::of(&[at.join("a")]).unwrap().pictures.sequences[0].emotion, "");
+    }
 }

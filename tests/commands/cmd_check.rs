@@ -53,7 +53,8 @@ fn what_a_check_finds_is_what_a_run_says() {
 
     // Corrections are in the folder of results.
     work.write("out/corrections/S9_1.csv", "frame,node,x,y\n");
-    work.grimace("check faces --results out -q").exit(3).prints(&[]);
+    let quiet = work.grimace("check faces --results out -q").exit(3);
+    assert!(quiet.stdout.is_empty() && quiet.stderr.is_empty(), "{quiet:?}");
     work.grimace("check faces --results out").exit(3).prints(&["note: S9_1.csv in corrections/ is of no sequence of this run"]);
 }
 
@@ -67,8 +68,46 @@ fn what_is_no_dataset_is_refused() {
         .exit(1)
         .says(&["faces/manifest.csv: --output would be written over a file of faces"]);
     work.grimace("check faces/manifest.csv -o faces/manifest.csv --force").exit(1).says(&["would be written over the dataset"]);
+    work.grimace("check faces/manifest.csv -o faces/S001/005/correspondences.csv --force")
+        .exit(1)
+        .says(&["would be written over a file of faces"]);
     work.grimace("check faces --results none").exit(1).says(&["--results none: there is no such folder"]);
     // Nothing is wrong, and the groups are named as in the files of a run.
     let ran = work.grimace("check faces --by cohort").exit(0).prints(&["happiness (2); happiness_cohort-A (2)"]);
     assert!(ran.stdout.ends_with("next: grimace run faces -o results --by cohort\n"), "{}", ran.stdout);
+    // The run is to be as what was checked.
+    let args = "--by cohort --check-marks off --resample linear --fit-force 15 -j 1 -q";
+    work.grimace(&format!("check faces {args}")).exit(0);
+    let ran = work.grimace(&format!("check faces {}", args.replace(" -q", ""))).exit(0);
+    let next = "next: grimace run faces -o results --by cohort --resample linear --fit-force 15 --check-marks off\n";
+    assert!(ran.stdout.ends_with(next), "{}", ran.stdout);
+}
+
+#[test]
+fn notes_are_no_verdict_and_numbers_no_groups() {
+    let work = Work::with_sequences(&["S001_005", "S002_005"]);
+    // Two recordings, one of them too short, a picture beside the frames that is none of them, and what is known of the people.
+    let rows = [
+        "S001,005,happiness,,,,20,A",
+        "S002,005,happiness,,,,30,B",
+        "S003,talk,anger,S001/005,auto,5,40,B",
+        "S004,talk,anger,S001/005,auto,,50,B",
+    ];
+    let header = "subject,sequence,emotion,frames,segment,fps,age,cohort";
+    work.write("faces/manifest.csv", format!("{header}\n{}\n", rows.join("\n")));
+    work.write("faces/S002/005/notes.heic", "");
+    let checked = work.grimace("check faces -o check.csv --covariate age").exit(3);
+    let checked = checked
+        .prints(&["3 good, 0 to look at again, 1 would fail", "columns of numbers (--covariate):\n  age: 4 numbers of 4 people"]);
+    let checked = checked.prints(&["too short for a rest and an expression: 6 frames, 25 at least", "note: S002_005: "]);
+    let checked = checked.prints(&["whole recordings, of which `run` makes a sequence for each expression that it finds"]);
+    assert!(!checked.stdout.contains("a single sequence"), "{}", checked.stdout);
+    let rows = work.rows("check.csv");
+    let of = |column: &str| rows.iter().map(|row| row[column].clone()).collect::<Vec<_>>();
+    assert_eq!(of("verdict"), ["good", "good", "good", "fails"]);
+    assert_eq!(of("marks"), ["file", "file", "", ""]);
+    assert_eq!(of("source"), ["images", "images", "recording", "recording"]);
+    assert!(rows[0]["notes"].is_empty() && rows[1]["notes"].contains("notes.heic"), "{rows:?}");
+    work.grimace("check faces --covariate cohort").exit(1).says(&["no value of the column `cohort` is a number"]);
+    work.grimace("check faces --strata cohort").exit(2);
 }

@@ -4,7 +4,7 @@ use std::{ffi::OsString, fs, process::Command};
 
 use grimace::internal::companion::{Answer, Companion, wire::Reply};
 
-use crate::common::{Ran, Work, grimace, video::write_video};
+use crate::common::{Ran, SEQUENCES, Work, grimace, video::write_video};
 
 const MARKS: &str = "faces/S001/005/correspondences.csv";
 
@@ -45,8 +45,24 @@ fn pictures_need_no_opencv_and_videos_say_what_is_missing() {
     assert!(!work.path("film").exists());
     // In a run it is not the sequence's fault.
     let manifest = format!("subject,sequence,emotion,frames,correspondences\nS001,1,happiness,../face.avi,../{MARKS}\n");
-    work.write("films/manifest.csv", manifest);
+    work.write("films/manifest.csv", &manifest);
     alone(&work, "run films -o out").exit(1).says(&["the machine failed, not the sequence", "this needs grimace-opencv"]);
+    let checked = alone(&work, "check films").exit(3).prints(&["`run` would stop at track: S001_1: the machine failed"]);
+    assert!(!checked.stdout.contains("next:"), "{}", checked.stdout);
+    // A frame that the video does not have, as far as its header says.
+    let manifest = manifest.replace("frames,", "frames,last_frame,").replace("face.avi,", "face.avi,500,");
+    work.write("films/manifest.csv", manifest);
+    work.grimace("check films").exit(3).prints(&["`last_frame` is 500, and the header of the video states 6 frames", "next:"]);
+}
+
+#[test]
+fn what_needs_no_opencv_is_recognized_beside_videos() {
+    let work = Work::after_run(&SEQUENCES, "R");
+    if !write_video(&work, "faces/S001/005", "anna.avi") {
+        return;
+    }
+    let ran = alone(&work, "recognize --with R anna.avi R/tracks -o all.csv").exit(3).prints(&["6 sequences recognized"]);
+    ran.says(&["failed: anna_1 at track: ", "this needs grimace-opencv"]);
 }
 
 #[test]

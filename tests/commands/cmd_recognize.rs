@@ -4,8 +4,10 @@ use crate::common::{SEQUENCES, Work, root};
 
 #[test]
 fn pictures_are_recognized_as_their_tracks_are() {
-    let work = Work::after_run(&SEQUENCES, "R");
-    work.grimace("recognize --with R R/tracks/S001_005.csv R/tracks/S001_007.csv -o tracks.csv -q").exit(0);
+    let work = Work::with_faces();
+    work.grimace("run faces -o R --window 0.25 -q").exit(0);
+    let ran = work.grimace("recognize --with R R/tracks/S001_005.csv R/tracks/S001_007.csv -o tracks.csv -q").exit(0);
+    assert!(!ran.stderr.contains("run.json"), "{}", ran.stderr);
     let before = work.files("faces");
     // A dataset without a word of emotions, of which one sequence has nothing to track.
     work.write("faces/manifest.csv", "subject,sequence\nS001,005\nS001,007\nS009,001\n");
@@ -17,10 +19,18 @@ fn pictures_are_recognized_as_their_tracks_are() {
     // With emotions they are in the table; a folder of frames is a sequence of its own.
     work.write("faces/manifest.csv", "subject,sequence,emotion\nS001,005,Happiness\nS001,007,?\n");
     work.grimace("recognize --with R faces -o labelled.csv -j 3").exit(0);
-    let rows = |name: &str| work.rows(name).iter().map(|row| row["emotion"].clone()).collect::<Vec<_>>();
-    assert_eq!(rows("labelled.csv"), ["happiness", ""]);
+    assert_eq!(work.read("labelled.csv"), unlabelled.replace("005,,", "005,happiness,"));
     let printed = work.grimace("recognize --with R faces/S001/005").exit(0).stdout;
     assert_eq!(printed.lines().collect::<Vec<_>>(), unlabelled.lines().take(2).collect::<Vec<_>>());
+    // Options that are said in other words, and those of another wireframe.
+    let run_json = work.read("R/run.json");
+    work.write("R/run.json", run_json.replace("\"even_light\"", "\"light\""));
+    let ran = work.grimace("recognize --with R R/tracks/S001_005.csv").exit(0);
+    ran.says(&["the run.json of R says these options otherwise than this version: track; what is not known of them is as usual"]);
+    work.write("R/run.json", run_json.replace("\"wireframe_blake3\": null", "\"wireframe_blake3\": \"0a1b\""));
+    let other = "R holds a run with another wireframe (that of a file there, Candide-3 now)";
+    work.grimace("recognize --with R R/tracks/S001_005.csv").exit(1).says(&[other]);
+    work.write("R/run.json", run_json);
     // What is recognized is left as it was.
     work.write("faces/manifest.csv", &before["manifest.csv"]);
     crate::common::assert_same_files(&before, &work.files("faces"));
@@ -32,8 +42,8 @@ fn what_shows_no_motion_is_refused() {
     let portrait = root().join("fixtures/portraits/P01.jpg");
     let said = "P01.jpg: a single picture shows no motion, and an expression is recognized by how the face moves from neutral to it: two frames";
     work.grimace(&format!("recognize --with R {}", portrait.display())).exit(1).says(&[said]);
-    work.write("one/a.jpg", std::fs::read(&portrait).unwrap());
-    work.grimace("recognize --with R one").exit(1).says(&["one"]).says(&["failed: "]);
+    work.write("one/a_1.jpg", std::fs::read(&portrait).unwrap());
+    work.grimace("recognize --with R one").exit(1).says(&["failed: ", "_one at ", "at least 2 are needed"]);
     std::fs::create_dir(work.path("empty")).unwrap();
     work.grimace("recognize --with R empty")
         .exit(1)
@@ -42,4 +52,27 @@ fn what_shows_no_motion_is_refused() {
     work.grimace("recognize --with R faces/S001/005 -o faces/S001/005/correspondences.csv --force")
         .exit(1)
         .says(&["would be written over"]);
+    // Nor are files beside a manifest, and those of the results that are learned from.
+    work.grimace("recognize --with R faces/manifest.csv -o faces/S001/005/correspondences.csv --force")
+        .exit(1)
+        .says(&["would be written over a file of faces"]);
+    work.grimace("recognize --with R R/tracks/S001_005.csv -o R/run.json --force")
+        .exit(1)
+        .says(&["would be written over a file of R"]);
+    // That nothing can be learned is known before anything is tracked.
+    work.write("few/S001_005.csv", work.bytes("R/tracks/S001_005.csv"));
+    work.write("few/S001_005.json", work.bytes("R/tracks/S001_005.json"));
+    let ran = work.grimace("recognize --with few faces").exit(1).says(&["cannot learn from few"]);
+    assert!(!ran.stderr.contains("few has no run.json"), "{}", ran.stderr);
+}
+
+#[test]
+fn what_is_good_is_recognized_beside_what_is_not() {
+    let work = Work::after_run(&SEQUENCES, "R");
+    // A recording that is too short, in two datasets.
+    let rows = "subject,sequence,emotion,frames,segment\nS009,talk,unlabelled,../faces/S001/005,auto\n";
+    work.write("a/manifest.csv", rows).write("b/manifest.csv", rows);
+    let ran = work.grimace("recognize --with R R a a b -o all.csv").exit(3).prints(&["6 sequences recognized"]);
+    ran.says(&["too short for a rest and an expression: 6 frames, 25 at least", "S009_talk was given already, in a/"]);
+    assert_eq!(work.rows("all.csv").iter().map(|row| row["id"].clone()).collect::<Vec<_>>(), SEQUENCES);
 }

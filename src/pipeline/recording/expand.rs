@@ -7,10 +7,12 @@ use std::{
 };
 
 use super::{
-    Recording, RecordingError, RecordingFiles, RecordingStep, Segment, reuse_recording, segment_recording, write_recording,
+    Recording, RecordingError, RecordingFiles, RecordingStep, Segment, reuse_recording, segment_recording,
+    survey::{SHORTEST, USUAL_FPS, too_short},
+    write_recording,
 };
 use crate::{
-    dataset::{Dataset, DatasetError, FailedEntry, SEGMENT_COLUMN, SequenceEntry, list_recording, name_key},
+    dataset::{Dataset, DatasetError, FailedEntry, FrameSource, SEGMENT_COLUMN, SequenceEntry, list_recording, name_key},
     output::OutputError,
     pipeline::{Event, RunError, Workbench},
     segment::SegmentOptions,
@@ -44,7 +46,10 @@ pub(in super::super) fn expand(
             Err(error) => dataset.failures.push(failed(&entry, error.to_string())),
         }
     }
-    dataset.failures.extend(take_doubles(&mut sequences));
+    let doubles = take_doubles(&mut sequences, |double, first| {
+        format!("this sequence would be called {}, and {} is there already; rename one of them", double.id, first.id)
+    });
+    dataset.failures.extend(doubles);
     sequences.sort_by(|a, b| a.id.cmp(&b.id));
     dataset.sequences = sequences;
     Ok(())
@@ -56,23 +61,22 @@ pub(in super::super) fn failed(entry: &SequenceEntry, reason: String) -> FailedE
     FailedEntry { subject, sequence, error: DatasetError::Recording { path: entry.frames_path.clone(), reason } }
 }
 
-/// Takes out sequences whose files would be those of an earlier one: rows may be called as parts of a recording are.
-fn take_doubles(sequences: &mut Vec<SequenceEntry>) -> Vec<FailedEntry> {
-    let mut known: BTreeMap<String, String> = BTreeMap::new();
+/// Takes out sequences whose files would be those of an earlier one: rows may be called as parts of a recording are, and several datasets have
+/// the same names. `reason` says what is wrong with a double, by itself and the one that stays.
+pub(in super::super) fn take_doubles(
+    sequences: &mut Vec<SequenceEntry>,
+    reason: impl Fn(&SequenceEntry, &SequenceEntry) -> String,
+) -> Vec<FailedEntry> {
+    let mut known: BTreeMap<String, SequenceEntry> = BTreeMap::new();
     let mut doubles = Vec::new();
-    sequences.retain(|entry| {
-        let id = entry.id.to_string();
-        match known.entry(name_key(&id)) {
-            Entry::Vacant(place) => {
-                place.insert(id);
-                true
-            }
-            Entry::Occupied(first) => {
-                let reason =
-                    format!("this sequence would be called {id}, and {} is there already; rename one of them", first.get());
-                doubles.push(failed(entry, reason));
-                false
-            }
+    sequences.retain(|entry| match known.entry(name_key(&entry.id.to_string())) {
+        Entry::Vacant(place) => {
+            place.insert(entry.clone());
+            true
+        }
+        Entry::Occupied(first) => {
+            doubles.push(failed(entry, reason(entry, first.get())));
+            false
         }
     });
     doubles
@@ -107,6 +111,20 @@ pub(in super::super) fn recording_of(entry: &SequenceEntry, bench: &Workbench) -
         }
     };
     Ok(Recording { stem: entry.id.sequence.clone(), frames, fps: entry.fps, marks })
+}
+
+/// Why nothing can be found in a recording of so few frames; `stated` is the rate that a video states, frames per second.
+pub(in super::super) fn too_few_frames(recording: &Recording, frames: usize, stated: Option<f64>) -> Option<RecordingError> {
+    let fps = recording.fps.or(stated).unwrap_or(USUAL_FPS);
+    let named = match &recording.frames {
+        FrameSource::Images(files) => match (files.first(), files.last()) {
+            (Some(first), Some(last)) if files.len() > 1 => format!("frames {} to {}", first.number, last.number),
+            _ => "the only frame".to_owned(),
+        },
+        FrameSource::Video { .. } => "the video".to_owned(),
+    };
+    let is_short = frames < 2 || (frames as f64) < SHORTEST * fps;
+    is_short.then(|| RecordingError::Nothing { reasons: vec![too_short(&named, frames, fps)] })
 }
 
 fn segmented(

@@ -39,7 +39,7 @@ use crate::{
     track::TrackError,
 };
 
-pub(super) use expand::{SEGMENTS_FOLDER, expand, failed, is_recording, recording_of};
+pub(super) use expand::{SEGMENTS_FOLDER, expand, failed, is_recording, recording_of, take_doubles, too_few_frames};
 pub use files::{ManifestColumns, RecordingFiles, SegmentRow, reuse_recording, write_recording, write_segments};
 pub use film::write_recording_film;
 pub use kept::{EarlierSegments, GivenForAll, UNLABELLED};

@@ -1,0 +1,255 @@
+//! What `run` would meet in a dataset, up to where it would track: every sequence is prepared by the functions that prepare it for a run, and what is
+//! wrong with it is said in their words.
+//!
+//! Of pictures the neutral frame and the apex are decoded, of a video its neutral frame. A sequence that landmarks drive has none, and is
+//! gone through as a run does it.
+
+mod sequence;
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+};
+
+use rayon::prelude::*;
+
+pub use self::sequence::CheckedSequence;
+use super::{
+    Event, RunError, Workbench,
+    analysis::{AnalysisError, too_short},
+    classes::{ClassSize, few_said, spelling_warnings, unique_stem},
+    corrected::unused_corrections,
+    folder::open_dataset,
+    recognition::left_out_said,
+};
+use crate::{
+    dataset::{FACE_COLUMN, SEGMENT_COLUMN, SequenceEntry, is_publish_column},
+    output::{OutputError, listed, nine_digits, write_records},
+    statistics::{
+        GroupError, SequenceLabels, UNKNOWN_GROUP,
+        compare::LEAST_PEOPLE,
+        group_sequences, measures_said, missing_words_said,
+        recognize::{labels_to_learn, shown_by_several},
+    },
+    units::SequenceId,
+};
+
+/// Sequences that a note names.
+const NAMED: usize = 6;
+
+/// Sequences and people of an emotion, those that would fail left out.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CheckedEmotion {
+    /// The label.
+    pub emotion: String,
+    /// Sequences.
+    pub sequences: usize,
+    /// People.
+    pub people: usize,
+    /// Sequences that would fail.
+    pub failing: usize,
+}
+
+/// A column of the manifest that one may group by.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CheckedColumn {
+    /// Its name.
+    pub name: String,
+    /// Its groups with the number of their people over all emotions, by alphabet, those without a value left out; or why nobody can group by it.
+    pub groups: Result<Vec<(String, usize)>, GroupError>,
+    /// Whether there are two groups of as many people as a test takes, within one emotion.
+    pub is_testable: bool,
+    /// Numbers that are measures, such as ages, and hardly names of groups.
+    pub is_measure: bool,
+}
+
+/// What a run over a dataset would meet.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DatasetCheck {
+    /// By id.
+    pub sequences: Vec<CheckedSequence>,
+    /// People of all sequences whose rows read.
+    pub people: usize,
+    /// In the order of the tables.
+    pub emotions: Vec<CheckedEmotion>,
+    /// By name.
+    pub columns: Vec<CheckedColumn>,
+    /// Left out on purpose, with the reason.
+    pub skipped: Vec<(String, String)>,
+    /// What a person should know of the dataset as a whole.
+    pub notes: Vec<String>,
+}
+
+/// Prepares every sequence of a dataset as a run does, and tracks none. `results` is a folder of results whose corrections by hand are checked, too.
+/// `event` is called from many threads.
+///
+/// # Errors
+/// [`RunError`] when the dataset does not open, is empty, or cannot be grouped as the options say.
+pub fn check_dataset(
+    dataset: &Path,
+    bench: &Workbench,
+    results: Option<&Path>,
+    event: impl Fn(Event) + Sync,
+) -> Result<DatasetCheck, RunError> {
+    let opened = open_dataset(dataset, bench)?;
+    if opened.sequences.is_empty() && opened.failures.is_empty() {
+        return Err(RunError::Empty { path: dataset.to_owned() });
+    }
+    event(Event::Started { sequences: opened.sequences.len() });
+    let one = |entry: &SequenceEntry| {
+        let checked = CheckedSequence::of(entry, bench, results);
+        event(Event::Finished { id: entry.id.clone(), reused: false, failure: None });
+        checked
+    };
+    let mut sequences: Vec<CheckedSequence> = opened.sequences.par_iter().map(one).collect();
+    let labels: Vec<SequenceLabels<'_>> = opened.sequences.iter().map(SequenceEntry::labels).collect();
+    let is_usable = sequences.iter().map(|s| s.failure.is_none());
+    let usable: Vec<SequenceLabels<'_>> = labels.iter().zip(is_usable).filter(|(_, usable)| *usable).map(|(l, _)| *l).collect();
+    let emotions = emotions_of(&labels, &usable).map_err(AnalysisError::from)?;
+    let whole: Vec<&SequenceId> = sequences.iter().filter(|s| s.is_recording()).map(|s| &s.id).collect();
+    let mut notes = notes(&usable, &labels, &whole, bench).map_err(AnalysisError::from)?;
+    let lengths = sequences.iter().filter(|s| s.failure.is_none() && !s.is_recording()).filter_map(|s| Some((&s.id, s.frames?)));
+    notes.extend(too_short(lengths, bench.options.normalize.resample));
+    if !whole.is_empty() {
+        let named: Vec<String> = whole.iter().map(ToString::to_string).collect();
+        notes.push(format!(
+            "whole recordings, of which `run` makes a sequence for each expression that it finds; they are not looked through here: {}",
+            listed(&named, NAMED)
+        ));
+    }
+    let damaged: Vec<CheckedSequence> = opened.failures.iter().map(CheckedSequence::damaged).collect();
+    let all = || sequences.iter().chain(&damaged).map(|s| s.id.to_string());
+    // Of the sequences of a recording nobody knows the names yet.
+    notes.extend(results.filter(|_| whole.is_empty()).and_then(|out| unused_corrections(out, &all().collect())));
+    let people = labels.iter().map(|(id, ..)| id.subject.as_str()).collect::<BTreeSet<_>>().len();
+    let columns = columns_of(&labels);
+    sequences.extend(damaged);
+    sequences.sort_by(|a, b| a.id.cmp(&b.id));
+    let skipped = opened.skipped.iter().map(|s| (s.id.to_string(), s.reason.clone())).collect();
+    Ok(DatasetCheck { sequences, people, emotions, columns, skipped, notes })
+}
+
+/// Sequences and people of every emotion.
+fn emotions_of(all: &[SequenceLabels<'_>], usable: &[SequenceLabels<'_>]) -> Result<Vec<CheckedEmotion>, GroupError> {
+    let usable: BTreeMap<String, Vec<&SequenceLabels<'_>>> =
+        group_sequences(usable, |labels| *labels, &[])?.into_iter().map(|(label, of)| (label.emotion, of)).collect();
+    let emotion = |emotion: String, all: usize| {
+        let of = usable.get(&emotion).map_or(&[][..], Vec::as_slice);
+        CheckedEmotion { sequences: of.len(), people: people_of(of), failing: all - of.len(), emotion }
+    };
+    Ok(group_sequences(all, |labels| *labels, &[])?.into_iter().map(|(label, of)| emotion(label.emotion, of.len())).collect())
+}
+
+fn people_of(sequences: &[&SequenceLabels<'_>]) -> usize {
+    sequences.iter().map(|(id, ..)| id.subject.as_str()).collect::<BTreeSet<_>>().len()
+}
+
+/// The columns of the manifest that are a person's own, with their groups over all emotions.
+fn columns_of(all: &[SequenceLabels<'_>]) -> Vec<CheckedColumn> {
+    let has_meaning = |name: &&String| is_publish_column(name) || [SEGMENT_COLUMN, FACE_COLUMN].contains(&name.as_str());
+    let names: BTreeSet<&String> = all.iter().flat_map(|(.., metadata)| metadata.keys()).filter(|n| !has_meaning(n)).collect();
+    let column = |name: &String| {
+        let by = std::slice::from_ref(name);
+        // The groups of the sequences of one emotion, or of all, with their people.
+        let groups = |emotion: Option<&str>| {
+            let chosen: Vec<SequenceLabels<'_>> =
+                all.iter().filter(|(_, own, _)| emotion.is_none_or(|e| e == *own)).copied().collect();
+            let classes = group_sequences(&chosen, |&(id, _, metadata)| (id, "", metadata), by)?;
+            let groups = classes.iter().filter_map(|(label, of)| Some((label.group.get(name)?.clone(), people_of(of))));
+            Ok::<Vec<_>, GroupError>(groups.filter(|(group, _)| group != UNKNOWN_GROUP).collect())
+        };
+        let emotions: BTreeSet<&str> = all.iter().map(|(_, emotion, _)| *emotion).collect();
+        let is_enough = |groups: Vec<(String, usize)>| groups.iter().filter(|(_, people)| *people >= LEAST_PEOPLE).count() >= 2;
+        let is_testable = emotions.into_iter().any(|emotion| groups(Some(emotion)).is_ok_and(is_enough));
+        CheckedColumn { name: name.clone(), groups: groups(None), is_testable, is_measure: measures_said(all, by).is_some() }
+    };
+    names.into_iter().map(column).collect()
+}
+
+/// What a run over the `usable` sequences would say of classes and labels. Of `whole` recordings nobody knows how many sequences they make: their
+/// classes are passed over.
+fn notes(
+    usable: &[SequenceLabels<'_>],
+    all: &[SequenceLabels<'_>],
+    whole: &[&SequenceId],
+    bench: &Workbench,
+) -> Result<Vec<String>, GroupError> {
+    let by = &bench.options.by;
+    let mut stems = BTreeSet::new();
+    let classes = group_sequences(usable, |labels| *labels, by)?;
+    let classes: Vec<_> = classes.into_iter().map(|(label, of)| (unique_stem(&label, &mut stems), of)).collect();
+    let is_known = |of: &[&SequenceLabels<'_>]| !of.iter().any(|(id, ..)| whole.contains(id));
+    let known = classes.iter().filter(|(_, of)| is_known(of));
+    let sizes = known.map(|(stem, of)| ClassSize { stem, sequences: of.len(), people: people_of(of) });
+    let mut notes = few_said(&sizes.collect::<Vec<_>>());
+    notes.extend(spelling_warnings(all, by));
+    let told_apart_by = [by.as_slice(), &bench.options.strata].concat();
+    notes.extend(missing_words_said(all, &told_apart_by));
+    notes.extend(measures_said(all, &told_apart_by));
+    let shown: Vec<(&str, &str)> = usable.iter().map(|&(id, emotion, _)| (id.subject.as_str(), emotion)).collect();
+    let (shown, left_out) = shown_by_several(shown, |&shown| shown);
+    // One emotion alone is nothing to recognize, and nobody expects it.
+    let several = usable.iter().map(|(_, emotion, _)| emotion).collect::<BTreeSet<_>>().len() > 1;
+    if several && whole.is_empty() {
+        notes.extend(labels_to_learn(shown.into_iter()).err().map(|why| format!("no recognition.csv: {why}")));
+        notes.extend(left_out_said(&left_out));
+    }
+    Ok(notes)
+}
+
+/// Writes `subject,sequence,emotion,verdict,stage,reasons,notes,source,frames,width,height,marks,marked,eye_distance,face_error_percent_es,
+/// placement_error_percent_es,id`: a row for every sequence.
+///
+/// # Errors
+/// [`OutputError`].
+pub fn write_check(path: &Path, check: &DatasetCheck) -> Result<blake3::Hash, OutputError> {
+    let header = [
+        "subject",
+        "sequence",
+        "emotion",
+        "verdict",
+        "stage",
+        "reasons",
+        "notes",
+        "source",
+        "frames",
+        "width",
+        "height",
+        "marks",
+        "marked",
+        "eye_distance",
+        "face_error_percent_es",
+        "placement_error_percent_es",
+        "id",
+    ];
+    let number = |value: Option<f64>| value.map(nine_digits).unwrap_or_default();
+    let count = |value: Option<usize>| value.map(|n| n.to_string()).unwrap_or_default();
+    let side = |of: Option<u32>| of.map(|n| n.to_string()).unwrap_or_default();
+    let row = |s: &CheckedSequence| {
+        let (stage, reasons) = match &s.failure {
+            Some((stage, reason)) => (stage.to_string(), reason.clone()),
+            None => (String::new(), s.reasons.join("; ")),
+        };
+        let placement = s.placement_error.zip(s.eye_distance).map(|(px, unit)| 100.0 * px / unit);
+        vec![
+            s.id.subject.clone(),
+            s.id.sequence.clone(),
+            s.emotion.clone(),
+            s.verdict().to_owned(),
+            stage,
+            reasons,
+            s.notes.join("; "),
+            s.source.to_owned(),
+            count(s.frames),
+            side(s.size.map(|size| size.width)),
+            side(s.size.map(|size| size.height)),
+            s.marks.to_owned(),
+            count(s.marked),
+            number(s.eye_distance),
+            number(s.face_error.map(|share| 100.0 * share)),
+            number(placement),
+            s.id.to_string(),
+        ]
+    };
+    write_records(path, header, check.sequences.iter().map(row))
+}
