@@ -1,6 +1,9 @@
 //! Files that one command writes and reads: none may be another.
 
-use std::path::{Path, PathBuf};
+use std::{
+    io::Read,
+    path::{Path, PathBuf},
+};
 
 /// A file with the option or argument that names it.
 pub type Named<'a> = (&'a str, &'a Path);
@@ -58,6 +61,20 @@ pub fn check_not_over(output: &Path, folder: &Path) -> anyhow::Result<()> {
         "{}: --output would be written over a file of {}; give it another name",
         output.display(),
         folder.display()
+    );
+    Ok(())
+}
+
+/// Refuses an output that is there and no table of the command, which begins with these columns: it may be anything that a person wrote.
+pub fn check_own_table(output: &Path, begins: &str) -> anyhow::Result<()> {
+    let mut first = vec![0; begins.len()];
+    let is_own = |first: &mut [u8]| {
+        std::fs::File::open(output).and_then(|mut file| file.read_exact(first)).is_ok() && *first == *begins.as_bytes()
+    };
+    anyhow::ensure!(
+        !output.exists() || is_own(&mut first),
+        "{}: --output would be written over a file that is no table of this command; give it another name",
+        output.display()
     );
     Ok(())
 }
@@ -145,6 +162,13 @@ mod tests {
         let over = check_not_over(&at("marks.csv"), folder.path()).unwrap_err().to_string();
         assert!(over.contains("--output would be written over a file of"), "{over}");
         assert!(check_not_over(&a, folder.path()).is_ok() && check_not_over(&at("marks.csv"), &at("sub")).is_ok());
+        std::fs::write(at("table.csv"), "subject,verdict\nS1,good\n").unwrap();
+        assert!(
+            check_own_table(&at("table.csv"), "subject,verdict").is_ok() && check_own_table(&at("new.csv"), "subject").is_ok()
+        );
+        assert!(
+            check_own_table(&at("table.csv"), "subject,emotion").is_err() && check_own_table(&at("marks.csv"), "node").is_err()
+        );
         let called =
             |name: &str| check_folder_name(&at(name), "see --format").map_or_else(|error| error.to_string(), |()| String::new());
         assert!(called("notes.TXT").ends_with("and this name ends as a file's, in .txt; name a folder (see --format)"));

@@ -10,7 +10,7 @@ use grimace::{
 
 use super::{
     Cli, Outcome,
-    apart::{check_apart, check_not_over},
+    apart::{check_apart, check_own_table},
     failures::{LOOK_AGAIN, lines_by_kind},
     numbers::given_options,
     progress::SequenceBar,
@@ -70,9 +70,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     set_threads(args.threads)?;
     if let Some(output) = &args.output {
         check_apart(&[("--output", output)], &[("the dataset", &args.dataset)])?;
-        // A manifest lies among the files of its dataset.
-        let folder = Some(args.dataset.as_path()).filter(|path| !path.is_file());
-        check_not_over(output, folder.or(args.dataset.parent()).unwrap_or(&args.dataset))?;
+        check_own_table(output, "subject,sequence,emotion,verdict,stage,")?;
         args.general.check_free(output)?;
     }
     if let Some(results) = &args.results {
@@ -148,7 +146,9 @@ fn print_summary(checked: &DatasetCheck, args: &Args) {
     // Where it would stop it has no results.
     if failing < sequences.len() && !sequences.iter().any(|s| s.ends_run) {
         let dataset = quoted(&args.dataset.display().to_string());
-        let command = [format!("grimace run {dataset} -o results")].into_iter().chain(given_options::<Cli>(&NOT_OF_RUN));
+        // Corrections that were checked belong to the results that they lie in.
+        let results = args.results.as_ref().map_or_else(|| "results".to_owned(), |out| quoted(&out.display().to_string()));
+        let command = [format!("grimace run {dataset} -o {results}")].into_iter().chain(given_options::<Cli>(&NOT_OF_RUN));
         println!("next: {}", command.collect::<Vec<_>>().join(" "));
     }
 }

@@ -8,12 +8,12 @@ use std::{
 };
 
 use anyhow::Context;
-use serde::{Deserialize, Serialize, de::DeserializeOwned};
+use serde::Deserialize;
 use serde_json::Value;
 
 use super::{
     Outcome,
-    apart::{all, check_apart, check_not_over},
+    apart::{all, check_apart, check_own_table},
     failures::{LOOK_AGAIN, lines_by_kind, say_failures, say_unlisted},
     progress::SequenceBar,
     shared::{GeneralArgs, set_threads, share, stop_flag},
@@ -72,6 +72,19 @@ pub struct Args {
     general: GeneralArgs,
 }
 
+/// Options with what a record says of them; `name` is what they are called, and what is not known goes to `unknown`.
+fn merged(usual: Value, said: &Value, name: &str, unknown: &mut Vec<String>) -> Value {
+    let (Value::Object(mut all), Value::Object(said)) = (usual, said) else { return said.clone() };
+    for (key, value) in said {
+        let name = format!("{name}.{key}");
+        match all.get_mut(key) {
+            Some(own) => *own = merged(own.take(), value, &name, unknown),
+            None => unknown.push(name),
+        }
+    }
+    Value::Object(all)
+}
+
 /// What is read of the record of the run that is learned from.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
@@ -81,31 +94,25 @@ struct Record {
 }
 
 impl Record {
-    /// The run's options: sequences are tracked and normalized as its are. Those that it says otherwise than this version would are named; as far as
-    /// they are not known they are as usual.
+    /// The run's options: sequences are tracked and normalized as its are. What it does not say is as usual, and what is not known of it is named.
     fn options(&self, with: &Path) -> PipelineOptions {
-        fn take<'a, T: DeserializeOwned + Serialize>(said: &Value, name: &'a str, option: &mut T) -> Option<&'a str> {
-            let said = &said[name];
-            if let Ok(value) = serde_json::from_value(said.clone()) {
-                *option = value;
-            }
-            (serde_json::to_value(&*option).ok().as_ref() != Some(said)).then_some(name)
-        }
         // Nobody sees pictures of what is cut from recordings.
         let mut options = PipelineOptions { no_faces: true, ..PipelineOptions::default() };
-        let said = &self.options;
-        let unknown = [
-            take(said, "normalize", &mut options.normalize),
-            take(said, "fit", &mut options.fit),
-            take(said, "track", &mut options.track),
-            take(said, "marks", &mut options.marks),
-            take(said, "landmarks", &mut options.landmarks),
-            take(said, "unchecked_marks", &mut options.unchecked_marks),
-        ];
-        let unknown: Vec<&str> = unknown.into_iter().flatten().collect();
+        let mut unknown = Vec::new();
+        for name in ["normalize", "fit", "track", "marks", "landmarks", "unchecked_marks"] {
+            let said = &self.options[name];
+            let Ok(mut all) = serde_json::to_value(&options) else { continue };
+            if !said.is_null() {
+                all[name] = merged(all[name].take(), said, name, &mut unknown);
+            }
+            match serde_json::from_value(all) {
+                Ok(read) => options = read,
+                Err(_) => unknown.push(name.to_owned()),
+            }
+        }
         if !unknown.is_empty() {
             eprintln!(
-                "note: the run.json of {} says these options otherwise than this version: {}; what is not known of them is as usual",
+                "note: the run.json of {} says what this version does not know: {}; that is as usual",
                 with.display(),
                 unknown.join(", ")
             );
@@ -205,37 +212,35 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     if let Some(output) = &args.output {
         let inputs = all("an input", &args.inputs).chain(all("a track", &unseen.tracks));
         check_apart(&[("--output", output)], &inputs.chain(all("a track of --with", &known_files)).collect::<Vec<_>>())?;
-        for folder in unseen.folders.iter().chain([&results]) {
-            check_not_over(output, folder)?;
-        }
+        check_own_table(output, "subject,sequence,emotion,recognized,probability,")?;
     }
     let (known, known_failures) = load_tracks(&known_files, dataset.as_ref(), &bench);
     say_unlisted(&known, dataset.as_ref());
-    say_failures(&known_failures, None);
-    // Before hours of tracking, not after.
-    let (recognizer, left_out) = learn(&known, args, &bench)?;
     let Unseen { tracks, pictures, .. } = unseen;
     let (mut unseen, mut failures) = load_unlabelled_tracks(&tracks, &bench);
+    say_failures(known_failures.iter().chain(&failures), None);
+    // Before hours of tracking, not after.
+    let (recognizer, left_out) = learn(&known, args, &bench)?;
     let has_pictures = !pictures.sequences.is_empty() || !pictures.failures.is_empty();
     let stop = has_pictures.then(stop_flag).transpose()?;
     if let Some(stop) = &stop {
         if record.is_none() {
             eprintln!("note: {} has no run.json; pictures are tracked with the usual options", results.display());
         }
-        let (tracked, failed) = track(pictures, &bench, stop, args.general.quiet)?;
-        failures.extend(failed);
+        let (tracked, mut failed) = track(pictures, &bench, stop, args.general.quiet)?;
         let read: BTreeSet<String> = unseen.iter().map(|m| m.model.id.to_string()).collect();
         for model in tracked {
             let SequenceId { subject, sequence } = model.model.id.clone();
             if read.contains(&model.model.id.to_string()) {
                 let reason = format!("a track of {} was read already", model.model.id);
-                failures.push(Failure { subject, sequence, stage: Stage::Dataset, reason });
+                failed.push(Failure { subject, sequence, stage: Stage::Dataset, reason });
             } else {
                 unseen.push(model);
             }
         }
+        say_failures(&failed, None);
+        failures.extend(failed);
     }
-    say_failures(&failures, None);
     let subjects: BTreeSet<&str> = known.iter().map(|m| m.model.id.subject.as_str()).collect();
     let seen = unseen.iter().filter(|m| subjects.contains(m.model.id.subject.as_str())).count();
     if seen > 0 {

@@ -242,6 +242,9 @@ mod tests {
             assert_eq!(found.len(), expected.len());
             found.iter().zip(&expected).for_each(|(value, expected)| assert_relative_eq!(value, expected, epsilon = 1e-9));
         }
+        // Of 11 frames 4 would end by a whole one too early: there are 5.
+        let longer = sequence(&(0..11).map(|k| Some(f64::from(k))).collect::<Vec<_>>()).retimed(10.0).unwrap();
+        assert_eq!(values(&longer), [0.0, 2.5, 5.0, 7.5, 10.0].map(Some));
         // Moments at 30 per second are 5/6 of a frame apart.
         assert_relative_eq!(at(30.0)[7], 7.0 * 5.0 / 6.0, epsilon = 1e-9);
         // A rate far too low keeps both ends, one frame stays one frame, the same rate changes nothing.

@@ -178,7 +178,7 @@ pub(super) fn analyze_with(
     let told_apart_by = [options.by.as_slice(), &options.strata].concat();
     let missing = missing_words_said(&labels, &told_apart_by);
     let measures = measures_said(&labels, &told_apart_by);
-    let no_numbers = no_numbers_said(&grouped, &options.covariates);
+    let no_numbers = no_numbers_said(&labels, &options.covariates);
     check_columns(&options.strata, grouped.iter().map(|m| &m.metadata))?;
     check_numbers(&options.covariates, &grouped.iter().map(|m| &m.metadata))?;
     let strata = strata_of(&grouped, &options.strata);

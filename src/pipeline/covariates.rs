@@ -146,13 +146,13 @@ pub(super) fn covariate_warnings(results: &[CovariateResult], bench: &Workbench)
     let slopes =
         results.iter().flat_map(|c| c.slopes.iter().filter_map(move |(region, slope)| Some((c, region, slope.as_ref().ok()?))));
     let stronger = |(c, region, slope): (&CovariateResult, &AmplitudeRegion, &AmplitudeSlope)| {
-        let part = if *region == AmplitudeRegion::Face { String::new() } else { format!(" of the {}", region.name()) };
-        let (direction, column) = (if slope.slope > 0.0 { "rises" } else { "falls" }, &c.column);
-        format!("{}{part} {direction} with {column} (r = {:.2})", c.emotion, slope.correlation)
+        let part = if *region == AmplitudeRegion::Face { String::new() } else { format!(", {}", region.name()) };
+        let (direction, column) = (if slope.slope > 0.0 { "stronger" } else { "weaker" }, &c.column);
+        format!("{}{part}: {direction} at higher {column} (r = {:.2})", c.emotion, slope.correlation)
     };
     let found: Vec<String> = slopes.filter(|(.., slope)| slope.p_adjusted <= significance).map(stronger).collect();
     if !found.is_empty() {
-        said.push(format!("by amplitude: {}", listed(&found, 6)));
+        said.push(format!("amplitudes that go with a number, after correction: {}", listed(&found, 6)));
     }
     said.extend(hopeless(results, significance));
     let of_draw = |c: &CovariateResult| {
@@ -197,7 +197,7 @@ fn hopeless(results: &[CovariateResult], significance: f64) -> Option<String> {
     }
     helps.push("fewer numbers or emotions".to_owned());
     Some(format!(
-        "{} of {} by numbers cannot reject at {significance} after Holm's correction for their number, whatever the data (least p of the whole or a node {}); what would help: {}",
+        "{} of {} by numbers cannot find anything at {significance} after Holm's correction for their number, whatever the data (least p of the whole or a node {}); what would help: {}",
         hopeless.len(),
         count(tested.len(), "test", "tests"),
         nine_digits(first.least_either_adjusted),
@@ -234,7 +234,7 @@ pub(super) fn write_covariates(
         "p_max_node",
         "p_either",
         "p_either_holm",
-        "least_p_holm",
+        "least_p_either_holm",
         "permutations",
         "exhaustive",
         "low",

@@ -17,6 +17,7 @@ use super::{
     Analysis, Failure, RunJson, SequenceRecord, Stage, Workbench,
     analysis::{AnalysisError, analyze_with},
     corrected::unused_corrections,
+    covariates::COVARIATE_TABLES,
     file_blake3 as hash_of,
     folder::{RUN_JSON, new_record, open},
     ledger::{Ledger, remove_journal},
@@ -25,7 +26,7 @@ use super::{
     skins::{collect_skins, picture_sources},
     variation::model_names,
     work::{Collected, Planned, Worked, collect, corrections_hash, plan_all, process_all, sequence_files},
-    write::{analysis_files, class_files, table_names, write_failures},
+    write::{ANALYSIS_TABLES, analysis_files, class_files, table_names, write_failures},
 };
 use crate::{
     dataset::SequenceEntry,
@@ -368,7 +369,9 @@ pub fn run(
     if stop.load(Ordering::Relaxed) {
         return Err(RunError::Interrupted);
     }
-    said.extend(ledger.claim(&analysis_files(&analysis, bench))?);
+    // What was claimed at the start has been said.
+    let claimed = ledger.claim(&analysis_files(&analysis, bench))?;
+    said.extend(claimed.into_iter().filter(|one| !said.contains(one)).collect::<Vec<_>>());
     let mut written = BTreeMap::new();
     write_analysis(&analysis, out, &record.dataset, bench, |name, hash| {
         written.insert(name.to_owned(), hash);
@@ -403,7 +406,10 @@ fn is_unchanged(earlier: &RunJson, planned: &[Planned<'_>], skipped: &[(String, 
                 Err(failure) => record.failure.as_ref() == Some(&(failure.stage, failure.reason.clone())),
             }
     };
+    // A version before may not have made all tables that there are now.
+    let numbers = COVARIATE_TABLES.iter().filter(|_| !earlier.options.covariates.is_empty());
     earlier.complete
+        && ANALYSIS_TABLES.iter().chain(numbers).all(|table| earlier.outputs.contains_key(*table))
         && earlier.skipped == skipped
         && earlier.sequences.len() == planned.len()
         && earlier.sequences.iter().zip(planned).all(same_sequence)

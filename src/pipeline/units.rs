@@ -101,7 +101,7 @@ const FILES: &[(&str, &[(&str, &str)])] = &[
             ("p", PROBABILITY),
             ("p_holm", PROBABILITY),
             ("least_p", PROBABILITY),
-            ("least_p_holm", PROBABILITY),
+            ("least_p_either_holm", PROBABILITY),
             ("p_max_node", PROBABILITY),
             ("p_either", PROBABILITY),
             ("p_either_holm", PROBABILITY),

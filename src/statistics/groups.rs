@@ -61,20 +61,26 @@ pub fn number_of(value: &str) -> Option<f64> {
     number.filter(|number: &f64| number.is_finite() && !may_be_thousands)
 }
 
+/// Why a value with a comma is no number.
+fn thousands_said(value: &str) -> &'static str {
+    let point = value.replacen(',', ".", 1);
+    if point != value && number_of(&point).is_some() { "; the comma may part thousands, so write a point" } else { "" }
+}
+
 /// What a person should know where values of columns of numbers are neither numbers nor words for a missing value.
-pub fn no_numbers_said(models: &[LabelledModel], columns: &[String]) -> Option<String> {
+pub fn no_numbers_said(labels: &[SequenceLabels<'_>], columns: &[String]) -> Option<String> {
     let mut found: BTreeMap<(&str, &str), BTreeSet<&str>> = BTreeMap::new();
-    for (model, column) in models.iter().flat_map(|m| columns.iter().map(move |column| (m, column))) {
-        let value = model.metadata.get(column).map(|value| value.trim());
+    for ((id, _, metadata), column) in labels.iter().flat_map(|l| columns.iter().map(move |column| (l, column))) {
+        let value = metadata.get(column).map(|value| value.trim());
         if let Some(value) = value.filter(|value| !is_missing(value) && number_of(value).is_none()) {
-            found.entry((column, value)).or_default().insert(&model.model.id.subject);
+            found.entry((column, value)).or_default().insert(&id.subject);
         }
     }
     let said = |((column, value), who): ((&str, &str), BTreeSet<&str>)| {
-        format!("`{value}` in the column `{column}` ({})", count(who.len(), "person", "people"))
+        format!("`{value}` in the column `{column}` ({}{})", count(who.len(), "person", "people"), thousands_said(value))
     };
     let list: Vec<String> = found.into_iter().map(said).collect();
-    (!list.is_empty()).then(|| format!("read as no number, so that these people are left out: {}", listed(&list, 6)))
+    (!list.is_empty()).then(|| format!("values that are no numbers are left out: {}", listed(&list, 6)))
 }
 
 /// What a person should know where columns to group by, or of strata, hold measures and not groups: numbers throughout, of more than 6
@@ -149,7 +155,7 @@ pub enum GroupError {
         column: String,
     },
     /// A column of numbers without a number.
-    #[error("no value of the column `{column}` is a number ({example} is none), and --covariate takes numbers; --by takes words")]
+    #[error("no value of the column `{column}` is a number (such as {example}), and --covariate takes numbers; --by takes words")]
     NoNumber {
         /// The column asked for.
         column: String,
@@ -341,7 +347,8 @@ pub fn check_numbers<'a>(
         let (mut example, mut found) = (None, false);
         values.for_each(|value| if number_of(value).is_some() { found = true } else { example = Some(value) });
         if let (Some(example), false) = (example, found) {
-            return Err(GroupError::NoNumber { column: column.clone(), example: example.clone() });
+            let example = format!("{example}{}", thousands_said(example));
+            return Err(GroupError::NoNumber { column: column.clone(), example });
         }
     }
     Ok(())

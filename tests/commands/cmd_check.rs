@@ -66,11 +66,11 @@ fn what_is_no_dataset_is_refused() {
     work.grimace("check faces --marks 3 --by").exit(2);
     work.grimace("check faces -o faces/manifest.csv --force")
         .exit(1)
-        .says(&["faces/manifest.csv: --output would be written over a file of faces"]);
+        .says(&["faces/manifest.csv: --output would be written over a file that is no table of this command"]);
     work.grimace("check faces/manifest.csv -o faces/manifest.csv --force").exit(1).says(&["would be written over the dataset"]);
     work.grimace("check faces/manifest.csv -o faces/S001/005/correspondences.csv --force")
         .exit(1)
-        .says(&["would be written over a file of faces"]);
+        .says(&["would be written over a file that is no table"]);
     work.grimace("check faces --results none").exit(1).says(&["--results none: there is no such folder"]);
     // Nothing is wrong, and the groups are named as in the files of a run.
     let ran = work.grimace("check faces --by cohort").exit(0).prints(&["happiness (2); happiness_cohort-A (2)"]);

@@ -61,8 +61,8 @@ fn motions_keep_their_time_at_any_frame_rate() {
     work.write("heads/manifest.csv", "subject,sequence,emotion,frames,fps\nA,1,happiness,A.csv,12.5\nB,1,happiness,B.csv,\n");
     work.grimace("run heads -o out").exit(0);
     let header = |name: &str| work.read(name).lines().find(|line| line.starts_with("2.1")).unwrap().to_owned();
-    // Three frames in two twelve-and-a-halfths of a second, at a whole rate: five at 25.
-    assert_eq!(header("out/fap/tracks/A_1.fap").split_whitespace().skip(2).collect::<Vec<_>>(), ["25", "5"]);
+    // Three frames of a twelve-and-a-halfth of a second each, at a whole rate: six at 25.
+    assert_eq!(header("out/fap/tracks/A_1.fap").split_whitespace().skip(2).collect::<Vec<_>>(), ["25", "6"]);
     let seconds = |name: &str| work.rows(name).iter().map(|row| row["timestamp"].clone()).collect::<Vec<_>>();
     assert_eq!(seconds("out/features/A_1.csv"), ["0", "0.08", "0.16"]);
     assert_eq!(seconds("out/features/B_1.csv"), ["0", "0.1", "0.5"]);

@@ -92,9 +92,10 @@ fn a_page_plays_on_the_dense_head() {
     // The jaw goes sideways, which no member of `head` does.
     let mask = (1..=68).map(|k| if k == 15 { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
     work.write("side.fap", format!("2.1 side 25 2\n{mask}\n0 0\n{mask}\n1 300\n"));
-    work.grimace("play side.fap --bank head -o side.html -q")
-        .exit(0)
-        .says(&["warning: side.fap: on the head head, no mixture of the bank's members", "the face rests in 1 of the 1 frame"]);
+    work.grimace("play side.fap --bank head -o side.html -q").exit(0).says(&[
+        "warning: side.fap: on the head head, no mixture of the bank's members",
+        "the face rests in the one frame that moves",
+    ]);
     // A bank whose size cannot be measured.
     work.write("meshes/neutral.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
     work.write("meshes/open.obj", "v 0 0 0\nv 1 -1 0\nv 0 1 0\nf 1 2 3\n");

@@ -396,7 +396,7 @@ fn numbers_of_like_names_have_files_of_their_own_that_are_not_written_over() {
         let mut command = work.command();
         command.args(["run", "people", "-o", "out", "--resample", "linear", "--covariate", &columns]).output().unwrap().into()
     };
-    run().exit(0).prints(&["read as no number, so that these people are left out: `3O` in the column", "(1 person)"]);
+    run().exit(0).prints(&["values that are no numbers are left out: `3O` in the column", "(1 person)"]);
     let tests = work.rows("out/covariates.csv");
     let models: Vec<&str> = tests.iter().map(|r| r["models"].as_str()).collect();
     assert_eq!((models.len(), &models[..2]), (3, ["covariates/happiness_a-b", "covariates/happiness_a-b~2"].as_slice()));

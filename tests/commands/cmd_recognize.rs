@@ -26,7 +26,7 @@ fn pictures_are_recognized_as_their_tracks_are() {
     let run_json = work.read("R/run.json");
     work.write("R/run.json", run_json.replace("\"even_light\"", "\"light\""));
     let ran = work.grimace("recognize --with R R/tracks/S001_005.csv").exit(0);
-    ran.says(&["the run.json of R says these options otherwise than this version: track; what is not known of them is as usual"]);
+    ran.says(&["the run.json of R says what this version does not know: track.light; that is as usual"]);
     work.write("R/run.json", run_json.replace("\"wireframe_blake3\": null", "\"wireframe_blake3\": \"0a1b\""));
     let other = "R holds a run with another wireframe (that of a file there, Candide-3 now)";
     work.grimace("recognize --with R R/tracks/S001_005.csv").exit(1).says(&[other]);
@@ -55,10 +55,10 @@ fn what_shows_no_motion_is_refused() {
     // Nor are files beside a manifest, and those of the results that are learned from.
     work.grimace("recognize --with R faces/manifest.csv -o faces/S001/005/correspondences.csv --force")
         .exit(1)
-        .says(&["would be written over a file of faces"]);
+        .says(&["would be written over a file that is no table"]);
     work.grimace("recognize --with R R/tracks/S001_005.csv -o R/run.json --force")
         .exit(1)
-        .says(&["would be written over a file of R"]);
+        .says(&["would be written over a file that is no table"]);
     // That nothing can be learned is known before anything is tracked.
     work.write("few/S001_005.csv", work.bytes("R/tracks/S001_005.csv"));
     work.write("few/S001_005.json", work.bytes("R/tracks/S001_005.json"));

@@ -116,7 +116,7 @@ fn a_motion_that_the_bank_cannot_show_rests_and_is_said_so() {
             ran.says(&[
                 "warning: ",
                 "no mixture of the bank's members moves the feature points that way (fitness 0), so ",
-                "of the 2 frames",
+                "2 frames that move",
             ]);
             let weights = work.rows(&format!("{out}/weights.csv"));
             let rests = |(name, value): (&String, &String)| name == "frame" || name == "region" || value == "0";

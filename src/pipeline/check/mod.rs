@@ -28,7 +28,7 @@ use crate::{
     statistics::{
         GroupError, SequenceLabels, UNKNOWN_GROUP,
         compare::LEAST_PEOPLE,
-        group_sequences, measures_said, missing_words_said,
+        group_sequences, measures_said, missing_words_said, no_numbers_said,
         recognize::{labels_to_learn, shown_by_several},
     },
     units::SequenceId,
@@ -186,6 +186,7 @@ fn notes(
     let told_apart_by = [by.as_slice(), &bench.options.strata].concat();
     notes.extend(missing_words_said(all, &told_apart_by));
     notes.extend(measures_said(all, &told_apart_by));
+    notes.extend(no_numbers_said(all, &bench.options.covariates));
     let shown: Vec<(&str, &str)> = usable.iter().map(|&(id, emotion, _)| (id.subject.as_str(), emotion)).collect();
     let (shown, left_out) = shown_by_several(shown, |&shown| shown);
     // One emotion alone is nothing to recognize, and nobody expects it.

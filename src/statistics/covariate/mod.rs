@@ -193,7 +193,6 @@ pub fn covariate(
         by_subject(models).into_iter().filter_map(|(subject, models)| Some((numbers.get(subject)?, subject, models))).collect();
     let known: Vec<f64> = all.iter().map(|person| person.0).collect();
     let Centred { mean, deviation, .. } = Centred::new(&known)?;
-    let courses: Vec<DVector<f64>> = all.par_iter().map(|person| course_of(&person.2, live)).collect();
     let places = draw(all.len(), options, stream, DRAW);
     let numbers: Vec<f64> = places.iter().map(|&i| all[i].0).collect();
     let same = |_| NoCovariate::SameDrawn { used: places.len(), people: all.len() };
@@ -207,7 +206,8 @@ pub fn covariate(
     if !(total > 0.0) {
         return Err(NoCovariate::Alike);
     }
-    let nodes = NodeCourses::new(places.iter().map(|&i| &courses[i]), live.len());
+    let courses: Vec<DVector<f64>> = places.par_iter().map(|&i| course_of(&all[i].2, live)).collect();
+    let nodes = NodeCourses::new(courses.iter(), live.len());
     let explained = quadratic(&centred, &z);
     let node_share = nodes.shares(&z);
     let tried = exchange.permute(options, (stream, PERMUTATIONS), |labels| {
@@ -220,7 +220,7 @@ pub fn covariate(
     let least_node = node_p.iter().copied().fold(1.0, f64::min);
 
     let shown = shown(&known);
-    let (middle, slope) = line(&courses, known.iter().map(|number| number - mean), deviation);
+    let (middle, slope) = line(all.iter().map(|person| (person.0 - mean, course_of(&person.2, live))), deviation);
     let at = |number: f64| -> Result<_, ModelError> {
         let course = &middle + &slope * (number - mean);
         let frames = course.as_slice().chunks_exact(2 * live.len());
@@ -260,14 +260,18 @@ fn course_of(models: &[&SequenceModel], live: &[NodeId]) -> DVector<f64> {
 }
 
 /// The line of least squares through everybody's course, over numbers less their mean: the middle, and the change by 1.
-fn line(courses: &[DVector<f64>], offsets: impl Iterator<Item = f64>, deviation: f64) -> (DVector<f64>, DVector<f64>) {
-    let (count, size) = (courses.len() as f64, courses.first().map_or(0, DVector::len));
-    let (mut middle, mut slope) = (DVector::zeros(size), DVector::zeros(size));
-    for (course, offset) in courses.iter().zip(offsets) {
-        middle.axpy(1.0 / count, course, 1.0);
-        slope.axpy(offset / deviation / ((count - 1.0) * deviation), course, 1.0);
+fn line(people: impl Iterator<Item = (f64, DVector<f64>)>, deviation: f64) -> (DVector<f64>, DVector<f64>) {
+    let (mut count, mut middle, mut slope) = (0.0, DVector::zeros(0), DVector::zeros(0));
+    for (offset, course) in people {
+        if middle.is_empty() {
+            (middle, slope) = (DVector::zeros(course.len()), DVector::zeros(course.len()));
+        }
+        count += 1.0;
+        middle += &course;
+        slope.axpy(offset / deviation, &course, 1.0);
     }
-    (middle, slope)
+    let steps: f64 = count - 1.0;
+    (middle / count, slope / (steps * deviation))
 }
 
 /// Numbers under which 5 and 95 % of the people lie; the least and the largest where these are one.
