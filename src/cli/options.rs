@@ -267,12 +267,7 @@ impl ColumnArgs {
     pub fn fill(&self, options: &mut PipelineOptions) {
         options.by.clone_from(&self.by);
         options.strata.clone_from(&self.strata);
-        options.covariates = self.covariate.iter().fold(Vec::new(), |mut columns, column| {
-            if !columns.contains(column) {
-                columns.push(column.clone());
-            }
-            columns
-        });
+        options.covariates.clone_from(&self.covariate);
     }
 }
 

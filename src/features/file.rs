@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, path::Path};
 
 use super::{ColumnsBeside, FrameFeatures, action_units::ACTION_UNITS, in_time, openface};
 use crate::{
-    fap::FapCatalog,
+    fap::{FapCatalog, FapNumber},
     output::{self, OutputError, nine_digits, write_records},
     sequence::Clock,
 };
@@ -33,9 +33,23 @@ pub fn features_units() -> BTreeMap<String, String> {
     .collect()
 }
 
+/// Name of the column of an action unit: its intensity (`r`), presence (`c`) or expected error (`e`).
+pub fn unit_column(number: u8, suffix: &str) -> String {
+    format!("AU{number:02}_{suffix}")
+}
+
+/// Name of the column of a FAP.
+pub fn fap_column(fap: FapNumber) -> String {
+    format!("FAP{:02}_{}", fap.get(), FapCatalog::mpeg4().row(fap).name)
+}
+
+/// What was measured on pictures, with four decimals: more than is known.
+pub fn measured(value: f64) -> String {
+    nine_digits((value * 1e4).round() / 1e4)
+}
+
 /// Header and rows of a feature file, frames by ascending number.
 pub fn features_csv(features: &[FrameFeatures], clock: &Clock) -> (Vec<String>, Vec<Vec<String>>) {
-    let catalog = FapCatalog::mpeg4();
     let fixed = [
         "frame",
         "timestamp",
@@ -59,14 +73,14 @@ pub fn features_csv(features: &[FrameFeatures], clock: &Clock) -> (Vec<String>, 
     let mut header: Vec<String> = fixed.into_iter().map(str::to_owned).collect();
     let units = features.first().map(|f| f.action_units.as_slice()).unwrap_or_default();
     for suffix in ["r", "c", "e"] {
-        header.extend(units.iter().map(|unit| format!("AU{:02}_{suffix}", unit.number)));
+        header.extend(units.iter().map(|unit| unit_column(unit.number, suffix)));
     }
     let faps: Vec<_> = features.first().map(|f| f.faps.iter().map(|(fap, _)| *fap).collect()).unwrap_or_default();
-    header.extend(faps.iter().map(|&fap| format!("FAP{:02}_{}", fap.get(), catalog.row(fap).name)));
+    header.extend(faps.iter().map(|&fap| fap_column(fap)));
     let features = in_time(features);
     let first = features.first().map_or(0, |f| f.frame);
     let rows = features.iter().map(|f| {
-        let number = |value: f64| nine_digits((value * 1e4).round() / 1e4);
+        let number = measured;
         let mut row = vec![
             f.frame.to_string(),
             clock.seconds(f.frame.saturating_sub(first)).map(number).unwrap_or_default(),

@@ -27,6 +27,7 @@ pub use action_units::{ACTION_UNITS, ActionUnit, ActionUnits, FULL, Intensity, L
 pub use blendshapes::{COEFFICIENTS, ColumnsBeside, read_blendshapes};
 pub use course::{COURSE_POINTS, Course};
 pub use file::{ColumnNames, write_features};
+pub(crate) use file::{fap_column, measured, unit_column};
 
 /// Largest yaw or pitch, degrees, up to which a frame's values can be trusted.
 pub const TRUSTED_TURN: f64 = 25.0;

@@ -31,6 +31,11 @@ pub(super) fn class(
     Ok(AnalyzedClass { representative, stem, fap, clamped, subjects, interval, skin })
 }
 
+/// The class of all people of an emotion.
+pub(super) fn whole_class<'a>(classes: &'a [AnalyzedClass], emotion: &str) -> Option<&'a AnalyzedClass> {
+    classes.iter().find(|c| c.representative.label.emotion == emotion && c.representative.label.group.is_empty())
+}
+
 /// Stem of a class's files, different from all `stems` so far on every file system.
 pub(super) fn unique_stem(label: &ClassLabel, stems: &mut BTreeSet<String>) -> String {
     let mut stem = file_stem(&label.emotion);

@@ -8,7 +8,7 @@ use std::{
 use super::{
     AmplitudeResults, AnalysisError, AnalyzedClass, Workbench,
     analysis::EmotionGroups,
-    classes::{file_stem, unique_name},
+    classes::{file_stem, unique_name, whole_class},
     model_file::write_model,
     write::Wrote,
 };
@@ -57,16 +57,16 @@ pub(super) fn covariates(
     let mut all = Vec::new();
     let options = &bench.options.groups.compare;
     let mut stems = BTreeSet::new();
-    for column in &bench.options.covariates {
+    // One that is named twice is one.
+    let mut met = BTreeSet::new();
+    for column in bench.options.covariates.iter().filter(|&column| met.insert(column)) {
         let value = |m: &LabelledModel| m.metadata.get(column).filter(|v| !is_missing(v)).and_then(|v| number_of(v));
         let numbers = Numbers::new(models.iter().map(|m| (m.model.id.subject.as_str(), value(m))));
         for (emotion, groups) in emotions {
             let Some((_, whole)) = groups.iter().find(|(label, _)| label.group.is_empty()) else { continue };
-            let is_whole =
-                |c: &&AnalyzedClass| c.representative.label.emotion == *emotion && c.representative.label.group.is_empty();
             let of_emotion = amplitudes.sequences.iter().filter(|s| s.emotion == *emotion);
             let values: BTreeMap<&SequenceId, [Option<f64>; 4]> = of_emotion.map(|s| (&s.id, s.values)).collect();
-            let Some(class) = classes.iter().find(is_whole) else { continue };
+            let Some(class) = whole_class(classes, emotion) else { continue };
             let stream = stream_of(&[(emotion, &BTreeMap::from([(column.clone(), String::new())]))]);
             let people: BTreeSet<&str> = whole.iter().map(|m| m.id.subject.as_str()).collect();
             let slope = |region: AmplitudeRegion| {

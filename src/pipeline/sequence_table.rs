@@ -8,7 +8,7 @@ use std::{
 use super::{AmplitudeResults, AnalyzedModel};
 use crate::{
     fap::{FapCatalog, FapNumber, measure_faps},
-    features::{ACTION_UNITS, Course},
+    features::{ACTION_UNITS, Course, fap_column, measured, unit_column},
     output::{OutputError, beside_ours, nine_digits, write_records},
     statistics::amplitude::AmplitudeRegion,
     track::TrackQuality,
@@ -74,9 +74,8 @@ pub(super) fn write_sequences(
     let columns: BTreeSet<&String> = rows.iter().flat_map(|row| row.metadata.keys()).collect();
     let columns: Vec<&String> = columns.into_iter().collect();
     let faps: BTreeSet<FapNumber> = rows.iter().flat_map(|row| row.faps.keys().copied()).collect();
-    let units = ACTION_UNITS.map(|unit| format!("AU{:02}_r", unit.number));
-    let catalog = FapCatalog::mpeg4();
-    let named_faps: Vec<String> = faps.iter().map(|&fap| format!("FAP{:02}_{}", fap.get(), catalog.row(fap).name)).collect();
+    let units = ACTION_UNITS.map(|unit| unit_column(unit.number, "r"));
+    let named_faps: Vec<String> = faps.iter().map(|&fap| fap_column(fap)).collect();
     let ours: Vec<&str> = BEFORE.into_iter().chain(AFTER).chain(units.iter().chain(&named_faps).map(String::as_str)).collect();
     let named = beside_ours(&columns, |name| ours.contains(&name));
     let header: Vec<String> = BEFORE
@@ -90,8 +89,7 @@ pub(super) fn write_sequences(
     let mut rows: Vec<&SequenceRow> = rows.iter().collect();
     rows.sort_by(|a, b| (&a.id, &a.emotion).cmp(&(&b.id, &b.emotion)));
     let number = |value: Option<f64>| value.map(nine_digits).unwrap_or_default();
-    // Of what is measured on pictures four decimals are more than is known.
-    let measured = |value: Option<f64>| number(value.map(|v| (v * 1e4).round() / 1e4));
+    let measured = |value: Option<f64>| value.map(measured).unwrap_or_default();
     let cells = rows.into_iter().map(|row| {
         let summary = tracks.get(&row.id).map(|track| &track.summary);
         let percent = |px: Option<f64>| summary.and_then(|s| s.percent_of_eyes(px?));

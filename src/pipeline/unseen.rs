@@ -33,8 +33,6 @@ pub struct Unseen {
     pub tracks: Vec<PathBuf>,
     /// Sequences to be tracked first, and what of the datasets is none.
     pub pictures: Dataset,
-    /// Folders that were given, and those of manifests: what is in them is not to be written over.
-    pub folders: Vec<PathBuf>,
 }
 
 /// Why nothing can be recognized in what was given.
@@ -79,7 +77,6 @@ impl Unseen {
                 continue;
             }
             let (is_file, is_folder) = (path.is_file(), path.is_dir());
-            all.folders.extend(is_folder.then(|| path.clone()));
             if is_file && has_picture_name(path) {
                 return Err(UnseenError::SinglePicture { path: path.clone() });
             } else if is_folder && tracks_folder(path) != *path && has_tracks(path)? {
@@ -105,7 +102,6 @@ impl Unseen {
     }
 
     fn add(&mut self, dataset: Dataset) {
-        self.folders.push(dataset.root);
         self.pictures.sequences.extend(dataset.sequences.into_iter().map(|mut entry| {
             // What `segment` writes where nobody says an emotion.
             if entry.emotion == UNLABELLED {

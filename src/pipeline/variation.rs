@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, path::Path};
 
-use super::{AnalyzedClass, Workbench, analysis::EmotionGroups, model_file::write_model, write::Wrote};
+use super::{AnalyzedClass, Workbench, analysis::EmotionGroups, classes::whole_class, model_file::write_model, write::Wrote};
 use crate::{
     fap::{FapCatalog, FapMotion, measure_faps},
     output::{OutputError, nine_digits, write_records},
@@ -50,12 +50,9 @@ pub(super) fn variations(
     fapus: &Fapus,
     bench: &Workbench,
 ) -> Vec<EmotionVariation> {
-    let whole = |emotion: &str| {
-        classes.iter().find(|c| c.representative.label.emotion == emotion && c.representative.label.group.is_empty())
-    };
     let of = |(emotion, groups): &(String, Vec<(_, Vec<&SequenceModel>)>)| {
         let (_, models): &(crate::statistics::ClassLabel, Vec<&SequenceModel>) = groups.first()?;
-        let class = whole(emotion)?;
+        let class = whole_class(classes, emotion)?;
         Some(EmotionVariation {
             emotion: emotion.clone(),
             stem: class.stem.clone(),

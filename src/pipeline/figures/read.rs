@@ -10,7 +10,7 @@ use serde::Deserialize;
 use super::{super::ledger::JOURNAL, FiguresError};
 use crate::{
     fap::{FapCatalog, FapMotion},
-    features::{ACTION_UNITS, Course, FrameFeatures, Intensity},
+    features::{ACTION_UNITS, Course, FrameFeatures, Intensity, unit_column},
     input::{CsvFile, RecordError, read_record},
     output::count,
     pipeline::{RunJson, SCHEMA_VERSION, Workbench, read_model, read_run_json},
@@ -276,7 +276,7 @@ fn course(path: &Path) -> Result<Option<Course>, FiguresError> {
     let csv = CsvFile::open(path)?;
     let [frame, yaw, pitch, roll] = csv.require(["frame", "pose_yaw", "pose_pitch", "pose_roll"])?;
     let units: Vec<(u8, usize)> =
-        ACTION_UNITS.iter().filter_map(|u| Some((u.number, csv.column(&format!("AU{:02}_r", u.number))?))).collect();
+        ACTION_UNITS.iter().filter_map(|u| Some((u.number, csv.column(&unit_column(u.number, "r"))?))).collect();
     if units.len() != ACTION_UNITS.len() {
         return Ok(None);
     }

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::{Recording, RecordingError, RecordingFrame, RecordingStep, Segment, SegmentedRecording, Tick};
 use crate::{
     correspondence::write_correspondences,
-    features::ACTION_UNITS,
+    features::{ACTION_UNITS, measured, unit_column},
     fit::MarkKind,
     input::record_at,
     output::{self, MADE_BY, OutputError, is_inside, nine_digits, write_records},
@@ -308,9 +308,9 @@ fn frames_table(found: &SegmentedRecording) -> (Vec<String>, Vec<Vec<String>>) {
         "eye_opening_right",
         "mouth_opening",
     ];
-    let units = ACTION_UNITS.iter().map(|u| format!("AU{:02}_r", u.number));
+    let units = ACTION_UNITS.iter().map(|u| unit_column(u.number, "r"));
     let header = fixed.into_iter().map(str::to_owned).chain(units).chain(["confidence".to_owned()]);
-    let number = |value: f64| nine_digits((value * 1e4).round() / 1e4);
+    let number = measured;
     let row = |frame: &RecordingFrame| {
         let m = &frame.measured;
         let mut row = vec![

@@ -1,7 +1,5 @@
 //! Who may exchange labels with whom, and what comes out when they do.
 
-use std::collections::BTreeMap;
-
 use rand::RngExt;
 use rayon::prelude::*;
 
@@ -24,10 +22,7 @@ impl Exchange {
             let blocks = vec![(0..labels.len()).collect()];
             return Ok(Self { labels, blocks });
         };
-        let mut blocks: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
-        let of = strata.of(subjects)?;
-        of.into_iter().enumerate().for_each(|(place, stratum)| blocks.entry(stratum).or_default().push(place));
-        let blocks: Vec<Vec<usize>> = blocks.into_values().collect();
+        let blocks = strata.places(subjects)?;
         if blocks.iter().all(|places| places.iter().all(|&p| labels[p] == labels[places[0]])) {
             return Err(StrataError::Coincide { columns: strata.columns().to_owned() });
         }

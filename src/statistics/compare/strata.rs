@@ -108,18 +108,27 @@ impl Strata {
         Ok(subjects.iter().map(|s| values(s)[0].as_str()).collect())
     }
 
+    /// The places of the people of every stratum.
+    ///
+    /// # Errors
+    /// [`StrataError`].
+    pub(crate) fn places(&self, subjects: &[&str]) -> Result<Vec<Vec<usize>>, StrataError> {
+        let mut places: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
+        let of = self.of(subjects)?;
+        of.into_iter().enumerate().for_each(|(place, stratum)| places.entry(stratum).or_default().push(place));
+        Ok(places.into_values().collect())
+    }
+
     /// The people of every stratum, of whom the first `first` are the first group.
     ///
     /// # Errors
     /// [`StrataError`].
     pub(crate) fn blocks(&self, subjects: &[&str], first: usize) -> Result<Vec<Block>, StrataError> {
-        let mut blocks: BTreeMap<&str, Block> = BTreeMap::new();
-        for (place, stratum) in self.of(subjects)?.into_iter().enumerate() {
-            let block = blocks.entry(stratum).or_default();
-            block.0.push(place);
-            block.1 += usize::from(place < first);
-        }
-        let blocks: Vec<Block> = blocks.into_values().collect();
+        let block = |places: Vec<usize>| {
+            let in_first = places.iter().filter(|&&place| place < first).count();
+            (places, in_first)
+        };
+        let blocks: Vec<Block> = self.places(subjects)?.into_iter().map(block).collect();
         if blocks.iter().all(|(places, in_first)| *in_first == 0 || *in_first == places.len()) {
             return Err(StrataError::Coincide { columns: self.columns.clone() });
         }

@@ -23,7 +23,7 @@
 
 mod slope;
 
-use std::collections::BTreeMap;
+use std::{borrow::Cow, collections::BTreeMap};
 
 use nalgebra::{DVector, Vector2};
 use rayon::prelude::*;
@@ -220,7 +220,12 @@ pub fn covariate(
     let least_node = node_p.iter().copied().fold(1.0, f64::min);
 
     let shown = shown(&known);
-    let (middle, slope) = line(all.iter().map(|person| (person.0 - mean, course_of(&person.2, live))), deviation);
+    let everybody = all.iter().enumerate().map(|(i, person)| {
+        // Those of people who were drawn are there.
+        let drawn = places.binary_search(&i).ok().map(|k| Cow::Borrowed(&courses[k]));
+        (person.0 - mean, drawn.unwrap_or_else(|| Cow::Owned(course_of(&person.2, live))))
+    });
+    let (middle, slope) = line(everybody, deviation);
     let at = |number: f64| -> Result<_, ModelError> {
         let course = &middle + &slope * (number - mean);
         let frames = course.as_slice().chunks_exact(2 * live.len());
@@ -260,14 +265,14 @@ fn course_of(models: &[&SequenceModel], live: &[NodeId]) -> DVector<f64> {
 }
 
 /// The line of least squares through everybody's course, over numbers less their mean: the middle, and the change by 1.
-fn line(people: impl Iterator<Item = (f64, DVector<f64>)>, deviation: f64) -> (DVector<f64>, DVector<f64>) {
+fn line<'a>(people: impl Iterator<Item = (f64, Cow<'a, DVector<f64>>)>, deviation: f64) -> (DVector<f64>, DVector<f64>) {
     let (mut count, mut middle, mut slope) = (0.0, DVector::zeros(0), DVector::zeros(0));
     for (offset, course) in people {
         if middle.is_empty() {
             (middle, slope) = (DVector::zeros(course.len()), DVector::zeros(course.len()));
         }
         count += 1.0;
-        middle += &course;
+        middle += &*course;
         slope.axpy(offset / deviation, &course, 1.0);
     }
     let steps: f64 = count - 1.0;
@@ -381,12 +386,10 @@ pub fn adjust_covariates(tests: &mut [&mut Covariate]) {
     }
 }
 
-/// Node with the least chance, and that, of a test.
+/// The node of which the largest share goes with the number, and the chance of that.
 pub fn clearest_node(test: &Covariate, live: &[NodeId]) -> Option<(NodeId, f64)> {
-    let order = |a: &(NodeId, f64, f64), b: &(NodeId, f64, f64)| b.2.total_cmp(&a.2);
-    let mut nodes: Vec<_> = live.iter().zip(test.node_p.iter().zip(&test.node_share)).map(|(&n, (&p, &s))| (n, p, s)).collect();
-    nodes.sort_by(order);
-    nodes.first().map(|&(node, p, _)| (node, p))
+    let nodes = live.iter().zip(test.node_share.iter().zip(&test.node_p));
+    nodes.reduce(|most, node| if node.1.0 > most.1.0 { node } else { most }).map(|(&node, (_, &p))| (node, p))
 }
 
 #[cfg(test)]
