@@ -24,31 +24,33 @@ use super::{
     shared::{AnalysisArgs, GeneralArgs, MethodArgs, memory, set_threads, some_track_files, thread_count},
 };
 
-/// Statistics from tracks already there.
+/// Compute statistics, FAP files and a report from existing tracks.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Example:
   grimace analyze results/tracks -o by-cohort --by cohort
 
-Emotion and further columns come from the .json beside each track, or from the manifest of --dataset, which may have columns that were \
-not there when the sequences were tracked.")]
+The emotion and other columns of a sequence come from the .json beside its track. With --dataset they come from that manifest, which \
+may have columns that were added after tracking.")]
 pub struct Args {
-    /// Track files, or folders of them
+    /// Track files, or folders of track files
     #[arg(required_unless_present = "models")]
     tracks: Vec<PathBuf>,
-    /// A Parquet file of normalized models, as --columnar writes it, instead of tracks
+    /// Parquet file of normalized models, written with --columnar, to analyze instead of tracks
     #[arg(long, value_name = "FILE", conflicts_with_all = ["tracks", "dataset"])]
     models: Option<PathBuf>,
-    /// Memory for models, such as 500MB or 2GB; a file of --models that needs more is read node by node
+    /// Memory for models, such as 500MB or 2GB
+    ///
+    /// A file given with --models that needs more memory is read node by node.
     #[arg(long, default_value = "2GB", value_parser = memory, value_name = "SIZE")]
     memory: u64,
-    /// Folder for models, representatives, FAP files, tables and the report
+    /// Output folder for models, representatives, FAP files, tables and the report
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
-    /// Dataset or manifest that says emotion and further columns of the sequences
+    /// Dataset or manifest with the emotion and other columns of the sequences
     #[arg(long, value_name = "DATASET")]
     dataset: Option<PathBuf>,
-    /// Threads; 0 for one per processor
+    /// Number of threads; 0 uses one per processor
     #[arg(short = 'j', long, default_value_t = 0, value_parser = thread_count)]
     threads: usize,
     #[command(flatten)]

@@ -20,52 +20,55 @@ use super::{
     shared::{FitArgs, positive, stop_flag},
 };
 
-/// Mark points on a local web page, or correct tracks.
+/// Mark facial points, or correct tracks, on a local web page.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Example:
   grimace annotate faces                      mark the sequences that have fewer than 5 marks
-  grimace annotate faces --accept 2.5         take the faces that were found well as they are, look at the others
-  grimace annotate faces --accept 2.5 --no-page       the same in a script: ends, and leaves the others
+  grimace annotate faces --accept 2.5         save the marks of well-found faces, show the others
+  grimace annotate faces --accept 2.5 --no-page       the same in a script, without the page
   grimace annotate anna.jpg                   mark one picture; its marks are saved as anna.csv
   grimace run faces -o results
   grimace annotate faces --tracks results     step through the tracks, correct nodes, track again
 
-The page is served on this machine only. Every mark is saved at once in the dataset's correspondence files, which `fit` and `run` read. \
-? on the page shows all keys; Ctrl-C here ends the server, nothing is lost by that. Faces are \
-looked for in every neutral frame and proposed, each point with its expected error; A accepts a face.
+The page is available on this machine only. It proposes marks for the face in every neutral frame, each with its expected error; press A \
+to accept a face and ? to see all keys. Every mark is saved at once in the dataset's correspondence files, which `fit` and `run` read. \
+Ctrl-C in the terminal ends the server; no mark is lost.
 
-Exit status with --no-page: 0 nothing is left, 3 something is.")]
+Exit status with --no-page: 0 all sequences are marked, 3 some are left to mark.")]
 pub struct Args {
-    /// Dataset folder, or its manifest file, or one picture; with --tracks it may be left out where it lies beside OUT
+    /// Dataset folder, manifest file, or one picture
+    ///
+    /// With --tracks it may be omitted if the dataset lies beside OUT.
     #[arg(required_unless_present = "tracks")]
     dataset: Option<PathBuf>,
-    /// Output folder of a run, or a folder of tracks, to look through and correct
+    /// Output folder of a run, or a folder of tracks, to review and correct
     #[arg(long, value_name = "OUT")]
     tracks: Option<PathBuf>,
-    /// All sequences, also those that have 5 marks and more
+    /// Show all sequences, including those with 5 or more marks
     #[arg(long, conflicts_with = "tracks")]
     all: bool,
-    /// Save found marks where nobody set any and half of them are expected to be less than LIMIT percent of the eye distance off; what is
-    /// left is on the page
+    /// Save the found marks of faces whose median expected error is below LIMIT, in percent of the eye distance
+    ///
+    /// This applies to sequences without hand-set marks. The page shows the other sequences.
     #[arg(long, value_name = "LIMIT", conflicts_with = "tracks", value_parser = positive)]
     accept: Option<f64>,
-    /// With --accept: no page; what is left is said, with exit status 3
+    /// With --accept: start no page, list the sequences that are left, and exit with status 3 if there are any
     #[arg(long, requires = "accept", conflicts_with_all = ["tracks", "port", "host"])]
     no_page: bool,
-    /// Port; by default 7113, or any other where that is taken
+    /// Port of the page; by default 7113, or a free port if 7113 is in use
     #[arg(long, value_name = "N")]
     port: Option<u16>,
     /// Do not open the page in a browser
     #[arg(long)]
     no_open: bool,
-    /// Address to listen on; any but a loopback address lets other machines in, and a warning is printed
+    /// Address to listen on; an address other than loopback lets other machines connect and prints a warning
     #[arg(long, default_value = "127.0.0.1", value_name = "ADDRESS")]
     host: IpAddr,
-    /// Folder of OpenCV's Haar cascades, where they are not in their usual place
+    /// Folder of OpenCV's Haar cascades, if they are not in the usual place
     #[arg(long, value_name = "DIR")]
     cascades: Option<PathBuf>,
-    /// A .wfm wireframe with Candide-3's node numbers, instead of Candide-3
+    /// Wireframe (.wfm) to use instead of Candide-3; it must have Candide-3's node numbers
     #[arg(long, value_name = "FILE")]
     wireframe: Option<PathBuf>,
     #[command(flatten)]

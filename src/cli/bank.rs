@@ -25,13 +25,13 @@ pub struct Args {
 
 #[derive(Debug, clap::Subcommand)]
 enum Action {
-    /// Build a bank from meshes over one topology.
+    /// Build a bank from meshes that share one topology.
     Build(BuildArgs),
-    /// Make expressions from a bank's shapes by weights.
+    /// Make a bank of expressions by mixing the shapes of another bank.
     Mix(MixArgs),
-    /// Write a bank file of an older version anew.
+    /// Convert a bank file of an older version to the current one.
     Convert(ConvertArgs),
-    /// What is in a bank, with a picture on request.
+    /// Describe a bank and optionally draw it.
     Info(InfoArgs),
 }
 
@@ -43,43 +43,45 @@ Examples:
   grimace bank build face.glb --feature-points fp.csv -o face.bank
   grimace bank build ict --part narrow_face --subdivide 1 -o shapes.bank
 
-A source is a folder of OBJ or PLY files over one topology (neutral.obj and one file per expression, named after it), a glTF or GLB \
-file with morph targets, or a folder of NumPy arrays: neutral_vertices.npy (V x 3), triangles.npy (T x 3) or quads.npy (Q x 4), \
-expression_deltas.npy (M x V x 3), and manifest.json with `expressions` (names), and on request `units`, `regions` and `landmarks`.
+SOURCE is one of:
+  a folder of OBJ or PLY files with one topology: neutral.obj and one file per expression, named after it
+  a glTF or GLB file with morph targets
+  a folder of NumPy arrays: neutral_vertices.npy (V x 3), triangles.npy (T x 3) or quads.npy (Q x 4), expression_deltas.npy (M x V x 3), \
+and manifest.json with `expressions` (names) and optionally `units`, `regions` and `landmarks`
 
-Feature points come from a CSV file `fp,vertex` (8.3,1702; vertices from 0), or are placed by the vertices of the 68 iBUG landmarks. \
-Members are read one after another: memory is that of two meshes, whatever their number; the file takes 12 bytes per vertex and member.")]
+Feature points come from a CSV file `fp,vertex` (such as 8.3,1702; vertices count from 0). Without it they are placed with the vertices of \
+the 68 iBUG landmarks. Building needs the memory of two meshes; the file takes 12 bytes per vertex and member.")]
 struct BuildArgs {
     /// Folder of meshes or arrays, or a .glb or .gltf file
     source: PathBuf,
     /// Bank file to write
     #[arg(short, long, value_name = "BANK")]
     output: PathBuf,
-    /// CSV file `fp,vertex`; without it feature_points.csv in SOURCE, or placing by landmarks
+    /// Feature points, a CSV file `fp,vertex`; by default SOURCE/feature_points.csv, or placed with the landmarks
     #[arg(long, value_name = "CSV")]
     feature_points: Option<PathBuf>,
-    /// CSV file `landmark,vertex` (0 to 67) to place feature points by, where the source names no landmarks
+    /// Landmarks to place feature points with, a CSV file `landmark,vertex` (landmarks 0 to 67), if SOURCE has none
     #[arg(long, value_name = "CSV", conflicts_with = "feature_points")]
     landmarks: Option<PathBuf>,
-    /// Part of the surface to keep, one of `regions` in manifest.json
+    /// Part of the surface to keep, one of the `regions` in manifest.json
     #[arg(long, value_name = "NAME")]
     part: Option<String>,
-    /// Mesh of a .glb or .gltf file that has several with morph targets; by default the one with most targets of ARKit names
+    /// Mesh to take from a .glb or .gltf file; by default the one with the most morph targets named as in ARKit
     #[arg(long, value_name = "NAME")]
     mesh: Option<String>,
     /// Rounds of smooth (Loop) subdivision
     #[arg(long, default_value_t = 0, value_name = "N", value_parser = clap::value_parser!(u8).range(0..=MAX_SUBDIVIDE as i64))]
     subdivide: u8,
-    /// Unit of lengths, in words
+    /// Unit of length, as text such as `cm`
     #[arg(long, value_name = "TEXT")]
     unit: Option<String>,
-    /// Whose work the meshes are, with the licence
+    /// Credit and licence of the meshes, written into the bank
     #[arg(long, value_name = "TEXT")]
     credit: Option<String>,
-    /// Also write the feature points in use as `fp,vertex`
+    /// Also write the feature points used, as a CSV file `fp,vertex`
     #[arg(long, value_name = "CSV")]
     save_feature_points: Option<PathBuf>,
-    /// Write over a file that is there
+    /// Overwrite existing files
     #[arg(long)]
     force: bool,
 }
@@ -91,39 +93,42 @@ Examples:
   grimace bank mix shapes.bank --weights expressions.csv -o face.bank
   grimace bank mix shapes.bank --performance 384 --members 30 --seed 1 -o face.bank --unseen unseen.bank
 
---weights is a CSV file `member,shape,weight`. --performance makes models as a face shows them that goes through anger, disgust, fear, \
-happiness, sadness and surprise: the six expressions in full, then frame after frame, with expressions that overlap, blend and are \
-performed differently every time. It needs shapes with ARKit names (jawOpen, mouthSmileLeft or mouthSmile_L, ...), or --expressions. \
-With --members N the six and the N - 6 frames that differ most become the bank, the rest goes to --unseen. The names `head` and \
-`candide` stand for the shapes of the embedded banks.")]
+--weights reads a CSV file `member,shape,weight`.
+
+--performance N makes N models of a performance of anger, disgust, fear, happiness, sadness and surprise: first the six full \
+expressions, then frames in which the expressions overlap and vary. It needs shapes with ARKit names (jawOpen, mouthSmileLeft or \
+mouthSmile_L, ...), or --expressions. With --members N, the six expressions and the N - 6 most different frames become the bank; the \
+others go to the file of --unseen.
+
+`head` and `candide` name the shapes of the embedded banks.")]
 struct MixArgs {
-    /// Bank whose members are the shapes, or `head` or `candide`
+    /// Bank file whose members are the shapes, or `head` or `candide` for an embedded bank
     shapes: PathBuf,
     /// Bank file to write
     #[arg(short, long, value_name = "BANK")]
     output: PathBuf,
-    /// CSV file `member,shape,weight`
+    /// Weights of the shapes for every new member, a CSV file `member,shape,weight`
     #[arg(long, value_name = "CSV", conflicts_with = "performance", required_unless_present = "performance")]
     weights: Option<PathBuf>,
-    /// Models of a performance, the pure expressions included
+    /// Number of models to make from a performance, including the pure expressions
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=20_000))]
     performance: Option<u16>,
-    /// CSV file `member,shape,weight` of the expressions that are performed, instead of the six by ARKit names
+    /// Expressions to perform instead of the six, a CSV file `member,shape,weight`
     #[arg(long, value_name = "CSV", requires = "performance")]
     expressions: Option<PathBuf>,
-    /// Models that become the bank
+    /// Number of models in the bank; by default all
     #[arg(long, value_name = "N", requires = "performance", value_parser = clap::value_parser!(u16).range(1..=20_000))]
     members: Option<u16>,
-    /// Bank file for the models that do not
+    /// Bank file for the models that --members leaves out
     #[arg(long, value_name = "BANK", requires = "members")]
     unseen: Option<PathBuf>,
-    /// Also write the weights of all models, as --weights reads them
+    /// Also write the weights of all models, in the format of --weights
     #[arg(long, value_name = "CSV")]
     save_weights: Option<PathBuf>,
-    /// Seed of the performance
+    /// Random seed of the performance
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Write over files that are there
+    /// Overwrite existing files
     #[arg(long)]
     force: bool,
 }
@@ -135,15 +140,15 @@ Example:
   grimace bank convert old.bank -o face.bank
 
 Bank files are safetensors: tensors `neutral` (V x 3), `triangles` (T x 3), `feature_points` (group, point, vertex) and `displacements` \
-(M x V x 3), and names, unit and credit as JSON in the metadata. Files of version 1 (grimace 0.1.0) are read, with a warning; this \
-writes what they hold in the present version.")]
+(M x V x 3), with names, unit and credit as JSON in the metadata. All commands still read files of version 1 (grimace 0.1.0), with a \
+warning.")]
 struct ConvertArgs {
     /// Bank file of any version
     bank: PathBuf,
     /// Bank file to write
     #[arg(short, long, value_name = "BANK")]
     output: PathBuf,
-    /// Write over a file that is there
+    /// Overwrite existing files
     #[arg(long)]
     force: bool,
 }
@@ -156,13 +161,13 @@ Example:
 struct InfoArgs {
     /// Bank file, or `head` or `candide` for an embedded bank
     bank: PathBuf,
-    /// Draw neutral, feature points and members into a PNG file
+    /// PNG file to draw the neutral mesh, the feature points and the members into
     #[arg(long, value_name = "PNG")]
     picture: Option<PathBuf>,
-    /// Write the feature points as `fp,vertex`
+    /// Write the feature points, as a CSV file `fp,vertex`
     #[arg(long, value_name = "CSV")]
     save_feature_points: Option<PathBuf>,
-    /// Write over files that are there
+    /// Overwrite existing files
     #[arg(long)]
     force: bool,
 }

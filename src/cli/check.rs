@@ -19,34 +19,47 @@ use super::{
     },
 };
 
-/// What `run` would meet in a dataset, before anything is tracked.
+/// Check a dataset for problems before `run` tracks it.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Example:
   grimace check faces -o check.csv
 
-Every sequence is prepared as `run` prepares it: its frames are listed, its marks are read, or found in its neutral frame, the wireframe is fitted, and marks \
-that are given are held against the face of the picture; what is wrong is said in the words of `run`. Of pictures the neutral frame and the apex are decoded, of a \
-video its neutral frame: whatever lies between shows in `run`. Sequences that landmarks drive are gone through whole. Of a whole recording (segment is auto) only the row, \
-the first frame and the length are looked at: it counts as one sequence, and nothing is found or fitted in it.
+`check` prepares every sequence as `run` does and reports problems in the same words. It lists the frames, reads the marks or finds them \
+in the neutral frame, fits the wireframe, and compares given marks with the face in the picture. It decodes the neutral and the apex \
+frame of images, and the neutral frame of a video; only `run` reads the frames between. It reads landmark sequences completely. Of a whole \
+recording (a manifest row whose segment is auto) it checks only the row, the first frame and the length; it counts as one sequence.
 
-Columns of the table: subject, sequence, emotion, verdict (good, look again, fails), stage at which it fails, reasons, notes (which `run` would print, and which are no reason \
-to look again), source (images, video, landmarks, \
-recording), frames (of a video as its header states them), width, height (px), marks (file, landmarks, found, none; empty for a recording without), marked (how many), eye_distance (px), \
-face_error_percent_es (of marks that were found: half of them are expected to be nearer), placement_error_percent_es (the same of all nodes), id.
+Columns of the table:
+  subject, sequence, emotion
+  verdict                        good, look again or fails
+  stage                          stage at which the sequence would fail
+  reasons, notes                 `run` prints notes, too; a note is no reason to look again
+  source                         images, video, landmarks or recording
+  frames                         number of frames; for a video the number in its header
+  width, height                  px
+  marks                          file, landmarks, found or none; empty for a recording without marks
+  marked                         number of marks
+  eye_distance                   px
+  face_error_percent_es          median expected error of found marks, percent of the eye distance
+  placement_error_percent_es     median expected error of all nodes, percent of the eye distance
+  id
 
-Exit status: 0 nothing wrong, 1 nothing could be checked (a dataset that does not open, a column that is not there, results that are not there, a table that is there already), \
-2 bad usage, 3 some sequences would fail or deserve a look. Notes do not change it.")]
+Exit status:
+  0 no problems
+  1 nothing could be checked: the dataset does not open, a column or the results are missing, or the table exists already
+  2 wrong usage
+  3 some sequences would fail or need a look; notes do not count")]
 pub struct Args {
-    /// Dataset folder, or its manifest file
+    /// Dataset folder or manifest file
     dataset: PathBuf,
-    /// Table to write, a row for every sequence
+    /// Table to write, with one row per sequence
     #[arg(short, long, value_name = "TABLE.csv")]
     output: Option<PathBuf>,
-    /// Results of an earlier run over the dataset, whose corrections by hand are checked, too
+    /// Output folder of an earlier run over this dataset; its hand corrections are checked, too
     #[arg(long, value_name = "OUT")]
     results: Option<PathBuf>,
-    /// Threads; 0 for one per processor
+    /// Number of threads; 0 uses one per processor
     #[arg(short = 'j', long, default_value_t = 0, value_parser = thread_count)]
     threads: usize,
     #[command(flatten)]

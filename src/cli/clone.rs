@@ -38,7 +38,7 @@ use super::{
     source_frames::source_pictures,
 };
 
-/// Put an expression on a new face.
+/// Clone an expression onto a new face: animate one photograph.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -46,25 +46,33 @@ Examples:
   grimace clone --source tracks/S005_001.csv --source-frames faces/S005/001 --wrinkles --target anna.jpg --correspondences anna.csv -o smile
   grimace clone --source results/representatives/*.csv --target anna.jpg --correspondences anna.csv -o anna --sheet
 
-OUT gets frames/ (PNG), track/ (the target's own dynamic model, for `analyze`), clone.fap, overlay.png (the wireframe on the apex frame), \
-sheet.png (side by side) and clone.json (what it was made from). Several sources or targets give a folder TARGET_SOURCE each, \
-with the source's extension where two sources have one name (TARGET_sadness-csv, TARGET_sadness-fap); one that fails costs only \
-itself. Interrupted or run again, it goes on where it stopped: clones of the same files and options are kept.")]
+Files in OUT:
+  frames/      the animation, one PNG per frame
+  track/       the dynamic model of the target, for `analyze`
+  clone.fap    the motion as a FAP file
+  overlay.png  the wireframe on the apex frame
+  sheet.png    source and target side by side
+  clone.json   inputs and options
+
+With several sources or targets, every pair gets its own folder OUT/TARGET_SOURCE. If two sources have the same name, the extension is added \
+(TARGET_sadness-csv, TARGET_sadness-fap). A pair that fails does not stop the others. After an interruption, run the command again: it \
+keeps the clones that have the same files and options.")]
 pub struct Args {
-    /// What moves: a track, a representative or normalized model (.csv), or a FAP file (.fap); several for a batch
+    /// Motion to clone: a track, a representative or normalized model (.csv), or a FAP file (.fap); several for a batch
     #[arg(short, long, required = true, num_args = 1.., value_name = "S")]
     source: Vec<PathBuf>,
-    /// Neutral photograph, frontal; several for a batch
+    /// Photograph to animate, a neutral face from the front; several for a batch
     #[arg(short, long, required = true, num_args = 1.., value_name = "IMAGE")]
     target: Vec<PathBuf>,
-    /// Marked points on each photograph, in the same order: node,x,y, or 68 landmarks as point,x,y; found in the photographs if
-    /// none is given
+    /// Marked points on each photograph, in the same order; by default found in the photographs
+    ///
+    /// A CSV file with the columns node,x,y, or 68 landmarks as point,x,y; pixels.
     #[arg(short, long, num_args = 1.., value_name = "C.csv")]
     correspondences: Vec<PathBuf>,
-    /// Folder for the results
+    /// Output folder
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
-    /// One picture of all: a row for every target with its neutral face and the apex of every source (OUT/sheet.png)
+    /// Also draw all clones into OUT/sheet.png: one row per target, with its neutral face and the apex of every source
     #[arg(long)]
     sheet: bool,
     #[command(flatten)]
@@ -83,29 +91,31 @@ pub struct Args {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Motion")]
 struct MotionArgs {
-    /// Factor on the motion: 0.5 is half as strong, 1.5 a caricature
+    /// Factor on the strength of the motion: 0.5 halves it, 1.5 makes a caricature
     #[arg(long, default_value_t = 1.0, value_parser = emphasis, value_name = "C")]
     emphasis: f64,
-    /// Frames per second; by default the source's, or 25
+    /// Frames per second; by default those of the source, or 25
     #[arg(long, value_parser = frame_rate)]
     fps: Option<f64>,
-    /// Seconds from neutral to apex; by default the source's, or 1 for a representative
+    /// Seconds from neutral to apex; by default those of the source, or 1 for a representative
     #[arg(long, value_parser = positive, value_name = "SECONDS")]
     duration: Option<f64>,
-    /// Course of the motion; by default `natural` (a quick onset, then an apex that is held) for a representative, and `linear` for
-    /// a track and a FAP file, which have a course of their own
+    /// Timing of the motion from neutral to apex
+    ///
+    /// By default `natural` (a quick onset, then a held apex) for a representative, and `linear` for a track or a FAP file, which have their
+    /// own timing.
     #[arg(long, value_parser = words::<Ease>(&["natural", "linear", "in", "out", "in-out"]))]
     ease: Option<Ease>,
-    /// Blink: once as the expression begins, and then every few seconds
+    /// Add blinks: one when the expression begins, then one every few seconds
     #[arg(long)]
     blink: bool,
-    /// Back to the neutral face at the end, so that the film repeats without a jump
+    /// Return to the neutral face at the end, so that the film loops without a jump
     #[arg(long = "loop")]
     back: bool,
-    /// Sizes carried over by the FAPUs of each facial region, by the eye distance alone, or not at all
+    /// How the motion is scaled to the target: by the FAPUs of each facial region, by the eye distance alone, or not at all
     #[arg(long, default_value = "fapu", value_parser = words::<Rescale>(&["fapu", "uniform", "none"]))]
     rescale: Rescale,
-    /// Carry the motion of the source's head over, too (tracks only)
+    /// Also transfer the head motion of the source (tracks only)
     #[arg(long)]
     head: bool,
     #[command(flatten)]
@@ -116,22 +126,26 @@ struct MotionArgs {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Picture")]
 struct LookArgs {
-    /// The frames that the source's track was made from (folder or video): for wrinkles, teeth, and the sheet
+    /// Frames of the source's track, a folder or a video; needed for --wrinkles, for --teeth source, and to show the source on the sheet
     #[arg(long, value_name = "SEQUENCE")]
     source_frames: Option<PathBuf>,
-    /// Carry the source's folds and wrinkles over, with a strength (1 if none is given)
+    /// Transfer the folds and wrinkles of the source, with this strength; 1 if no number is given
     #[arg(long, num_args = 0..=1, default_missing_value = "1", value_parser = positive, value_name = "STRENGTH")]
     wrinkles: Option<f64>,
-    /// Folds that grow with the expression: `auto` takes those that people of a class have on the mean, which `run` wrote beside a
-    /// representative (NAME_skin.png), and without them `form`, those that the motion makes on an average head; `none` none, a
-    /// representative (NAME.csv) those beside it, whatever the motion is
+    /// Folds of the skin that appear with the expression
+    ///
+    /// `auto` takes the mean folds of the people of the class, which `run` writes beside a representative (NAME_skin.png), and `form` if
+    /// there are none. `form` takes the folds that the motion makes on an average head. `none` adds no folds. NAME.csv, a representative, takes
+    /// the folds beside that file for any motion.
     #[arg(long, default_value = "auto", value_name = "auto|form|none|NAME.csv")]
     skin: SkinChoice,
-    /// What shows in an open mouth: `auto` draws teeth and tongue, and takes the source's only on the source's own neutral frame;
-    /// `source` takes them on every face (from --source-frames), `drawn` always draws them, `dark` is always dark
+    /// What an open mouth shows: `drawn` teeth and tongue, those of the `source`, or a `dark` mouth
+    ///
+    /// `auto` draws teeth and tongue, except on the neutral frame of the source itself, where it takes those of the source. `source` needs
+    /// --source-frames.
     #[arg(long, default_value = "auto", value_parser = words::<Teeth>(&["auto", "source", "drawn", "dark"]))]
     teeth: Teeth,
-    /// Films in one file beside the frames: gif, apng, mp4, webm, several separated by commas
+    /// Also write films: gif, apng, mp4, webm, separated by commas
     #[arg(long, value_delimiter = ',', value_parser = film, value_name = "FORMAT")]
     film: Vec<Film>,
 }

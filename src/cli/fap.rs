@@ -35,40 +35,40 @@ pub struct Args {
 
 #[derive(Debug, clap::Subcommand)]
 enum Command {
-    /// Say what .fap files hold: name, frame rate, duration, and every FAP's extremes.
+    /// Describe .fap files: name, frame rate, duration, and the extremes of every FAP.
     Info(InfoArgs),
-    /// Check .fap files against the subset that every known reader takes; name line, rule and field.
+    /// Check .fap files against the subset that all known readers accept.
     Check(CheckArgs),
-    /// Write a .fap file anew: another frame rate, mask, number format or reader; or to and from CSV.
+    /// Convert a .fap file to another frame rate, mask, number format or reader, or to and from CSV.
     Convert(ConvertArgs),
 }
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:\n  grimace fap info out/fap/*.fap\n\n\
-    The apex of a FAP is its value farthest from neutral, and the first frame that has it.\n\
-    Values are in 1/1024 of the unit named (of the neutral face), angles in 1e-5 rad.")]
+    The apex of a FAP is its value farthest from neutral; the table shows it with the first frame that has it.\n\
+    Values are in 1/1024 of the named unit of the neutral face; angles are in 1e-5 rad.")]
 struct InfoArgs {
-    /// The .fap files.
+    /// FAP files
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
-    /// Print JSON.
+    /// Print JSON instead of text
     #[arg(long)]
     json: bool,
 }
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:\n  grimace fap check --strict out/fap/*.fap\n\n\
-    Prints FILE:LINE: SEVERITY RULE: FIELD: MESSAGE. A rule that is broken alike on many lines is named at the first,\n\
-    with the number of times. An error is what no known tool writes; a warning is read, but not by every reader.\n\
+    Prints FILE:LINE: SEVERITY RULE: FIELD: MESSAGE. If many lines break a rule in the same way, only the first is printed, \
+    with the number of lines. An error is something that no known tool writes; a warning is something that some readers refuse.\n\n\
     The exit status is 1 if there is an error.")]
 struct CheckArgs {
-    /// The .fap files.
+    /// FAP files
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
-    /// Take warnings for errors; name lips at rest that Xface shows otherwise, too (warnings all the same).
+    /// Treat warnings as errors; also warn about lips at rest that Xface shows differently
     #[arg(long)]
     strict: bool,
-    /// Print JSON.
+    /// Print JSON instead of text
     #[arg(long)]
     json: bool,
 }
@@ -77,44 +77,47 @@ struct CheckArgs {
 #[command(after_help = "Examples:\n  grimace fap convert joy.fap --fps 50 -o joy50.fap\n  \
     grimace fap convert joy.fap --mask 3-13,31-38 --profile greta -o greta/joy.fap\n  \
     grimace fap convert joy.fap -o joy.csv\n\n\
-    A CSV table has the columns frame,fap,name,value, a row for every FAP that a frame sets.\n\n\
-    Values beyond the range of the standard are written as they are, and named in a warning.")]
+    A CSV table has the columns frame,fap,name,value, with one row for every FAP that a frame sets.\n\n\
+    Values outside the range of the standard are written unchanged, with a warning.")]
 struct ConvertArgs {
-    /// The file to convert: a CSV table if its name ends in .csv, else a .fap file.
+    /// File to convert: a CSV table if its name ends in .csv, else a .fap file
     #[arg(value_name = "FILE")]
     input: PathBuf,
-    /// The file to write: a CSV table if its name ends in .csv, else a .fap file; `-` for a .fap file on standard output.
+    /// File to write: a CSV table if its name ends in .csv, else a .fap file; `-` prints a .fap file
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
-    /// Frames per second of the output. The motion keeps its time and its length as near as whole frames allow: frame k (from 0) is interpolated
-    /// at k/N seconds, and the last one is the last there was.
+    /// Frames per second of the output; the motion keeps its speed
+    ///
+    /// Frame k (from 0) is interpolated at k/N seconds, and the last frame stays the last. The duration changes by less than a frame.
     #[arg(long, value_name = "N", value_parser = whole::<u32>(1, 32_767))]
     fps: Option<u32>,
-    /// Keep the frames as they are when the frame rate changes: the motion becomes faster or slower.
+    /// Keep the frames when the frame rate changes: the motion becomes faster or slower
     #[arg(long)]
     keep_frames: bool,
-    /// Put N frames between successive frames, which are all hit exactly; --fps then only sets the frame rate.
+    /// Insert N interpolated frames between every two frames; --fps then only sets the frame rate
     #[arg(long, value_name = "N")]
     between: Option<usize>,
-    /// FAPs to write: `all`, `set` (those that any frame sets), or a list such as 3-13,31-38. Unset ones become 0.
+    /// FAPs to write: `all`, `set` (those that any frame sets), or a list such as 3-13,31-38; unset values become 0
     #[arg(long, value_name = "FAPS", default_value = "set")]
     mask: FapMask,
-    /// Number format of a .fap file; Xface alone reads floats. A CSV table has the values as they are, unless `integer`.
+    /// Number format; by default integers in a .fap file and floats in a CSV table
+    ///
+    /// Only Xface reads a .fap file with floats.
     #[arg(long, value_enum)]
     values: Option<Values>,
-    /// Reader to write a .fap file for; `strict`, the default, is for all of them.
+    /// Reader to write a .fap file for; the default, `strict`, suits all readers
     #[arg(long, value_name = "strict|xface|greta|visage")]
     profile: Option<Profile>,
-    /// Overwrite OUT.
+    /// Overwrite OUT
     #[arg(long)]
     force: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Values {
-    /// Rounded to integers.
+    /// Round to integers
     Integer,
-    /// As they are.
+    /// Keep decimals
     Float,
 }
 

@@ -23,7 +23,7 @@ use super::{
     shared::{GeneralArgs, about, file_name, set_threads},
 };
 
-/// A row for every frame of tracks.
+/// Write pose, FAPs and action units for every frame of tracks.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Example:
@@ -31,26 +31,29 @@ Example:
   grimace features results/tracks -o openface --names openface
   grimace features results/tracks/S005_001.csv -o compared --blendshapes mediapipe.json
 
-Writes SUBJECT_SEQUENCE.csv for every track: pose of the head in degrees, action units AU.._r (0 to 5) with presence _c and expected error \
-_e, openings of eyes and mouth, FAPs; and beside it a .json with the units. `run` writes the same into OUT/features.")]
+Writes SUBJECT_SEQUENCE.csv for every track, with one row per frame: head pose in degrees, action units AU.._r (0 to 5) with presence _c \
+and expected error _e, openings of eyes and mouth, and FAPs. A .json beside it names the units. `run` writes the same tables into \
+OUT/features.")]
 pub struct Args {
-    /// Track files, or folders of them
+    /// Track files, or folders of track files
     #[arg(required = true, value_name = "TRACK")]
     tracks: Vec<PathBuf>,
-    /// Folder for the tables
+    /// Output folder for the tables
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Names of the columns: `openface` for those that readers of OpenFace's files expect
+    /// Column names; `openface` writes those that readers of OpenFace files expect
     #[arg(long, value_enum, default_value_t = Names::Grimace)]
     names: Names,
-    /// Action units to write, such as AU04,AU12; all of them where none is named
+    /// Action units to write, such as AU04,AU12; by default all
     #[arg(long, value_name = "AU", value_delimiter = ',')]
     units: Vec<ActionUnit>,
-    /// MediaPipe's blendshapes of the same frames, as further columns mediapipe_jawOpen ...: its results as .json, or a .csv with
-    /// frame and columns named as they are; for several tracks a folder with SUBJECT_SEQUENCE.json or .csv of each
+    /// MediaPipe blendshapes of the same frames, added as columns mediapipe_jawOpen, ...
+    ///
+    /// Give MediaPipe's results as .json, or a .csv with a column frame and one column per blendshape. For several tracks give a folder with
+    /// one SUBJECT_SEQUENCE.json or .csv for each.
     #[arg(long, value_name = "FILE|DIR")]
     blendshapes: Option<PathBuf>,
-    /// Threads; 0 for one per processor
+    /// Number of threads; 0 uses one per processor
     #[arg(short = 'j', long, default_value_t = 0)]
     threads: usize,
     #[command(flatten)]
@@ -59,9 +62,9 @@ pub struct Args {
 
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
 enum Names {
-    /// Everything, in degrees and face units
+    /// All columns, in degrees and face units
     Grimace,
-    /// x_0 ..., pose_Rx in radians, AU01_r ...: read unchanged by py-feat and openFaceR
+    /// x_0 ..., pose_Rx in radians, AU01_r ..., as py-feat and openFaceR read them
     Openface,
 }
 

@@ -13,20 +13,20 @@ use super::{
     shared::GeneralArgs,
 };
 
-/// The figures of a finished run, to publish.
+/// Draw the figures of a finished run as SVG and PDF, with captions.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Example:
   grimace figures results -o figures
 
-Writes every figure as .svg and as .pdf, and their captions with numbers of sequences and people, alpha and method as captions.csv and \
-captions.md: representatives, displacement fields on one scale, dispersion, distances, courses of action units and of FAPs, how people \
-differ, and groups that were compared with --by. Wireframes only: no figure shows anybody's face.")]
+Writes every figure as .svg and .pdf: representatives, displacement fields on one scale, dispersion, distances, action units and FAPs over \
+time, differences between people, and the groups compared with --by. captions.csv and captions.md hold the captions with the numbers of \
+sequences and people, alpha and the method. The figures show wireframes only, no faces of people.")]
 pub struct Args {
-    /// Folder that `run` or `analyze` wrote
+    /// Output folder of `run` or `analyze`
     #[arg(value_name = "OUT")]
     results: PathBuf,
-    /// Folder for the figures
+    /// Output folder for the figures
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     #[command(flatten)]

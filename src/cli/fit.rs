@@ -19,29 +19,29 @@ use super::{
     shared::{CheckArgs, FitArgs, GeneralArgs, MethodArgs, marks_or_found},
 };
 
-/// Fit the wireframe to one neutral face.
+/// Fit the wireframe to one neutral face from marked points.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Example:
   grimace fit neutral.png -o fit.csv --overlay fit.png
   grimace fit neutral.png --correspondences marks.csv -o fit.csv --overlay fit.png
 
-marks.csv has the columns node,x,y: a Candide-3 vertex (0 to 112) or an MPEG-4 feature point such as 8.3, and its place in pixels, the \
-centre of the top-left pixel being 0,0. Left and right are the subject's own. 5 to 8 marks make a fit, these eleven a good one:
+marks.csv has the columns node,x,y. A node is a Candide-3 vertex (0 to 112) or an MPEG-4 feature point such as 8.3; x and y are in pixels, \
+and 0,0 is the centre of the top-left pixel. Left and right are the subject's own. A fit needs 5 to 8 marks; these eleven give a good one:
   20, 23  left eye, outer and inner corner      31, 64  left and right corner of the mouth
   53, 56  right eye, outer and inner corner     10      lowest point of the chin
   15, 17  left brow, outer and inner end        48, 50  right brow, outer and inner end
-In the picture marks are yellow rings and fitted nodes blue dots; small images are enlarged in it.")]
+The overlay shows marks as yellow rings and fitted nodes as blue dots; it enlarges small images.")]
 pub struct Args {
     /// Image of a neutral, frontal face
     image: PathBuf,
-    /// Marked points: node,x,y; found in the picture if not given
+    /// Marked points, a CSV file node,x,y in pixels; by default found in the image
     #[arg(short, long, value_name = "C.csv")]
     correspondences: Option<PathBuf>,
-    /// Positions of all nodes: node,x,y,state,residual
+    /// Output table with the position of every node: node,x,y,state,residual
     #[arg(short, long, value_name = "FIT.csv")]
     output: PathBuf,
-    /// Picture of the wireframe on the image: a .png file, or a folder for one of the image's name
+    /// Draw the wireframe on the image, into this .png file, or into a folder under the image's name
     #[arg(long, value_name = "PNG|DIR")]
     overlay: Option<PathBuf>,
     #[command(flatten)]

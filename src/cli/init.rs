@@ -17,29 +17,34 @@ use super::{
     shared::{check_free, quoted},
 };
 
-/// Write a manifest for folders of images and videos.
+/// Write a manifest for a folder of image sequences and videos.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Example:
   grimace init recordings --people people.csv
 
-Every folder of two images or more and every video, at any depth, becomes a row of recordings/manifest.csv: the first folder that is no \
-emotion is the subject (but for one such as `videos` that holds everything), the others are the sequence, and the emotion is what a folder or file name says (happy, S001_anger.mp4), else \
-`?`, to be filled in. Results, overlays and other pictures that grimace wrote are left out. A folder in the layout of Cohn-Kanade gets its labels and landmarks. people.csv has a column `subject`; its other \
-columns, such as gender, go to every sequence of that subject, to group by with --by.
+Every video and every folder with two or more images, at any depth, becomes a row of recordings/manifest.csv:
+  subject   the first folder whose name is not an emotion
+  sequence  the other folders
+  emotion   from the name of a folder or file (happy, S001_anger.mp4), else `?`: fill it in
 
-Emotions may be named in German, too (Freude, Trauer, Wut). Single pictures of several people in one folder (neutral/anna.jpg and \
-smiling/anna.jpg, or anna_neutral.jpg and anna_smiling.jpg) are no sequence: they are named, with how they become one.")]
+Emotions may be named in English or German (Freude, Trauer, Wut). A folder that holds everything, such as `videos`, is not a subject. `init` leaves out results, overlays and other pictures that grimace wrote. For a folder in the layout of Cohn-Kanade it reads the labels and \
+landmarks. people.csv has a column `subject`; its other columns, such as gender, are added to every sequence of that subject, so that you can group with --by.
+
+Single pictures of several people in one folder (neutral/anna.jpg and smiling/anna.jpg, or anna_neutral.jpg and anna_smiling.jpg) are not \
+a sequence; `init` lists them and explains how to make sequences of them.")]
 pub struct Args {
     /// Folder with the sequences
     folder: PathBuf,
-    /// Table of people, a CSV file with a column `subject`
+    /// Table of people, a CSV file with a column `subject` and columns to group by
     #[arg(long, value_name = "CSV")]
     people: Option<PathBuf>,
-    /// Write over a manifest that is there; what it says of frames that are still there and a proposal does not is kept
+    /// Overwrite an existing manifest
+    ///
+    /// Keeps what the old manifest records about frames that still exist, unless it is detected anew.
     #[arg(long)]
     force: bool,
-    /// No summary
+    /// Print no summary
     #[arg(short, long)]
     quiet: bool,
 }

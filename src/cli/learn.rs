@@ -20,7 +20,7 @@ use super::{
     shared::{LearnedFileArgs, check_free, file_name},
 };
 
-/// Learn what this program ships with, from your own data.
+/// Train the models that ship with this program on your own data.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:\n  grimace learn locator FACES -o locator.bin")]
 pub struct Args {
@@ -30,44 +30,45 @@ pub struct Args {
 
 #[derive(Debug, Subcommand)]
 enum What {
-    /// Learn to find faces and their points, from photographs with hand-set points.
+    /// Train the model that finds faces and their points, on photographs with hand-set points.
     Locator(LocatorArgs),
-    /// A three-dimensional head on Candide-3's nodes from a dense face model.
+    /// Derive a three-dimensional head with Candide-3's nodes from a dense face model.
     Head(super::learn_head::Args),
-    /// The dense head that ships with the program, from a symmetric face model.
+    /// Derive the dense head that ships with the program from a symmetric face model.
     HeadMesh(super::learn_head_mesh::Args),
 }
 
-/// Learn to find faces and their points, from photographs with hand-set points.
+/// Train the model that finds faces and their points, on photographs with hand-set points.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Example:
   grimace learn locator FACES -o locator.bin --credit \"Whose faces these are, and the licence\"
   grimace locate photo.jpg -o points.csv --model locator.bin
 
-FACES is a folder with delineation189.csv (person,x0,y0,...,x188,y188: the 189 points of the Face Research Lab London Set, pixels) and \
-neutral/PERSON.jpg; with landmarks68.csv (person,state,x0,...,y67; neutral and smiling) and smiling/PERSON.jpg parted lips are \
-learned, too. Of every photograph many pictures are made, in other sizes, turns, lights, backgrounds, clothes and hair. Errors are \
-printed for people left out in turn (five groups), percent of the eye distance.")]
+FACES is a folder with neutral/PERSON.jpg and delineation189.csv (person,x0,y0,...,x188,y188: the 189 points of the Face Research Lab London \
+Set, in pixels). To learn parted lips, too, add smiling/PERSON.jpg and landmarks68.csv (person,state,x0,...,y67; states neutral and smiling).
+
+Training varies the size, turn, light, background, clothes and hair of every photograph. It prints errors from five-fold cross-validation \
+over people, in percent of the eye distance.")]
 struct LocatorArgs {
-    /// Folder of photographs and points
+    /// Folder of photographs and their points
     faces: PathBuf,
-    /// The model
+    /// Model file to write
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
-    /// People who do not serve, separated by commas
+    /// People to exclude from training, separated by commas
     #[arg(long, value_delimiter = ',', value_name = "PERSON")]
     leave_out: Vec<String>,
-    /// Pictures made of each photograph and of its mirror image
+    /// Number of training pictures made from each photograph and from its mirror image
     #[arg(long, default_value_t = LearnOptions::default().pictures as u16, value_parser = clap::value_parser!(u16).range(2..=200))]
     pictures: u16,
-    /// A model that is kept as it is but for what is learned of covered parts
+    /// Existing model to keep; only the detection of covered parts is trained anew
     #[arg(long, value_name = "FILE")]
     keep: Option<PathBuf>,
-    /// Seed of all chance
+    /// Random seed
     #[arg(long, default_value_t = LearnOptions::default().seed)]
     seed: u64,
-    /// Threads; 0 for one per core
+    /// Number of threads; 0 uses one per core
     #[arg(short, long, default_value_t = 0)]
     jobs: usize,
     #[command(flatten)]

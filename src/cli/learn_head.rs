@@ -15,23 +15,23 @@ use super::{
     shared::{LearnedFileArgs, check_free, file_name},
 };
 
-/// A three-dimensional head on Candide-3's nodes from a dense face model.
+/// Derive a three-dimensional head with Candide-3's nodes from a dense face model.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Example:
   grimace learn head ict -o candide/head_model.json --credit \"Whose model this is, and the licence\"
 
 MODEL is a folder with neutral_vertices.npy (V x 3), triangles.npy or quads.npy, identity_deltas.npy (modes x V x 3, one standard deviation \
-each), expression_deltas.npy and a manifest.json that names the expressions and the vertices of the 68 landmarks. The file that ships with \
-the program, candide/head_model.json, is made by this command and compiled in.")]
+each), expression_deltas.npy, and a manifest.json that names the expressions and the vertices of the 68 landmarks. This command made \
+candide/head_model.json, which is compiled into the program.")]
 pub struct Args {
-    /// Folder of the face model
+    /// Folder of the dense face model
     #[arg(value_name = "MODEL")]
     folder: PathBuf,
-    /// The head model, JSON
+    /// Head model to write (JSON)
     #[arg(short, long, value_name = "HEAD.json")]
     output: PathBuf,
-    /// Identity modes to learn from, counted from the first
+    /// Number of identity modes to use, from the first
     #[arg(long, default_value_t = IDENTITY_MODES)]
     modes: usize,
     #[command(flatten)]

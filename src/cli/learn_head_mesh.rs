@@ -14,21 +14,22 @@ use super::{
     shared::{LearnedFileArgs, about, check_free, file_name},
 };
 
-/// The dense head that ships with the program, from a symmetric face model.
+/// Derive the dense head that ships with the program from a symmetric face model.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Example:
   grimace learn head-mesh ict -o candide/head_mesh.bin --credit \"Whose model this is, and the licence\"
 
 MODEL is a folder with neutral_vertices.npy (V x 3, centimetres), triangles.npy or quads.npy, expression_deltas.npy, and a manifest.json \
-that names the expressions (as ARKit does, _L and _R for sides) and the vertices of the 68 landmarks. The neck is cut; of the rest the \
-left half is kept, in steps of 0.01 mm (positions) and 0.02 mm (shapes), the right one mirrors it. The file that ships with the program, \
-candide/head_mesh.bin, is made by this command and compiled in: `--bank head`.")]
+that names the expressions (as in ARKit, with _L and _R for the sides) and the vertices of the 68 landmarks.
+
+The command removes the neck and stores the left half, rounded to 0.01 mm (positions) and 0.02 mm (shapes); the right half mirrors it. \
+This command made candide/head_mesh.bin, which is compiled into the program: `--bank head`.")]
 pub struct Args {
-    /// Folder of the face model
+    /// Folder of the dense face model
     #[arg(value_name = "MODEL")]
     folder: PathBuf,
-    /// The head
+    /// Head file to write
     #[arg(short, long, value_name = "HEAD.bin")]
     output: PathBuf,
     #[command(flatten)]

@@ -22,53 +22,56 @@ use super::{
     shared::{check_free, set_threads},
 };
 
-/// Find faces and their points.
+/// Find faces and their points in pictures.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Example:
   grimace locate photo.jpg -o points.csv --overlay pictures
   grimace locate my-dataset -o points.csv
 
-POINTS.csv has the columns image,face,node,x,y,expected_error: faces count from 1, the largest first; nodes are Candide-3 vertices; x, y and \
-the expected error (half of such points are further off, half less) are in pixels. Of a dataset the neutral frames are taken. A face whose \
-median expected error is above the limit is named as not trusted: look at it before you use its points. Parts of a face that something covers \
-(a mask, a hand, dark glasses) are named, too: their points are guesses from the rest of the face, and their expected errors say so. Turned faces are looked for where \
-no upright one is found.
+POINTS.csv has the columns image,face,node,x,y,expected_error. Faces count from 1, the largest first; nodes are Candide-3 vertices; x and y \
+are in pixels. expected_error is the median error in pixels: half of such points are closer, half further away. In a dataset `locate` reads \
+the neutral frames.
 
-Exit status: 0 done, 3 where a picture has no face or does not read.")]
+`locate` reports faces whose median expected error is above --trust as not trusted: check them before you use their points. It also reports \
+covered parts of a face (by a mask, a hand, dark glasses). Their points are estimated from the rest of the face and have larger expected \
+errors. It searches for turned faces only if it finds no upright face.
+
+Exit status: 0 done, 3 a picture has no face or could not be read.")]
 pub struct Args {
-    /// Pictures, folders of pictures, datasets
+    /// Pictures, folders of pictures, or datasets
     #[arg(required = true, value_name = "IMAGE|FOLDER|DATASET")]
     pictures: Vec<PathBuf>,
-    /// The points: image,face,node,x,y,expected_error
+    /// Table of points to write: image,face,node,x,y,expected_error
     #[arg(short, long, value_name = "POINTS.csv")]
     output: PathBuf,
-    /// Folder for pictures with the points drawn on them: green where half of such points are expected to be within 2 % of the eye
-    /// distance, yellow within 5 %, red beyond
+    /// Output folder for pictures with the points drawn on them
+    ///
+    /// The colour shows the median expected error: green up to 2 % of the eye distance, yellow up to 5 %, red above.
     #[arg(long, value_name = "DIR")]
     overlay: Option<PathBuf>,
-    /// A model of `grimace learn locator`, instead of the one that ships
+    /// Model file of `grimace learn locator`, to use instead of the built-in model
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
-    /// Most faces of a picture; where there are more, that is said
+    /// Maximum number of faces per picture; a message says if there are more
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u16).range(1..=1000), value_name = "COUNT")]
     faces: u16,
-    /// Smallest distance of the pupils that is looked for, px; a share of the picture's longer side by default
+    /// Smallest distance between the pupils to search for, in px; by default in proportion to the picture's longer side
     #[arg(long, value_parser = clap::value_parser!(u16).range(10..), value_name = "PX")]
     least_eye_distance: Option<u16>,
-    /// Look for small faces beside large ones, too, which takes about five times as long; else only where there is no large one
+    /// Also search for small faces in pictures with large faces; takes about five times as long
     #[arg(long)]
     every_size: bool,
-    /// Median expected error, over the eye distance, up to which a face is trusted
+    /// Largest median expected error of a trusted face, as a share of the eye distance
     #[arg(long, default_value_t = TRUSTED, value_parser = share, value_name = "SHARE")]
     trust: f64,
-    /// Threads; 0 for one per core
+    /// Number of threads; 0 uses one per core
     #[arg(short, long, default_value_t = 0)]
     jobs: usize,
-    /// Write over results that are there
+    /// Overwrite existing results
     #[arg(long)]
     force: bool,
-    /// No progress bar, no summary
+    /// Print no progress bar and no summary
     #[arg(short, long)]
     quiet: bool,
 }

@@ -56,7 +56,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use grimace::text::message;
 
-/// Representative facial expressions from image sequences, as MPEG-4 FAP files.
+/// Compute representative facial expressions from image sequences and write them as MPEG-4 FAP files.
 #[derive(Debug, Parser)]
 #[command(name = "grimace", version, about, propagate_version = true, max_term_width = 150, after_help = AFTER_HELP)]
 struct Cli {
@@ -72,57 +72,57 @@ Example, from nothing to a report:
   grimace run faces -o results
   then open results/report.html
 
-grimace --version --verbose says what this build can do: features, OpenCV, codecs.
+`grimace COMMAND --help` explains a command. `grimace --version --verbose` lists what this build supports: features, OpenCV, codecs.
 
-Exit status: 0 done, 1 failed, 2 bad usage, 3 done but some sequences failed.";
+Exit status: 0 done, 1 failed, 2 wrong usage, 3 done, but some sequences failed.";
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// The main job: every stage over a dataset, to representatives, FAP files and a report.
+    /// Run all stages over a dataset: track, normalize, compute representatives, write FAP files and a report.
     Run(run::Args),
-    /// Write a manifest for folders of images and videos.
+    /// Write a manifest for a folder of image sequences and videos.
     Init(init::Args),
-    /// What `run` would meet in a dataset, before anything is tracked.
+    /// Check a dataset for problems before `run` tracks it.
     Check(check::Args),
-    /// Mark points on a local web page, or correct tracks.
+    /// Mark facial points, or correct tracks, on a local web page.
     Annotate(annotate::Args),
     /// Fit the wireframe to one neutral face from marked points.
     Fit(fit::Args),
     /// Track one sequence from its neutral to its apex frame.
     Track(track::Args),
-    /// Statistics, FAP files and report from tracks already there.
+    /// Compute statistics, FAP files and a report from existing tracks.
     Analyze(analyze::Args),
-    /// Label sequences by the expressions of people seen before.
+    /// Recognize the expressions of sequences, after learning from labelled ones.
     Recognize(recognize::Args),
-    /// Put an expression on a new face: a textured animation from one photograph.
+    /// Clone an expression onto a new face: animate one photograph.
     Clone(clone::Args),
-    /// A page that plays motions on faces: scrub, compare, exaggerate, single FAPs.
+    /// Make a web page that plays motions on faces.
     Play(play::Args),
     /// Read, validate and convert .fap files.
     Fap(fap::Args),
-    /// A row for every frame of tracks: pose, FAPs, action units.
+    /// Write pose, FAPs and action units for every frame of tracks.
     Features(features::Args),
-    /// The figures of a finished run as SVG and PDF, with captions.
+    /// Draw the figures of a finished run as SVG and PDF, with captions.
     Figures(figures::Args),
-    /// Find expressions in whole recordings, and propose sequences from neutral to apex.
+    /// Find expressions in recordings and propose sequences from neutral to apex.
     Segment(segment::Args),
     /// Learn a shape prior for the fit from landmarks of neutral faces.
     Prior(prior::Args),
-    /// Find faces and their points.
+    /// Find faces and their points in pictures.
     Locate(locate::Args),
-    /// Learn what this program ships with, from your own data.
+    /// Train the models that ship with this program on your own data.
     Learn(learn::Args),
     /// Make synthetic sequences with exact ground truth.
     Simulate(lab::Args),
-    /// Dense animation from the motion of feature points, by a bank of expression meshes.
+    /// Animate a dense mesh from the motion of feature points, with a bank of expression meshes.
     Synthesize(synthesize::Args),
-    /// Banks of expression meshes for `synthesize`.
+    /// Build, mix, convert and describe banks of expression meshes for `synthesize`.
     Bank(bank::Args),
-    /// Experiments against ground truth: the accuracy of fit, tracker, clones and synthesis.
+    /// Measure accuracy against ground truth: fit, tracker, clones, synthesis and more.
     Evaluate(lab::Args),
-    /// Print what completes commands and options in a shell.
+    /// Print a completion script for a shell.
     Completions(package::CompletionsArgs),
-    /// Print the manual page, or write those of all commands.
+    /// Print the manual page, or write the pages of all commands.
     Man(package::ManArgs),
 }
 

@@ -51,9 +51,11 @@ fn prior(text: &str) -> Result<PriorKind, String> {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Method")]
 pub struct MethodArgs {
-    /// Ours, or Krinidis and Pitas' to the letter: `kp` sets --prior none, --read-unmarked off, --forces same, --forward-backward 0,
-    /// --align-gain 0, --corner-stiffness 0, --lip-probes off, --rigid-eyes off, --even-light off, --read-lids off,
-    /// --pose roll, --irisd boxes and --weight sequence, as far as the command has them; each can be set otherwise beside it
+    /// Method: this program's (`default`), or that of Krinidis and Pitas as published (`kp`)
+    ///
+    /// `kp` sets --prior none, --read-unmarked off, --forces same, --forward-backward 0, --align-gain 0, --corner-stiffness 0, --lip-probes
+    /// off, --rigid-eyes off, --even-light off, --read-lids off, --pose roll, --irisd boxes and --weight sequence, for the options that the
+    /// command has. You can still set each of them yourself.
     #[arg(long, default_value = "default", value_parser = words::<Method>(&["default", "kp"]))]
     pub method: Method,
 }
@@ -62,15 +64,18 @@ pub struct MethodArgs {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Fit")]
 pub struct FitArgs {
-    /// Shape prior ahead of the springs: `none` (similarity and springs alone), `candide` (Candide's shape units), `faces` (learned
-    /// from 90 real people), `auto` (whichever of candide and faces explains the marks), or a file made by `grimace prior` [default: auto]
+    /// Shape prior of the fit, applied before the springs [default: auto]
+    ///
+    /// `none` uses a similarity transform and the springs only, `candide` Candide's shape units, `faces` shapes learned from 90 real people.
+    /// `auto` takes candide or faces, whichever explains the marks. FILE is a prior made with `grimace prior`.
     #[arg(long, value_parser = prior, value_name = "none|candide|faces|auto|FILE")]
     prior: Option<PriorKind>,
-    /// Force on a marked node per pixel, over the stiffness of a spring
+    /// Force on a marked node per pixel of distance, relative to the stiffness of a spring
     #[arg(long, default_value_t = FitOptions::default().force, value_parser = gain, value_name = "GAIN")]
     fit_force: f64,
-    /// Read nodes without a mark in the picture, where seven marks and more were set by hand and agree with its face; off: the marks alone
-    /// [default: on, with --method kp off]
+    /// Also find the unmarked nodes in the picture [default: on]
+    ///
+    /// This needs seven or more hand-set marks that agree with the face found in the picture. With off, the fit uses the marks only.
     #[arg(long, value_parser = switch, action = clap::ArgAction::Set, value_name = "on|off")]
     read_unmarked: Option<bool>,
 }
@@ -95,51 +100,54 @@ impl FitArgs {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Track")]
 pub struct TrackArgs {
-    /// Side of the KLT window, over the eye distance
+    /// Side of the KLT window, as a share of the eye distance
     #[arg(long, default_value_t = TrackOptions::default().window, value_parser = share_up_to_one, value_name = "SHARE")]
     window: f64,
-    /// Pyramid levels, the image itself included
+    /// Number of pyramid levels, including the image itself
     #[arg(long, default_value_t = TrackOptions::default().levels, value_parser = clap::value_parser!(u32).range(1..=8))]
     levels: u32,
-    /// Largest forward-backward distance, over the eye distance; 0 leaves the way back out [default: 0.01]
+    /// Largest forward-backward distance, as a share of the eye distance; 0 omits this check [default: 0.01]
     #[arg(long, value_parser = not_negative, value_name = "SHARE")]
     forward_backward: Option<f64>,
-    /// A displacement is extreme beyond this many robust standard deviations from its neighbours'
+    /// Largest difference of a displacement from its neighbours', in robust standard deviations; beyond it the displacement is extreme
     #[arg(long, default_value_t = TrackOptions::default().extreme, value_parser = positive, value_name = "FACTOR")]
     extreme: f64,
-    /// What forces on tracked nodes are made of: how well each displacement is determined (measured), or nothing (same: one for all)
+    /// Forces on tracked nodes: by how well each displacement is determined (`measured`), or the `same` for all [default: measured]
     #[arg(long, value_parser = words::<Forces>(&["measured", "same"]), value_name = "FORCES")]
     forces: Option<Forces>,
-    /// Force per pixel on a tracked node, over the stiffness of a spring: on every node with --forces same; with --forces measured on a
-    /// node whose window has gradients, in grey levels per pixel, as large as its mismatch, in grey levels, more on clearer windows
+    /// Force on a tracked node per pixel, relative to the stiffness of a spring
+    ///
+    /// With --forces same this is the force on every node. With --forces measured it is the force on a node whose window has gradients (grey
+    /// levels per pixel) as large as its mismatch (grey levels); nodes with clearer windows get a larger force.
     #[arg(long, default_value_t = TrackOptions::default().force, value_parser = gain, value_name = "GAIN")]
     track_force: f64,
-    /// Weight of the mismatch of two windows against their gradients, in measured forces; 0 trusts every match alike
+    /// Weight of the mismatch of two windows against their gradients, for --forces measured; 0 ignores the mismatch
     #[arg(long, default_value_t = TrackOptions::default().mismatch, value_parser = not_negative, value_name = "WEIGHT")]
     mismatch: f64,
-    /// Gain of the alignment with the neutral frame; 0 leaves it out [default: 150]
+    /// Gain of the alignment with the neutral frame; 0 omits the alignment [default: 150]
     #[arg(long, value_parser = gain_or_none, value_name = "GAIN")]
     align_gain: Option<f64>,
-    /// Stiffness of the springs that hold the inner corners of the mouth to the outer ones; 0 leaves them free [default: 25]
+    /// Stiffness of the springs between the inner and outer corners of the mouth; 0 omits them [default: 25]
     #[arg(long, value_parser = not_negative, value_name = "STIFFNESS")]
     corner_stiffness: Option<f64>,
-    /// Search for nodes of the inner lip within their own lip [default: on]
+    /// Search for the nodes of each inner lip within that lip [default: on]
     #[arg(long, value_parser = switch, value_name = "on|off")]
     lip_probes: Option<bool>,
-    /// Move the corners of each iris box as one [default: on]
+    /// Move the corners of each iris box together [default: on]
     #[arg(long, value_parser = switch, value_name = "on|off")]
     rigid_eyes: Option<bool>,
-    /// Give every frame the light of the neutral one: exposure that adapts, a lamp that is dimmed [default: on]
+    /// Adjust the brightness of every frame to the neutral frame, against changing exposure or light [default: on]
     #[arg(long, value_parser = switch, value_name = "on|off")]
     even_light: Option<bool>,
-    /// Put upper lids that shut where their eyes look as if they were [default: on]
+    /// Read the position of closing upper lids from the picture of the eye [default: on]
     #[arg(long, value_parser = switch, value_name = "on|off")]
     read_lids: Option<bool>,
-    /// Re-deform the wireframe after every step; off leaves lost nodes where they were
+    /// Deform the wireframe after every step, which places lost nodes; with off they stay where they were
     #[arg(long, default_value = "on", value_parser = switch, action = clap::ArgAction::Set, value_name = "on|off")]
     deform: bool,
-    /// Which pyramidal KLT finds points again: `grimace`'s own, or `opencv`'s, the reference, which takes longer; whole tracks
-    /// differ by some ten-thousandths of a pixel
+    /// Implementation of the pyramidal KLT tracker: this program's (`grimace`), or the slower reference of OpenCV (`opencv`)
+    ///
+    /// Their tracks differ by a few ten-thousandths of a pixel.
     #[arg(long, default_value = "grimace", value_parser = words::<KltKind>(&["grimace", "opencv"]))]
     klt: KltKind,
 }
@@ -187,7 +195,7 @@ impl TrackArgs {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Normalization and statistics")]
 pub struct ResampleArgs {
-    /// How the five frames are taken from a sequence: the nearest frame, or linear interpolation
+    /// How to take the five key frames from a sequence: the nearest frame, or linear interpolation
     #[arg(long, default_value = "nearest", value_parser = words::<Resample>(&["nearest", "linear"]))]
     pub resample: Resample,
 }
@@ -198,27 +206,27 @@ pub struct ResampleArgs {
 pub struct ModelArgs {
     #[command(flatten)]
     frames: ResampleArgs,
-    /// Sizes made equal by the FAPUs of each facial region, or by the eye separation alone
+    /// How to normalize size: by the FAPUs of each facial region, or by the eye separation alone
     #[arg(long, default_value = "fapu", value_parser = words::<SizeMode>(&["fapu", "uniform"]))]
     size: SizeMode,
-    /// Motion of the head that is taken out: yaw, pitch and roll by a three-dimensional head, or roll alone (Krinidis and Pitas)
-    /// [default: full, with --method kp roll]
+    /// Head motion to remove: yaw, pitch and roll with a three-dimensional head (`full`), or `roll` only [default: full; roll with
+    /// --method kp]
     #[arg(long, value_parser = words::<PoseMode>(&["full", "roll"]))]
     pose: Option<PoseMode>,
-    /// The unit of the eyes' motion, IRISD0: the opening of the neutral face's lids (MPEG-4), or the height of its iris boxes (Candide-3's
-    /// report) [default: lids, with --method kp boxes]
+    /// Unit of eye motion, IRISD0: the opening of the neutral lids (MPEG-4), or the height of the neutral iris boxes (Candide-3's report)
+    /// [default: lids; boxes with --method kp]
     #[arg(long, value_parser = words::<IrisdMode>(&["lids", "boxes"]), value_name = "WHAT")]
     irisd: Option<IrisdMode>,
-    /// Share of models trimmed per displacement field
+    /// Share of the models to trim from each displacement field, from 0 to less than 0.5
     #[arg(long, default_value_t = StatisticsOptions::default().alpha, value_parser = alpha)]
     alpha: f64,
-    /// What is trimmed: displacement fields, each in its own order (frame), or whole models
+    /// What to trim: single displacement fields, ranked per frame (`frame`), or whole models (`model`)
     #[arg(long, default_value = "frame", value_parser = words::<TrimLevel>(&["frame", "model"]))]
     trim: TrimLevel,
-    /// What has the same weight: every person, however many sequences they have, or every sequence [default: person]
+    /// What gets equal weight: every person, whatever the number of sequences, or every sequence [default: person]
     #[arg(long, value_parser = words::<Weighting>(&["person", "sequence"]), value_name = "WHAT")]
     weight: Option<Weighting>,
-    /// Which generalized median becomes the representative; the gap between the two is always reported
+    /// Generalized median that becomes the representative; the gap between the two is always reported
     #[arg(long, default_value = "greedy", value_parser = words::<MedianKind>(&["greedy", "exact"]))]
     median: MedianKind,
 }
@@ -251,14 +259,15 @@ impl ModelArgs {
 #[command(next_help_heading = "Normalization and statistics")]
 #[command(group(clap::ArgGroup::new("tested").args(["by", "covariate"]).multiple(true)))]
 pub struct ColumnArgs {
-    /// Columns of the manifest to group by, besides the emotion
+    /// Manifest columns to group by, in addition to the emotion; separated by commas
     #[arg(long, value_delimiter = ',', value_name = "COLUMN")]
     by: Vec<String>,
-    /// Columns of the manifest, such as age or site: people exchange their labels in tests with people of the same value only
+    /// Manifest columns, such as site, that define strata: tests permute labels only between people with the same values
     #[arg(long, value_delimiter = ',', value_name = "COLUMN", requires = "tested")]
     strata: Vec<String>,
-    /// Columns of numbers in the manifest, such as age: whether the expressions change with them is tested, and what they are like at low and at
-    /// high numbers is written
+    /// Numeric manifest columns, such as age: test whether the expressions change with them
+    ///
+    /// Also writes what the expressions look like at low and at high values.
     #[arg(long, value_delimiter = ',', value_name = "COLUMN")]
     covariate: Vec<String>,
 }
@@ -279,40 +288,40 @@ pub struct AnalysisArgs {
     models: ModelArgs,
     #[command(flatten)]
     columns: ColumnArgs,
-    /// Amplitudes that differ by less than this count as equivalent, in times the median motion
+    /// Largest difference of amplitudes that counts as equivalent, in multiples of the median motion
     #[arg(long, default_value_t = AmplitudeOptions::default().equivalence, value_parser = positive, value_name = "AMPLITUDE")]
     equivalence: f64,
-    /// Power, 0.5 to 0.99, for which the number of people that a study would take is given
+    /// Power, 0.5 to 0.99, for which the results report the number of people a study needs
     #[arg(long, default_value_t = AmplitudeOptions::default().power, value_parser = power, value_name = "SHARE")]
     power: f64,
-    /// Permutations of a test between groups, or by a number
+    /// Number of permutations of every test
     #[arg(long, default_value_t = CompareOptions::default().permutations, value_parser = count(99, 10_000_000), value_name = "COUNT")]
     permutations: usize,
-    /// Most people of a group, or with a number, that a test uses; of more as many are drawn by the seed
+    /// Maximum number of people per group, or per numeric column, in a test; more are reduced by a random draw
     #[arg(long, default_value_t = CompareOptions::default().people, value_parser = count(5, 2000), value_name = "COUNT")]
     test_people: usize,
-    /// Draws of people for the 95 % interval of every dispersion, where there are groups; 0 for none
+    /// Number of bootstrap draws of people for the 95 % interval of every dispersion, with groups only; 0 for no intervals
     #[arg(long, default_value_t = GroupOptions::default().bootstrap, value_parser = count(0, 1_000_000), value_name = "COUNT")]
     bootstrap: usize,
-    /// Seed of permutations and draws
+    /// Random seed of permutations and draws
     #[arg(long, default_value_t = CompareOptions::default().seed)]
     seed: u64,
-    /// Write all normalized models into one Parquet file, models.parquet, too
+    /// Also write all normalized models into one Parquet file, models.parquet
     #[arg(long)]
     columnar: bool,
-    /// Interpolated frames between two of the five key frames of a FAP file
+    /// Number of interpolated frames between every two of the five key frames of a FAP file
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u16).range(0..=10_000), value_name = "FRAMES")]
     between: u16,
-    /// Neutral photograph, frontal, that the report shows the representatives on, instead of a composite portrait
+    /// Photograph on which the report shows the representatives, a neutral face from the front; by default a composite portrait
     #[arg(long, alias = "report-face", value_name = "PORTRAIT")]
     portrait: Option<PathBuf>,
-    /// Marked points on the portrait: node,x,y, or 68 landmarks as point,x,y; found in it if none are given
+    /// Marked points on the portrait, a CSV file node,x,y, or 68 landmarks point,x,y, in pixels; by default found in it
     #[arg(short, long, alias = "report-marks", requires = "portrait", value_name = "C.csv")]
     correspondences: Option<PathBuf>,
-    /// Wireframes only: no picture of a person in the report or beside it
+    /// Show wireframes only; write no picture of a person into the report or its folder
     #[arg(long, conflicts_with = "portrait")]
     no_faces: bool,
-    /// Frame rate of the FAP files; 25 unless given, and always for Greta
+    /// Frames per second of the FAP files; by default 25, the only rate for Greta
     #[arg(long, value_parser = whole::<u32>(1, 1000))]
     fps: Option<u32>,
     #[command(flatten)]
@@ -322,8 +331,10 @@ pub struct AnalysisArgs {
 /// Whom FAP files are written for.
 #[derive(Debug, clap::Args)]
 pub struct ProfileArgs {
-    /// Reader that FAP files are written for; `strict` is the subset that all of them read, `xface` sets lip values that are 0 to 1 where
-    /// Xface would show the other contour's, `greta` is at 25 frames per second and has a blank behind each mask
+    /// Program that will read the FAP files; `strict` writes the subset that all of them read
+    ///
+    /// `xface` changes lip values of 0 to 1 where Xface would show those of the other contour. `greta` uses 25 frames per second and writes a
+    /// blank after each mask.
     #[arg(long, default_value_t, value_name = "strict|xface|greta|visage")]
     pub profile: Profile,
 }
@@ -363,15 +374,17 @@ impl AnalysisArgs {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Marks and landmarks")]
 pub struct MarksArgs {
-    /// Marks of a sequence or picture that has no correspondences: `auto` takes all its landmarks, each by its expected error, or
-    /// finds marks in the neutral frame where there are none; `default` (corners of eyes and mouth, chin, ends of the brows),
-    /// `high`, `all`, or a list of nodes such as 20,23,53,56,31,64,10 take such landmarks and find nothing
+    /// Landmarks to use as marks if there are no correspondences: auto, default, high, all, or a list of nodes
+    ///
+    /// `auto` uses all landmarks, weighted by their expected errors, and finds marks in the neutral frame if there are no landmarks. The
+    /// others use only the chosen landmarks and find none: `default` (corners of eyes and mouth, chin, ends of the brows), `high`, `all`, or a
+    /// list of nodes such as 20,23,53,56,31,64,10.
     #[arg(long, default_value = "auto", value_parser = landmark_marks, value_name = "WHICH")]
     pub marks: LandmarkSelection,
-    /// Least confidence, 0 to 1, at which a frame of a landmark file that tells one counts; frames under it are lost
+    /// Minimum confidence, 0 to 1, of a frame in a landmark file that has a confidence; frames below are lost
     #[arg(long, default_value_t = LandmarkOptions::default().least_confidence, value_parser = share, value_name = "SHARE")]
     landmark_confidence: f64,
-    /// Drive sequences by their landmarks even where they have images
+    /// Use the landmarks of a sequence instead of its images, if it has both
     #[arg(long)]
     prefer_landmarks: bool,
 }
@@ -386,7 +399,7 @@ impl MarksArgs {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Marks and landmarks")]
 pub struct CheckArgs {
-    /// Hold marks that are given against the face that is read in the neutral frame, and say so where they lie beside it
+    /// Compare given marks with the face found in the neutral frame, and report marks that do not fit it
     #[arg(long, default_value = "on", value_parser = switch, action = clap::ArgAction::Set, value_name = "on|off")]
     check_marks: bool,
 }

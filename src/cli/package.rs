@@ -17,7 +17,7 @@ Examples:
   grimace completions zsh > ~/.zfunc/_grimace
   grimace completions fish > ~/.config/fish/completions/grimace.fish")]
 pub struct CompletionsArgs {
-    /// The shell
+    /// Shell to write the completions for
     shell: Shell,
 }
 
@@ -28,7 +28,7 @@ Examples:
   grimace man | man -l -
   grimace man -o /usr/local/share/man/man1")]
 pub struct ManArgs {
-    /// Folder for a page of every command; without it the page of `grimace` is printed
+    /// Folder for the pages of all commands; by default the page of `grimace` is printed
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
 }

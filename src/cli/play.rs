@@ -24,7 +24,7 @@ use super::{
 /// Heights of the picture of a face in the page, px.
 const HEIGHT: u32 = 640;
 
-/// A page that plays motions on faces.
+/// Make a web page that plays motions on faces.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -33,23 +33,25 @@ Examples:
   grimace play results/fap/*.fap --portrait anna.jpg ben.png -o both.html
   grimace play results/representatives/*.csv --bank head -o head.html
 
-The page is one file that needs nothing else and sends nothing anywhere. It plays every motion on every face, two of them side by side \
-if asked, stronger or weaker, slower or faster; it draws the FAPs over time, moves the face by single FAPs, and saves frames as PNG. \
-It holds the portraits that are given: who has the page has the pictures.")]
+The page is a single file that works offline and sends no data. It plays every motion on every face, also two side by side, at any \
+strength and speed. It plots the FAPs over time, moves the face by single FAPs, and saves frames as PNG. The page contains the portraits: \
+whoever gets the page gets the pictures.")]
 pub struct Args {
-    /// What moves: representatives or normalized models (.csv), tracks (.csv), FAP files (.fap)
+    /// Motions to play: representatives, normalized models or tracks (.csv), or FAP files (.fap)
     #[arg(required = true, value_name = "MOTION")]
     motions: Vec<PathBuf>,
-    /// Neutral photographs, frontal, to play on; a face that ships with the program if none is given
+    /// Photographs to play on, neutral faces from the front; by default a built-in face
     #[arg(long, num_args = 1.., value_name = "PORTRAIT")]
     portrait: Vec<PathBuf>,
-    /// Marked points on each portrait, in the same order: node,x,y, or 68 landmarks as point,x,y; found in the portraits if none is given
+    /// Marked points on each portrait, in the same order; by default found in the portraits
+    ///
+    /// A CSV file with the columns node,x,y, or 68 landmarks as point,x,y; pixels.
     #[arg(short, long, num_args = 1.., requires = "portrait", value_name = "C.csv")]
     correspondences: Vec<PathBuf>,
-    /// Dense head to play on, too, or instead of a portrait: a bank file, or `head` or `candide` for an embedded one
+    /// Dense head to play on, in addition to the portraits: a bank file, or `head` or `candide` for an embedded bank
     #[arg(short, long, value_name = "BANK")]
     bank: Option<PathBuf>,
-    /// The page
+    /// HTML page to write
     #[arg(short, long, value_name = "PLAYER.html")]
     output: PathBuf,
     #[command(flatten)]

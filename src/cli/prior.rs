@@ -15,28 +15,32 @@ use super::{
     shared::{LearnedFileArgs, check_free, file_name, quoted},
 };
 
-/// Learn a shape prior for the fit.
+/// Learn a shape prior for the fit from landmarks of neutral faces.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Example:
   grimace prior landmarks68.csv -o people.json --credit \"Whose faces these are, and the licence\"
   grimace run faces -o results --prior people.json
 
-LANDMARKS is a CSV file with the columns x0,y0,...,x67,y67 (68 points in the iBUG order, pixels, y down) and a column person, subject or \
-frame; every row is one face, and where there is a column state only the rows of --state are taken. It may also be a table of nodes \
-(person,node,x,y, or what `grimace locate` wrote), or a dataset whose manifest names landmarks: the neutral frame of each subject. \
-Take one neutral face of each person; 10 are the least, 50 and more make a good prior. The file holds a mean face and its modes, no one's own landmarks.")]
+LANDMARKS is one of:
+  a CSV file with the columns x0,y0,...,x67,y67 (68 points in the iBUG order, pixels, y down) and a column person, subject or frame; \
+every row is one face; with a column state only the rows of --state are used
+  a table of nodes (person,node,x,y, or the output of `grimace locate`)
+  a dataset whose manifest names landmarks; the neutral frame of each subject is used
+
+Give one neutral face per person: at least 10 people, better 50 or more. The prior holds the mean face and its modes, not the landmarks of \
+any person.")]
 pub struct Args {
     /// Landmarks of neutral faces: CSV files or datasets
     #[arg(required = true, value_name = "LANDMARKS")]
     landmarks: Vec<PathBuf>,
-    /// The prior, JSON
+    /// Prior file to write (JSON)
     #[arg(short, long, value_name = "PRIOR.json")]
     output: PathBuf,
-    /// State of the rows to take, where a file has a column `state`
+    /// State of the rows to use, in files with a column `state`
     #[arg(long, default_value = "neutral")]
     state: String,
-    /// Modes to keep
+    /// Number of modes to keep
     #[arg(long, default_value_t = DEFAULT_MODES)]
     modes: usize,
     #[command(flatten)]

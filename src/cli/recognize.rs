@@ -32,40 +32,50 @@ use crate::{
     units::SequenceId,
 };
 
-/// Label sequences by the expressions of people seen before.
+/// Recognize the expressions of sequences, after learning from labelled ones.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
   grimace recognize --with results new-people/tracks/*.csv -o recognition.csv
   grimace recognize --with results new-people anna.mp4 -o recognition.csv
 
-What is no track is tracked first, as the run in OUT was (options of fit, tracker and marks in its run.json), and nothing of it is kept: a dataset (a folder with manifest.csv, or in \
-the layout of Cohn-Kanade, which needs no emotions here), a folder of the frames of one sequence, neutral first, or a video. Marks are found where there are none. Of a folder that \
-has tracks of its own, as results do, these are taken. A folder S005/001 or S005_001, and a video S005_001.mp4 or S005/001.mp4, is sequence 001 of S005; anna.mp4 is of anna. What \
-cannot be tracked is named as `run` names it, and the others are recognized; of two that are called the same the first is taken.
+An INPUT is a track or a folder with tracks, a dataset (a folder with manifest.csv, or in the layout of Cohn-Kanade; emotions are not \
+needed), a folder with the frames of one sequence, neutral first, or a video. `recognize` tracks all inputs that are not tracks, with the options of \
+the run in OUT (fit, tracker and marks in its run.json), finds missing marks, and keeps no tracks. If a folder contains tracks, only these are used. A folder S005/001 or \
+S005_001 and a video S005_001.mp4 or S005/001.mp4 are sequence 001 of subject S005; anna.mp4 is of subject anna. Inputs that cannot be \
+tracked are reported and skipped. Of two inputs with the same name, the first is used.
 
-Columns: subject, sequence, emotion (where the track's .json or the manifest names one), recognized, probability, p_LABEL for every label, distance \
-(squared, in standard deviations within labels), typicality (share of known sequences that are as far from their label; beyond all of them, by how their distances scatter; of a sequence that moves \
-less than all of them, at most the chance of that), id. A sequence that is less typical than --none is `none of these`. Probabilities are calibrated on people who were left out.
+Columns:
+  subject, sequence
+  emotion            label in the track's .json or in the manifest, if there is one
+  recognized         most probable label, or `none of these` if typicality is below --none
+  probability        of the most probable label; calibrated on held-out people
+  p_LABEL            probability of every label
+  distance           squared, in standard deviations within labels
+  typicality         share of the known sequences that are as far from their label
+  id
 
-Exit status: 0 done, 1 nothing recognized, 2 bad usage, 3 some sequences failed.")]
+For a sequence beyond all known ones, typicality is extrapolated from the spread of their distances. For a sequence that moves less than all known ones, it is at \
+most the chance of so little motion.
+
+Exit status: 0 done, 1 nothing recognized, 2 wrong usage, 3 some sequences failed.")]
 pub struct Args {
-    /// What to label: tracks or folders of them, datasets, folders of the frames of one sequence, videos
+    /// Sequences to recognize: tracks, folders of tracks, datasets, folders with the frames of one sequence, or videos
     #[arg(required = true, value_name = "INPUT")]
     inputs: Vec<PathBuf>,
     /// Results of `run`, or a folder of labelled tracks, to learn from
     #[arg(long, value_name = "OUT")]
     with: PathBuf,
-    /// Dataset or manifest that says the emotions of the tracks to learn from, where no .json beside them does
+    /// Dataset or manifest with the emotions of the tracks of --with, if the .json beside them has none
     #[arg(long, value_name = "DATASET")]
     dataset: Option<PathBuf>,
-    /// Table to write; without it, it is printed
+    /// Table to write; by default it is printed
     #[arg(short, long, value_name = "FILE.csv")]
     output: Option<PathBuf>,
-    /// Typicality, 0 to 1, under which a sequence is none of the labels; 0 never says so
+    /// Minimum typicality, 0 to 1; below it the result is `none of these`; 0 switches this off
     #[arg(long, default_value_t = NONE_LEVEL, value_parser = share, value_name = "SHARE")]
     none: f64,
-    /// Threads; 0 for one per processor
+    /// Number of threads; 0 uses one per processor
     #[arg(short = 'j', long, default_value_t = 0)]
     threads: usize,
     #[command(flatten)]

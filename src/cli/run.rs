@@ -16,25 +16,25 @@ use super::{
     },
 };
 
-/// The main job: every stage over a dataset.
+/// Run all stages over a dataset: track, normalize, compute representatives, write FAP files and a report.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Example:
   grimace run faces -o results --by cohort --overlay results/overlays
 
-A DATASET is a folder with manifest.csv (subject,sequence,emotion and more) or with the layout of Cohn-Kanade. Interrupted or run \
-again, it goes on where it stopped: sequences whose files did not change (by content) are kept. One bad sequence costs that sequence: \
-it is named in failures.csv and the exit status is 3.")]
+DATASET is a folder with manifest.csv (subject,sequence,emotion and more) or in the layout of Cohn-Kanade. After an interruption, run the \
+command again: it keeps all sequences whose files have the same content. A sequence that fails does not stop the others: `run` lists it in \
+failures.csv, and the exit status is 3.")]
 pub struct Args {
-    /// Dataset folder, or its manifest file
+    /// Dataset folder or manifest file
     dataset: PathBuf,
-    /// Folder for tracks, models, representatives, FAP files, tables and the report
+    /// Output folder for tracks, models, representatives, FAP files, tables and the report
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
-    /// Folder for pictures of the wireframe on the neutral and apex frame of every sequence
+    /// Output folder for pictures of the wireframe on the neutral and apex frame of every sequence
     #[arg(long, value_name = "DIR", conflicts_with_all = ["no_faces", "plan", "part", "emotion"])]
     overlay: Option<PathBuf>,
-    /// Threads; 0 for one per processor
+    /// Number of threads; 0 uses one per processor
     #[arg(short = 'j', long, default_value_t = 0, value_parser = thread_count)]
     threads: usize,
     #[command(flatten)]
@@ -60,13 +60,13 @@ pub struct Args {
 #[command(next_help_heading = "Division of a run (see docs/scale.md)")]
 #[group(multiple = false)]
 struct DivisionArgs {
-    /// Begin a run in OUT and print what there is to do as JSON, no more
+    /// Only start a run in OUT and print its steps as JSON
     #[arg(long)]
     plan: bool,
-    /// Track and normalize the K-th of N equal parts of the sequences, no more
+    /// Only track and normalize part K of N of the sequences, such as 3/24
     #[arg(long, value_parser = part, value_name = "K/N")]
     part: Option<(usize, usize)>,
-    /// Compute the statistics of one emotion ahead, no more
+    /// Only compute the statistics of one emotion
     #[arg(long, value_name = "EMOTION")]
     emotion: Option<String>,
 }

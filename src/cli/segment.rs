@@ -33,50 +33,53 @@ use super::{
     },
 };
 
-/// Find expressions in whole recordings, and propose sequences from neutral to apex.
+/// Find expressions in recordings and propose sequences from neutral to apex.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Example:
   grimace segment interview.mp4 -o segments.csv --subject P01 --emotion happiness --overlay interview-film.mp4
   grimace run segments.csv -o results
 
-SEGMENTS.csv is a manifest for `run`, `annotate` and `locate`, a row for every expression: subject, sequence (STEM-01, STEM-02, ... after \
-the recording's name), emotion, frames, first_frame (neutral) and last_frame (apex; it may lie before the neutral one), correspondences, fps, \
-and how sure it is, 0 to 1. Beside it stands a folder of the same name with the marks and a picture of every proposal, and a row for every \
-frame of every recording: phase, pose, action units. Emotions are not recognized: correct the labels in the table. Run again with --force, recordings \
-that did not change are kept, and so is what was written into the table of the same frames; rows that were deleted there stay deleted. See docs/recordings.md.
+SEGMENTS.csv is a manifest for `run`, `annotate` and `locate`, with one row per expression: subject, sequence (STEM-01, STEM-02, ... with the \
+name of the recording), emotion, frames, first_frame (neutral), last_frame (apex; it may come before the neutral frame), correspondences, fps, \
+and the confidence of the proposal, 0 to 1. A folder of the same name holds the marks and a picture of every proposal, and for every recording a table with \
+phase, pose and action units of each frame. `segment` does not recognize emotions: correct the labels in the table.
 
-Exit status: 0 done, 3 where nothing is proposed for a recording, 1 where that is so for all of them.")]
+With --force you can run it again: recordings that did not change are kept, also your edits of rows for the same frames; deleted rows stay \
+deleted. See docs/recordings.md.
+
+Exit status: 0 done, 1 no proposals for any recording, 3 no proposals for some recordings.")]
 pub struct Args {
     /// Videos, or folders of images in order
     #[arg(required = true, value_name = "RECORDING")]
     recordings: Vec<PathBuf>,
-    /// The table of proposed sequences
+    /// Table of proposed sequences to write
     #[arg(short, long, value_name = "SEGMENTS.csv")]
     output: PathBuf,
-    /// Who is seen; the name of each recording if not given
+    /// Subject of the recordings; by default the name of each recording
     #[arg(long)]
     subject: Option<String>,
-    /// Emotion label of all proposals
+    /// Emotion label for all proposals
     #[arg(long, default_value = UNLABELLED)]
     emotion: String,
-    /// Marked points on a neutral frame of the (only) recording; found by themselves if not given
+    /// Marked points on a neutral frame of the recording, a CSV file node,x,y; by default found. Needs a single recording
     #[arg(short, long, value_name = "C.csv", requires = "neutral_frame")]
     correspondences: Option<PathBuf>,
-    /// Number of the frame that the marks are for
+    /// Number of the frame of --correspondences
     #[arg(long, value_name = "NUMBER", requires = "correspondences")]
     neutral_frame: Option<u32>,
-    /// Frames per second, instead of what the recording says; 25 where neither does
+    /// Frames per second; by default those of the recording, or 25
     #[arg(long, value_parser = frame_rate)]
     fps: Option<f64>,
-    /// A film (.mp4, .webm) of the (only) recording with wireframe, pose, phases and the strongest action units, or a folder for
-    /// one of each
+    /// Film to write (.mp4, .webm), or a folder for one film per recording
+    ///
+    /// It shows the wireframe, the pose, the phases and the strongest action units.
     #[arg(long, value_name = "FILM|DIR", conflicts_with = "no_faces")]
     overlay: Option<PathBuf>,
-    /// No picture of the proposals
+    /// Do not write pictures of the proposals
     #[arg(long)]
     no_faces: bool,
-    /// Threads; 0 for one per processor
+    /// Number of threads; 0 uses one per processor
     #[arg(short = 'j', long, default_value_t = 0, value_parser = thread_count)]
     threads: usize,
     #[command(flatten)]
@@ -95,16 +98,16 @@ pub struct Args {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Rests and expressions")]
 pub struct Thresholds {
-    /// Shortest expression, s; what goes up and down within it is a blink or speech
+    /// Shortest expression, in seconds; shorter activity is a blink or speech
     #[arg(long, default_value_t = SegmentOptions::default().shortest, value_parser = positive, value_name = "SECONDS")]
     shortest: f64,
-    /// Activity that an expression reaches, in intensities of action units (0 to 5)
+    /// Activity that an expression must reach, in intensities of action units (0 to 5)
     #[arg(long, default_value_t = SegmentOptions::default().high, value_parser = positive, value_name = "ACTIVITY")]
     high: f64,
-    /// Activity at which it begins and ends
+    /// Activity at which an expression begins and ends, in intensities of action units (0 to 5)
     #[arg(long, default_value_t = SegmentOptions::default().low, value_parser = positive, value_name = "ACTIVITY")]
     low: f64,
-    /// Activity up to which a frame is at rest
+    /// Largest activity of a frame at rest, in intensities of action units (0 to 5)
     #[arg(long, default_value_t = SegmentOptions::default().rest, value_parser = positive, value_name = "ACTIVITY")]
     rest: f64,
 }

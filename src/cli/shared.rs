@@ -35,7 +35,7 @@ pub fn are(things: usize) -> &'static str {
 /// What is read as a picture, for every command.
 #[derive(Debug, clap::Args)]
 pub struct PictureArgs {
-    /// Largest picture or video frame that is read, pixels, such as 200000000; a larger one is refused by its header
+    /// Largest picture or video frame to read, as a number of pixels such as 200000000; larger ones are refused
     #[arg(
         long, global = true, default_value_t = DEFAULT_MAX_PIXELS, value_parser = pixels,
         value_name = "PIXELS", help_heading = "General"
@@ -65,13 +65,13 @@ impl PictureArgs {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "General")]
 pub struct GeneralArgs {
-    /// A .wfm wireframe with Candide-3's node numbers, instead of Candide-3
+    /// Wireframe (.wfm) to use instead of Candide-3; it must have Candide-3's node numbers
     #[arg(long, value_name = "FILE")]
     wireframe: Option<PathBuf>,
-    /// Write over results that are there
+    /// Overwrite existing results
     #[arg(long)]
     pub force: bool,
-    /// No progress bar, no summary
+    /// Print no progress bar and no summary
     #[arg(short, long)]
     pub quiet: bool,
 }
@@ -194,13 +194,13 @@ pub fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
 /// What commands that learn a file to be passed on have in common.
 #[derive(Debug, clap::Args)]
 pub struct LearnedFileArgs {
-    /// Whom to credit for the data learned from, and their licence; written into the file
+    /// Credit and licence of the training data, written into the file
     #[arg(long, default_value = "", value_name = "TEXT")]
     pub credit: String,
-    /// Write over a file that is there
+    /// Overwrite an existing file
     #[arg(long)]
     pub force: bool,
-    /// No summary
+    /// Print no summary
     #[arg(short, long)]
     pub quiet: bool,
 }

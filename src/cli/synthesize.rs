@@ -39,11 +39,9 @@ Examples:
   grimace synthesize --bank head --motion smile.fap --portrait anna.jpg -o anna
   grimace synthesize --bank face.bank --motion points.csv --solver ga --crossover line --seed 3 --history -o points
 
-The motion is a representative or a normalized model (frame,node,x,y), a track (frame,node,x,y,state,...), a .fap file, or a CSV \
-file frame,fp,dx,dy,dz in the bank's unit (dz empty or missing for motion in the plane). The first three are seen from the front: they \
-are compared in the x-y plane and scaled by the facial animation units of the bank. Writes into OUT: animation.glb (metres; morph targets with \
-the members' names, one animation for each motion), weights.csv, fitness.csv, synthesis.json, contact_sheet.png, turntable.png, turntable.gif, arkit.csv where the \
-shapes have ARKit names, and on request surface.npy, obj/, ply/ and history.csv.";
+A motion is a representative or a normalized model (frame,node,x,y), a track (frame,node,x,y,state,...), a .fap file, or a CSV file \
+frame,fp,dx,dy,dz in the unit of the bank (dz empty or missing for motion in the plane). The first three are seen from the front: they are \
+compared in the x-y plane and scaled by the facial animation units of the bank.
 
 /// Dense animation from the motion of feature points.
 #[derive(Debug, clap::Args)]
@@ -52,39 +50,40 @@ pub struct Args {
     /// Bank file, or `head` or `candide` for an embedded bank
     #[arg(short, long, value_name = "BANK")]
     pub bank: PathBuf,
-    /// Representatives, models, tracks, .fap files or CSV files of feature point motions; of several, one animation.glb has an
-    /// animation each, and the other files are in a folder each
+    /// Motions: representatives, models, tracks, .fap files, or CSV files of feature point motion
+    ///
+    /// With several motions, animation.glb has one animation for each, and the other files of each motion are in its own folder.
     #[arg(short, long, required = true, num_args = 1.., value_name = "FILE")]
     motion: Vec<PathBuf>,
-    /// Folder of the results; must be new or empty, or --force
+    /// Output folder; must be new or empty, unless --force is given
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
-    /// Files to write
+    /// Formats to write, separated by commas
     #[arg(long, value_enum, value_delimiter = ',', default_value = "glb,pictures", value_name = "LIST")]
     format: Vec<Format>,
-    /// Neutral photograph, frontal, that the skin of the head wears
+    /// Photograph to use as the skin of the head, a neutral face from the front
     #[arg(long, value_name = "IMAGE")]
     pub portrait: Option<PathBuf>,
-    /// Marks of the portrait, node,x,y; without them they are found
+    /// Marked points on the portrait, a CSV file node,x,y in pixels; by default found in it
     #[arg(long, value_name = "C.csv", requires = "portrait")]
     pub correspondences: Option<PathBuf>,
-    /// True surface to compare with, as --format npy writes it
+    /// True surface to compare with, in the format of --format npy
     #[arg(long, value_name = "NPY")]
     truth: Option<PathBuf>,
-    /// Write the course of every run of the genetic algorithm to history.csv
+    /// Write every generation of the genetic algorithm to history.csv
     #[arg(long)]
     history: bool,
     #[command(flatten)]
     search: SearchArgs,
     #[command(flatten)]
     time: TimeArgs,
-    /// Threads; 0 for one per processor. The results do not depend on it
+    /// Number of threads; 0 uses one per processor. The results do not depend on it
     #[arg(short = 'j', long, default_value_t = 0, value_parser = thread_count)]
     threads: usize,
-    /// Write into a folder that is not empty, over what an earlier `synthesize` wrote there; other files stay
+    /// Write into a folder that is not empty, and overwrite results of an earlier `synthesize`; other files stay
     #[arg(long)]
     force: bool,
-    /// No progress bar, no summary
+    /// Print no progress bar and no summary
     #[arg(short, long)]
     quiet: bool,
 }

@@ -13,17 +13,17 @@ use super::{
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum SolverWord {
-    /// The fittest member alone
+    /// The single best member
     Best,
-    /// Radial basis functions, without the bank
+    /// Radial basis functions, without the members of the bank
     Rbf,
     /// Non-negative least squares
     Nnls,
     /// The genetic algorithm as published
     Ga,
-    /// The genetic algorithm, then a climb from its answer
+    /// The genetic algorithm, then hill climbing from its result
     Refined,
-    /// The best of climbs from many starts
+    /// The best of many hill climbs from different starts
     Cosine,
 }
 
@@ -36,11 +36,11 @@ enum CrossoverWord {
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum SignsWord {
-    /// Any for motion in space, nonnegative for motion in the plane
+    /// `any` for motion in space, `nonnegative` for motion in the plane
     Auto,
-    /// Members may be subtracted
+    /// Weights may be negative: members can be subtracted
     Any,
-    /// Mixtures only
+    /// Weights of at least 0: mixtures only
     Nonnegative,
 }
 
@@ -48,16 +48,16 @@ enum SignsWord {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Search")]
 pub struct SearchArgs {
-    /// How weights are found
+    /// Solver that finds the weights of the members
     #[arg(long, value_enum, default_value = "refined")]
     solver: SolverWord,
-    /// Regions of the face that are searched each by itself: 1, 2 (right, left) or 4 (these, upper and lower)
+    /// Number of face regions that are solved separately: 1, 2 (right, left) or 4 (right and left, upper and lower)
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = regions)]
     regions: usize,
-    /// Width of the overlap of two regions over the width of the face
+    /// Width of the overlap of two regions, as a share of the width of the face
     #[arg(long, default_value_t = OVERLAP, value_name = "SHARE", value_parser = positive)]
     overlap: f64,
-    /// Emphasis level c: a factor on the motion
+    /// Emphasis c: a factor on the strength of the motion
     #[arg(short = 'c', long, default_value_t = 1.0, value_name = "C", value_parser = positive)]
     emphasis: f64,
     /// Crossover of the genetic algorithm
@@ -66,25 +66,25 @@ pub struct SearchArgs {
     /// Alpha of the BLX crossover
     #[arg(long, default_value_t = BLX_ALPHA)]
     alpha: f64,
-    /// Generations
+    /// Number of generations of the genetic algorithm
     #[arg(long, default_value_t = GENERATIONS, value_name = "N", value_parser = numbers::count(0, 1_000_000))]
     generations: usize,
-    /// Individuals; by default as many as the bank has members
+    /// Number of individuals; by default the number of members of the bank
     #[arg(long, value_name = "N", value_parser = numbers::count(1, 100_000))]
     population: Option<usize>,
-    /// Individuals drawn per generation
+    /// Number of individuals drawn per generation
     #[arg(long, default_value_t = TOURNAMENT_SIZE, value_name = "N", value_parser = numbers::count(1, 100_000))]
     tournament: usize,
-    /// Independent runs, of which the best counts
+    /// Number of independent runs; the best is used
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = numbers::count(1, 10_000))]
     runs: usize,
-    /// Seed of every draw
+    /// Random seed
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Which weights refinement and bound allow
+    /// Signs of the weights that the refinement and the bound allow
     #[arg(long, value_enum, default_value = "auto")]
     weights: SignsWord,
-    /// Starts of the search for the bound of the fitness; 0 for no bound
+    /// Number of starts of the search for the upper bound of the fitness; 0 for no bound
     #[arg(long, default_value_t = BOUND_STARTS, value_name = "N", value_parser = numbers::count(0, 100_000))]
     bound_starts: usize,
 }
@@ -93,26 +93,29 @@ pub struct SearchArgs {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Time and scale")]
 pub struct TimeArgs {
-    /// Width of the smoothing in time, frames; 0 for none
+    /// Width of the smoothing over time, in frames; 0 for no smoothing
     #[arg(long, default_value_t = SMOOTHING_FRAMES, value_name = "FRAMES")]
     pub smooth: f64,
-    /// Frames put between every two of the motion; by default 5 for representatives and models, 0 for others. A motion with a frame rate
-    /// of its own (a track, a FAP file) takes as long as before
+    /// Number of frames to insert between every two frames of the motion; by default 5 for representatives and models, else 0
+    ///
+    /// A motion with its own frame rate (a track, a FAP file) keeps its duration.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(0..=1000))]
     pub between: Option<u16>,
-    /// Frames per second of what is written; by default what the motion says, or 25. The frames stay, so another rate than the motion's own
-    /// makes it faster or slower (`grimace fap convert --fps` keeps how long a FAP file lasts)
+    /// Frames per second of the output; by default those of the motion, or 25
+    ///
+    /// All frames are kept, so another rate makes the motion faster or slower. `grimace fap convert --fps` changes the rate of a FAP file and
+    /// keeps its duration.
     #[arg(long, value_parser = frame_rate)]
     pub fps: Option<f64>,
-    /// Feature points that never move this share of the farthest moving one count as at rest; by default 0.05 for measured motion, 0 for
-    /// a CSV file of feature points
+    /// Motion below which a feature point counts as at rest, as a share of the largest motion of a feature point
+    ///
+    /// By default 0.05 for measured motion and 0 for a CSV file of feature points.
     #[arg(long, value_name = "SHARE")]
     pub noise: Option<f64>,
-    /// Hold the last frame for half a second and go back to the first the way it came: it plays round and round without a jump, whether or
-    /// not the motion begins at rest
+    /// Hold the last frame for half a second, then play the motion backwards to its first frame, so that it loops without a jump
     #[arg(long = "loop")]
     pub there_and_back: bool,
-    /// Bank units per face unit (1/1024 of the eye separation), instead of the bank's facial animation units
+    /// Bank units per face unit (1/1024 of the eye separation), to use instead of the bank's facial animation units
     #[arg(long, value_parser = gain, value_name = "FACTOR")]
     pub scale: Option<f64>,
 }

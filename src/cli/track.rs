@@ -21,36 +21,36 @@ use super::{
     shared::{CheckArgs, FitArgs, GeneralArgs, MethodArgs, TrackArgs, about, frame_rate, marks_or_found, stop_flag},
 };
 
-/// Track one sequence.
+/// Track one sequence from its neutral to its apex frame.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Example:
   grimace track faces/S001/001 --correspondences faces/S001/001/correspondences.csv -o S001_001.csv --emotion happiness --overlay pictures
 
-The track has one row for every node of every frame: frame,node,x,y,state,residual,expected_error. Lost nodes are placed by the springs and say so in \
-their state. Beside it stands a .json with the source, the options and what it was made from.")]
+The track has one row for every node of every frame: frame,node,x,y,state,residual,expected_error. The springs place lost nodes, and their \
+state shows it. A .json beside the track records the source files and the options.")]
 pub struct Args {
-    /// Folder of images in order, or a video; the first frame is neutral, the last the apex
+    /// Folder of images in order, or a video; the first frame is neutral, the last one the apex
     sequence: PathBuf,
-    /// Marked points on the first frame: node,x,y; found in it if not given
+    /// Marked points on the first frame, a CSV file node,x,y in pixels; by default found in it
     #[arg(short, long, value_name = "C.csv")]
     correspondences: Option<PathBuf>,
-    /// The track; SUBJECT_SEQUENCE.csv names subject and sequence
+    /// Track to write; a name SUBJECT_SEQUENCE.csv sets subject and sequence
     #[arg(short, long, value_name = "TRACK.csv")]
     output: PathBuf,
     /// Emotion label, for `analyze`
     #[arg(long, default_value = "unlabelled")]
     emotion: String,
-    /// Number of the neutral frame, as in the file name; where several numbers of the names vary, frames are counted from 1
+    /// Number of the neutral frame, as in the file name; if several numbers in the names vary, frames count from 1
     #[arg(long)]
     first_frame: Option<u32>,
     /// Number of the apex frame, as in the file name
     #[arg(long)]
     last_frame: Option<u32>,
-    /// Frames per second, instead of what a video says
+    /// Frames per second; by default those of the video
     #[arg(long, value_parser = frame_rate)]
     fps: Option<f64>,
-    /// Folder for a picture of the wireframe on every frame
+    /// Output folder for pictures of the wireframe on every frame
     #[arg(long, value_name = "DIR")]
     overlay: Option<PathBuf>,
     #[command(flatten)]

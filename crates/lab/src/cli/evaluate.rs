@@ -49,7 +49,7 @@ use grimace::internal::cli::{
 /// Version of the layout of `evaluation.json`.
 const SCHEMA_VERSION: u32 = 1;
 
-/// Experiments against ground truth: the accuracy of fit, tracker, clones and synthesis.
+/// Measure accuracy against ground truth: fit, tracker, clones, synthesis and more.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     #[command(subcommand)]
@@ -58,35 +58,35 @@ pub struct Args {
 
 #[derive(Debug, clap::Subcommand)]
 enum Experiment {
-    /// Intensities of action units against the strengths that made the faces.
+    /// Accuracy of the intensities of action units.
     ActionUnits(action_units::Args),
-    /// Marks beside the face of the picture: how many are noticed, and how many good ones are called so.
+    /// Detection of marks that do not fit the face: detection rate and false alarms.
     Beside(beside::Args),
-    /// Accuracy of clones: a sequence on its own neutral frame, and simulated people on each other.
+    /// Accuracy of clones: sequences cloned onto their own neutral frame, and simulated people onto each other.
     Clone(clone::Args),
-    /// Error of the fit by number and choice of marks, and which marks are best.
+    /// Error of the fit by number and choice of marks, and the best marks.
     Fit(fit::Args),
-    /// Every figure and table of both papers, in one folder.
+    /// Reproduce all figures and tables of both papers in one folder.
     Figures(figures::Args),
-    /// Error of the tracker over the frames, with and without deformation, beside plain KLT.
+    /// Error of the tracker per frame, with and without deformation, compared with plain KLT.
     Tracking(tracking::Args),
-    /// The tracker's expected errors against true ones; fits the model anew from simulated people.
+    /// Expected errors of the tracker against true errors; also trains their model on simulated people.
     Confidence(confidence::Args),
-    /// Fitness, surface error and time of the dense synthesis, every solver beside the genetic algorithm.
+    /// Fitness, surface error and time of the dense synthesis for every solver.
     Synthesis(synthesis::Args),
-    /// How much of a turning head is left in the models, and how right its pose is.
+    /// Accuracy of the head pose, and head motion left in the models.
     Pose(pose::Args),
-    /// Whether the nearest representative, made of other people, has the right emotion.
+    /// Accuracy of recognition by the representatives of other people.
     Recognition(recognition::Args),
-    /// How right found points are, on photographs with hand-set points.
+    /// Error of found points, on photographs with hand-set points.
     Locate(locate::Args),
-    /// How far fitted nodes are expected to sit from their place, against how far they do.
+    /// Expected errors of fitted nodes against true errors.
     Placement(placement::Args),
-    /// Size and power of the test between groups, on simulated people.
+    /// Size and power of the test between groups, and coverage of intervals, on simulated people.
     Groups(groups::Args),
-    /// Whether the expressions and rests of whole recordings are found.
+    /// Detection of expressions and rests in whole recordings.
     Segment(segment::Args),
-    /// Time and memory of the statistics by the number of models.
+    /// Time and memory of the statistics by number of models.
     Scale(scale::Args),
 }
 
@@ -139,19 +139,19 @@ fn locator(model: Option<&Path>) -> anyhow::Result<Cow<'static, Locator>> {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "General")]
 struct CommonArgs {
-    /// Folder for tables, figures and evaluation.json
+    /// Output folder for tables, figures and evaluation.json
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
-    /// Seed of people, marks and pictures
+    /// Random seed of people, marks and pictures
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Threads; 0 for one per processor
+    /// Number of threads; 0 uses one per processor
     #[arg(short = 'j', long, default_value_t = 0, value_parser = thread_count)]
     threads: usize,
     /// Write into a folder that is not empty
     #[arg(long)]
     force: bool,
-    /// No progress bar, no tables
+    /// Print no progress bar and no tables
     #[arg(short, long)]
     quiet: bool,
 }
@@ -247,7 +247,7 @@ fn bar(quiet: bool, what: &str, total: usize) -> ProgressBar {
 /// Heading of the options that make simulated sequences.
 const SIMULATION: &str = "Simulation, without a DATASET";
 
-/// Simulated sequences, where there is no dataset.
+/// Simulated sequences, if no dataset is given.
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = SIMULATION)]
 struct SimulationArgs {
@@ -263,10 +263,10 @@ struct SimulationArgs {
     /// Frames per sequence
     #[arg(long, default_value_t = 24, value_name = "N", conflicts_with = "dataset")]
     frames: usize,
-    /// Size of the frames, px
+    /// Size of the frames, in px
     #[arg(long, default_value = "640x480", value_name = "WxH", value_parser = size, conflicts_with = "dataset")]
     size: (u32, u32),
-    /// Standard deviation of the marks where a sequence starts from them, px
+    /// Standard deviation of the error of the marks, in px, for sequences that start from marks
     #[arg(long, default_value_t = 0.7, value_name = "PX", value_parser = grimace::internal::cli::shared::not_negative, conflicts_with = "dataset")]
     marks_noise: f64,
 }

@@ -32,13 +32,13 @@ Example:
   grimace simulate -o faces --subjects 4
   grimace evaluate fit -o fit-error
 
-The program grimace-lab, which `grimace` starts for these two commands.";
+`grimace` starts the program grimace-lab for these two commands.";
 
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Make synthetic sequences with exact ground truth.
     Simulate(simulate::Args),
-    /// Experiments against ground truth: the accuracy of fit, tracker, clones and synthesis.
+    /// Measure accuracy against ground truth: fit, tracker, clones, synthesis and more.
     Evaluate(evaluate::Args),
 }
 

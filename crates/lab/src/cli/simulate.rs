@@ -35,84 +35,88 @@ Examples:
   grimace simulate -o animated --photo portraits --fap happiness.fap --layout cohn-kanade
   grimace simulate -o recordings --recordings --subjects 3 --yaw 12 --pitch 8 --format jpg
 
-Writes faces/manifest.csv (with columns sex and cohort to group by), faces/S001/005/S001_005_00000001.png and so on with \
-correspondences.csv beside the frames, faces/truth/S001_005.csv with the exact position of every node in every frame (pixels), \
-and faces/simulate.json with all options. The sequence number is the Cohn-Kanade emotion code: 1 anger, 2 contempt, 3 disgust, \
-4 fear, 5 happiness, 6 sadness, 7 surprise; 8 and up are motions from FAP files. The same options give the same files.";
+Writes faces/manifest.csv (with the columns sex and cohort to group by), frames such as faces/S001/005/S001_005_00000001.png with \
+correspondences.csv beside them, faces/truth/S001_005.csv with the exact position of every node in every frame (pixels), and \
+faces/simulate.json with all options. The sequence number is the Cohn-Kanade emotion code: 1 anger, 2 contempt, 3 disgust, \
+4 fear, 5 happiness, 6 sadness, 7 surprise; numbers from 8 are motions from FAP files. The same options give the same files.";
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLE)]
 pub struct Args {
-    /// Folder of the dataset; must be new or empty.
+    /// Output folder of the dataset; must be new or empty, unless --force is given
     #[arg(short, long, value_name = "DATASET")]
     output: PathBuf,
-    /// Number of subjects; 4 rendered ones, or every portrait once.
+    /// Number of subjects; by default 4 rendered ones, or every portrait once
     #[arg(long, value_name = "N")]
     subjects: Option<u32>,
-    /// Emotions, separated by commas: anger, contempt, disgust, fear, happiness, sadness, surprise.
+    /// Emotions, separated by commas: anger, contempt, disgust, fear, happiness, sadness, surprise
     #[arg(long, value_delimiter = ',', value_name = "LIST", default_value = "anger,disgust,fear,happiness,sadness,surprise")]
     emotions: Vec<Emotion>,
-    /// One long recording of every subject instead of sequences: every emotion once, rests, speech, blinks, turns of the head, with
-    /// truth/expressions.csv and truth/rests.csv; --frames does not count.
+    /// Make one long recording of every subject instead of sequences
+    ///
+    /// A recording shows every emotion once, rests, speech, blinks and turns of the head. truth/expressions.csv and truth/rests.csv list the
+    /// expressions and rests.
     #[arg(long, conflicts_with_all = ["photo", "layout", "blink", "frames", "turn"])]
     recordings: bool,
-    /// Frames per sequence, from the neutral to the apex frame.
+    /// Number of frames per sequence, from the neutral to the apex frame
     #[arg(long, default_value_t = 24, value_name = "N")]
     frames: usize,
-    /// Size of the frames in pixels.
+    /// Size of the frames, in px
     #[arg(long, default_value = "640x480", value_name = "WxH", value_parser = parse_size, conflicts_with = "photo")]
     size: (u32, u32),
-    /// Seed of identities, expressions, motion and noise.
+    /// Random seed of identities, expressions, motion and noise
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Standard deviation of the pixel noise, in grey levels of 0 to 255.
+    /// Standard deviation of the pixel noise, in grey levels of 0 to 255
     #[arg(long, default_value_t = 1.5, value_name = "SIGMA")]
     noise: f64,
-    /// Largest roll of the head, in degrees.
+    /// Largest roll of the head, in degrees
     #[arg(long, default_value_t = 4.0, value_name = "DEG")]
     roll: f64,
-    /// Largest yaw of the head, in degrees.
+    /// Largest yaw of the head, in degrees
     #[arg(long, default_value_t = 0.0, value_name = "DEG")]
     yaw: f64,
-    /// Largest pitch of the head, in degrees.
+    /// Largest pitch of the head, in degrees
     #[arg(long, default_value_t = 0.0, value_name = "DEG")]
     pitch: f64,
-    /// When the head has its yaw and pitch: any angles within them, frontal in the neutral frame and all of them at the apex, or all of
-    /// them throughout.
+    /// How the head turns within --yaw and --pitch
+    ///
+    /// `free`: by random angles within these limits. `during`: from a frontal neutral frame to the full angles at the apex. `throughout`: by
+    /// the full angles in all frames.
     #[arg(long, value_enum, default_value_t = Turn::Free)]
     turn: Turn,
-    /// Largest shift of the head, in pixels.
+    /// Largest shift of the head, in px
     #[arg(long, default_value_t = 6.0, value_name = "PX")]
     shift: f64,
-    /// Share of the sequences in which the eyes blink once, 0 to 1.
+    /// Share of the sequences with one blink, 0 to 1
     #[arg(long, default_value_t = 0.0, value_name = "SHARE")]
     blink: f64,
-    /// Largest relative change of the head's size.
+    /// Largest relative change of the head's size
     #[arg(long, default_value_t = 0.02, value_name = "SHARE")]
     scale_change: f64,
-    /// How the dataset lies on disk: with a manifest, or in the folders of Cohn-Kanade with exact landmarks for every frame.
+    /// Layout of the dataset: with a manifest, or in the folders of Cohn-Kanade with exact landmarks for every frame
     #[arg(long, value_enum, default_value_t = Layout::Manifest)]
     layout: Layout,
-    /// File format of the frames.
+    /// File format of the frames
     #[arg(long, value_enum, default_value_t = Format::Png)]
     format: Format,
-    /// Quality of JPEG frames, 1 to 100.
+    /// Quality of JPEG frames, 1 to 100
     #[arg(long, default_value_t = 90, value_name = "Q")]
     quality: u8,
-    /// Standard deviation of the error of each mark in correspondences.csv, in pixels.
+    /// Standard deviation of the error of the marks in correspondences.csv, in px
     #[arg(long, default_value_t = 0.5, value_name = "PX")]
     marks_noise: f64,
-    /// Frame rate stated in the manifest.
+    /// Frames per second stated in the manifest
     #[arg(long, default_value_t = 25.0)]
     fps: f64,
-    /// Threads; 0 for one per processor.
+    /// Number of threads; 0 uses one per processor
     #[arg(short = 'j', long, value_name = "N", default_value_t = 0, value_parser = thread_count)]
     threads: usize,
-    /// Write into a folder that is not empty.
+    /// Write into a folder that is not empty
     #[arg(long)]
     force: bool,
-    /// No progress bar, no summary.
+    /// Print no progress bar and no summary
     #[arg(short, long)]
     quiet: bool,
     #[command(flatten)]
@@ -124,16 +128,16 @@ pub struct Args {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Photographs instead of rendered faces")]
 struct PhotographArgs {
-    /// Neutral portrait to animate, or a folder of them with marks beside each, or a dataset: its neutral frames.
+    /// Neutral portrait to animate, a folder of portraits with marks beside each, or a dataset, whose neutral frames are animated
     #[arg(long, value_name = "IMAGE|FOLDER")]
     photo: Option<PathBuf>,
-    /// 68 landmarks of the portrait: point,x,y, or frame,x0,y0,...
+    /// 68 landmarks of the portrait, a CSV file point,x,y, or frame,x0,y0,...; pixels
     #[arg(long, value_name = "L.csv", requires = "photo", conflicts_with = "correspondences")]
     landmarks: Option<PathBuf>,
-    /// Marks of the portrait: node,x,y.
+    /// Marks of the portrait, a CSV file node,x,y; pixels
     #[arg(long, value_name = "C.csv", requires = "photo")]
     correspondences: Option<PathBuf>,
-    /// FAP file whose curves are performed instead of the emotions; its name is the label; may be given up to 8 times.
+    /// FAP file to perform instead of the emotions; its name becomes the label; can be given up to 8 times
     #[arg(long, value_name = "FILE.fap", requires = "photo", conflicts_with = "emotions")]
     fap: Vec<PathBuf>,
 }
@@ -190,22 +194,22 @@ impl PhotographArgs {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Faults of camera and light, none by default")]
 struct CameraArgs {
-    /// Motion blur: share of the time between two frames for which the shutter is open, 0 to 1.
+    /// Motion blur: share of the frame time during which the shutter is open, 0 to 1
     #[arg(long, default_value_t = 0.0, value_name = "SHARE")]
     shutter: f64,
-    /// Standard deviation of the Gaussian blur of the lens, in pixels.
+    /// Standard deviation of the Gaussian blur of the lens, in px
     #[arg(long, default_value_t = 0.0, value_name = "PX")]
     defocus: f64,
-    /// Largest relative change of the brightness over a sequence.
+    /// Largest relative change of the brightness over a sequence
     #[arg(long, default_value_t = 0.0, value_name = "SHARE")]
     gain_change: f64,
-    /// Largest change of the black level over a sequence, in grey levels of 0 to 255.
+    /// Largest change of the black level over a sequence, in grey levels of 0 to 255
     #[arg(long, default_value_t = 0.0, value_name = "LEVELS")]
     bias_change: f64,
-    /// Strength of a smooth gradient of light that moves over the picture: brightness times 1 ± this.
+    /// Strength of a smooth light gradient that moves over the picture: brightness times 1 ± this value
     #[arg(long, default_value_t = 0.0, value_name = "SHARE")]
     light_gradient: f64,
-    /// Quality of a JPEG compression that every picture goes through, whatever its file's format, 1 to 100.
+    /// Quality of a JPEG compression applied to every picture, in any file format, 1 to 100
     #[arg(long, value_name = "Q")]
     compression: Option<u8>,
 }

@@ -14,7 +14,7 @@ use serde_json::json;
 use super::{CommonArgs, bar};
 use grimace::internal::cli::{Outcome, shared::stop_flag};
 
-/// How right the intensities of action units are.
+/// Accuracy of the intensities of action units.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Example:
@@ -22,36 +22,36 @@ Example:
   grimace evaluate action-units --images -o action-units-images
   grimace evaluate action-units --images --marks auto -o action-units-found
 
-Heads of a dense face model (a folder of NumPy arrays as for `grimace learn head`) show action units in bursts, several at once, while they \
-turn, seen in perspective as 68 landmarks, 110 px between the pupils. The table has the correlation over time of measured and true intensity, \
-the mean error on the scale of 0 to 5, and the share of frames within the expected error (half is right).")]
+Heads of a dense face model (a folder of NumPy arrays as for `grimace learn head`) turn and show bursts of several action units at once. A \
+perspective camera sees 68 landmarks of each head, with 110 px between the pupils. The table has the correlation over time of measured and \
+true intensity, the mean error on the scale of 0 to 5, and the share of frames within the expected error (ideally one half).")]
 pub struct Args {
-    /// Folder of the face model
+    /// Folder of the dense face model
     #[arg(value_name = "MODEL", required_unless_present = "images")]
     folder: Option<PathBuf>,
-    /// Through images instead of landmarks: simulated people who show Candide's own action units, rendered, marked and tracked
+    /// Use images instead of landmarks: render, mark and track simulated people who show Candide's action units
     #[arg(long, conflicts_with_all = ["folder", "camera", "noise", "first_mode"])]
     images: bool,
     /// Number of heads
     #[arg(long, default_value_t = 5, value_name = "N", value_parser = grimace::internal::cli::shared::count(1, 10_000))]
     heads: usize,
-    /// First identity mode that the heads are made of; 15 leaves out those that the head model was learned from
+    /// First identity mode of the heads; 15 excludes the modes that the head model was learned from
     #[arg(long, default_value_t = 15, value_name = "MODE")]
     first_mode: usize,
-    /// Frames per head
+    /// Number of frames per head
     #[arg(long, default_value_t = 120, value_name = "N", value_parser = grimace::internal::cli::shared::count(10, 100_000))]
     frames: usize,
-    /// Standard deviation of the landmarks' error, px
+    /// Standard deviation of the error of the landmarks, in px
     #[arg(long, default_value_t = 0.4, value_name = "PX", value_parser = grimace::internal::cli::shared::not_negative)]
     noise: f64,
-    /// Largest yaw and pitch, degrees
+    /// Largest yaw and pitch, in degrees
     #[arg(long, default_value_t = 10.0, value_name = "DEGREES", value_parser = grimace::internal::cli::shared::not_negative)]
     turn: f64,
-    /// Distance of the camera at 110 px between the pupils, px
+    /// Distance of the camera at 110 px between the pupils, in px
     #[arg(long, default_value_t = 1200.0, value_name = "PX", value_parser = grimace::internal::cli::shared::positive)]
     camera: f64,
-    /// With --images, marks of the neutral frame: `default`, `high`, `all`, or a list of nodes, exactly where they are, or `auto`,
-    /// found in the picture
+    /// With --images, the marks of the neutral frame: `auto`, found in the picture, or exact ones: `default`, `high`, `all`, or a list of
+    /// nodes
     #[arg(long, default_value = "default", value_name = "WHICH", requires = "images")]
     marks: LandmarkSelection,
     #[command(flatten)]

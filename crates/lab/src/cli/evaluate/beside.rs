@@ -14,25 +14,25 @@ use serde_json::json;
 
 use super::{CommonArgs, bar, locator, people_named};
 
-/// Marks beside the face of the picture: how many are noticed, and how many good ones are called so.
+/// Detection of marks that do not fit the face: detection rate and false alarms.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Example:
   grimace learn locator FACES -o others.bin --leave-out L022,L045
   grimace evaluate beside FACES -o beside --model others.bin --only L022,L045
 
-FACES is a folder as for `grimace learn locator`, with landmarks68.csv and smiling/PERSON.jpg beside it. The model that ships was learned from the \
-London Set: judge on its people only with a model that was learned without them.")]
+FACES is a folder as for `grimace learn locator`, with landmarks68.csv and smiling/PERSON.jpg beside it. The built-in model was trained on the \
+London Set: to evaluate on its people, give a model that was trained without them.")]
 pub struct Args {
-    /// Folder of photographs and points, or a dataset
+    /// Folder of photographs and their points, or a dataset
     faces: PathBuf,
-    /// FACES is a dataset with landmarks: those of the first and the last frame of every sequence are tried
+    /// FACES is a dataset with landmarks; evaluate the first and the last frame of every sequence
     #[arg(long)]
     sequences: bool,
-    /// A model of `grimace learn locator`, instead of the one that ships
+    /// Model file of `grimace learn locator`, to use instead of the built-in model
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
-    /// People to judge on, separated by commas; all if not given
+    /// People to evaluate, separated by commas; by default all
     #[arg(long, value_delimiter = ',', value_name = "PERSON")]
     only: Vec<String>,
     #[command(flatten)]

@@ -18,7 +18,7 @@ use grimace::internal::cli::{
     shared::{FitArgs, MarksArgs, TrackArgs, stop_flag},
 };
 
-/// The accuracy of clones.
+/// Accuracy of clones: sequences cloned onto their own neutral frame, and simulated people onto each other.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -27,27 +27,31 @@ Examples:
   grimace evaluate clone --sheets anna.jpg ben.jpg --sources results/representatives/*.csv -o sheets
   grimace evaluate clone --grades sheets/grades.csv -o graded
 
-With a DATASET (68-point landmarks for the neutral and the last frame), every sequence is tracked and put back on its own neutral frame, \
-and the last frame is compared with the real one inside the convex hull of the landmarks: SSIM, how far of the way from the neutral \
-copy to 1, PSNR, and the error of the nodes' motion. Without, simulated people are cloned to each other: the apex against the other \
-face performing the same, for every kind of scaling. --sheets draws what an eye should judge: a picture for every photograph with its \
-clones in an order of chance, a table to be filled in, and the key to it; --grades sums up the table.")]
+With a DATASET (68-point landmarks for the neutral and the last frame), every sequence is tracked and cloned onto its own neutral frame. The \
+last frame is compared with the real one inside the convex hull of the landmarks: SSIM, the share of the way from the neutral copy to 1, \
+PSNR, and the error of the motion of the nodes.
+
+Without a DATASET, simulated people are cloned onto each other. The apex is compared with the target performing the same expression, for every \
+kind of scaling.
+
+--sheets draws clones for grading by eye: one picture per photograph with its clones in random order, a table to fill in, and the key to \
+it. --grades summarizes the filled-in table.")]
 pub struct Args {
-    /// Dataset with 68-point landmarks: self-cloning; without, cross-cloning of simulated people
+    /// Dataset with 68-point landmarks, for self-cloning; by default simulated people are cloned onto each other
     dataset: Option<PathBuf>,
     /// Column of the manifest to group by
     #[arg(long, value_name = "COLUMN", requires = "dataset")]
     by: Option<String>,
-    /// Simulated subjects, each cloned to the next three
+    /// Number of simulated subjects; each is cloned onto the next three
     #[arg(long, default_value_t = 24, value_name = "N", conflicts_with = "dataset", value_parser = clap::value_parser!(u32).range(2..=10_000))]
     subjects: u32,
-    /// Contact sheets of clones on these neutral photographs, marks being found in them
+    /// Draw contact sheets of clones on these neutral photographs, in which the marks are found
     #[arg(long, num_args = 1.., value_name = "IMAGE", requires = "sources", conflicts_with_all = ["dataset", "subjects", "grades"])]
     sheets: Vec<PathBuf>,
-    /// What moves on the sheets: representatives, tracks, FAP files
+    /// Motions to clone on the sheets: representatives, tracks, FAP files
     #[arg(long, num_args = 1.., value_name = "FILE", requires = "sheets")]
     pub(super) sources: Vec<PathBuf>,
-    /// A table of grades that somebody filled in, with its key.csv beside it
+    /// Filled-in table of grades to summarize, with its key.csv beside it
     #[arg(long, value_name = "GRADES.csv", conflicts_with_all = ["dataset", "subjects"])]
     grades: Option<PathBuf>,
     #[command(flatten)]

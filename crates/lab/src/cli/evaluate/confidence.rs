@@ -28,7 +28,7 @@ use grimace::internal::cli::{
     shared::{FitArgs, TrackArgs, stop_flag},
 };
 
-/// The tracker's expected errors against true ones.
+/// Expected errors of the tracker against true errors; also trains their model.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -36,33 +36,35 @@ Examples:
   grimace evaluate confidence -o confidence --photographs FACES --leave-out L004,L022
   grimace evaluate confidence faces -o confidence --by kind --start landmarks
 
-Without a DATASET, people are tracked: simulated ones and, with --photographs, warped photographs (clean and hard, at full, half, quarter and \
-sixth size, as far as that is 64 px; from exact positions and from marks). Clean simulated ones are only judged where there are photographs. Weights and calibration are fitted and written to track_confidence.csv, and judged by people that were \
-not among them: expected and true median error by quintile in confidence_quintiles.csv and confidence.svg, verdicts in verdicts.csv. \
-FACES is a folder as for `grimace learn locator`; every fifth of its people is kept to judge by. With a DATASET the model that is shipped is \
-judged by its landmarks or exact positions.")]
+Without a DATASET, simulated people are tracked, and with --photographs also warped photographs: clean and hard, at full, half, quarter and \
+sixth size (down to 64 px), from exact positions and from marks. Weights and calibration are trained on them, written to \
+track_confidence.csv, and evaluated on held-out people: every fifth person of FACES and the simulated people of --held-out. With --photographs, clean simulated people serve for \
+evaluation only. confidence_quintiles.csv and confidence.svg show expected and true median error by quintile; verdicts.csv the verdicts. \
+FACES is a folder as for `grimace learn locator`.
+
+With a DATASET, the built-in model is evaluated with the landmarks or exact positions of the dataset.")]
 pub struct Args {
-    /// Dataset with 68-point landmarks or exact positions: judges the model that is shipped
+    /// Dataset with 68-point landmarks or exact positions, to evaluate the built-in model
     dataset: Option<PathBuf>,
-    /// How the sequences of a DATASET are started
+    /// Start of the sequences of a DATASET: from landmarks, or from a fit to marks
     #[arg(long, value_enum, default_value_t = StartWord::Landmarks, requires = "dataset")]
     start: StartWord,
     /// Column of the manifest to group by
     #[arg(long, value_name = "COLUMN", requires = "dataset")]
     by: Option<String>,
-    /// Simulated subjects to learn from
+    /// Number of simulated subjects for training
     #[arg(long, default_value_t = 8, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=500), conflicts_with = "dataset")]
     subjects: u32,
-    /// Further simulated subjects to judge by
+    /// Number of further simulated subjects for evaluation
     #[arg(long, default_value_t = 6, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=500), conflicts_with = "dataset")]
     held_out: u32,
-    /// Folder of photographs and points, to learn from and to judge by as well
+    /// Folder of photographs and their points, also used for training and evaluation
     #[arg(long, value_name = "FACES", conflicts_with = "dataset")]
     photographs: Option<PathBuf>,
-    /// People of FACES not to use, separated by commas
+    /// People of FACES to exclude, separated by commas
     #[arg(long, requires = "photographs", value_delimiter = ',', value_name = "PERSON")]
     leave_out: Vec<String>,
-    /// Nodes or feature points marked when a sequence starts from a fit
+    /// Nodes or feature points to mark, for sequences that start from a fit
     #[arg(long, value_delimiter = ',', value_name = "LIST")]
     marks: Vec<String>,
     #[command(flatten)]

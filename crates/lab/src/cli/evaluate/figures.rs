@@ -27,7 +27,7 @@ use serde_json::json;
 
 use super::{CommonArgs, Folder, bar};
 
-/// Every figure and table of both papers, made anew.
+/// Reproduce all figures and tables of both papers.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -35,18 +35,20 @@ Examples:
   grimace evaluate figures -o figures faces --method kp   (a dataset of yours, by the paper's method)
 
 Krinidis and Pitas: Fig. 1a, 1b, 2, 3, 5, 6, 7, Table 1, and the claim that scaling first needs fewer marks. Zhu and Lee: Fig. 3b, 6b, 7 \
-to 11, Table 1, and the regions on the same targets. Plots are SVG, faces PNG, tables CSV; captions.md says what each shows. OUT/run has \
-the run over the dataset, OUT/sequences the simulated one. What a dataset does not allow is named, with the reason.")]
+to 11, Table 1, and the regions on the same targets.
+
+Plots are SVG, faces PNG, tables CSV; captions.md explains them. OUT/run holds the run over the dataset, OUT/sequences the simulated \
+dataset. The command lists figures that the dataset does not allow, with the reason.")]
 pub struct Args {
-    /// Dataset with pictures and marks or landmarks; simulated people without
+    /// Dataset with pictures and marks or landmarks; by default simulated people
     dataset: Option<PathBuf>,
-    /// Simulated people, three or more
+    /// Number of simulated people, at least 3
     #[arg(long, default_value_t = 3, value_name = "N", conflicts_with = "dataset", value_parser = clap::value_parser!(u32).range(3..=999))]
     subjects: u32,
-    /// Expressions that Zhu and Lee's tables are about
+    /// Number of target expressions for the tables of Zhu and Lee
     #[arg(long, default_value_t = 20, value_name = "N", value_parser = clap::value_parser!(u16).range(2..))]
     targets: u16,
-    /// Runs of the genetic algorithm on each
+    /// Number of runs of the genetic algorithm per target
     #[arg(long, default_value_t = 10, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     runs: u16,
     #[command(flatten)]

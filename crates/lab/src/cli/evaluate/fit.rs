@@ -19,37 +19,37 @@ use grimace::internal::cli::{Outcome, shared::stop_flag};
 /// Number of marks that the printed tables are about, besides every number in the files.
 const PRINTED_COUNTS: [usize; 4] = [5, 7, 8, 15];
 
-/// Error of the fit.
+/// Error of the fit by number and choice of marks.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
   grimace evaluate fit -o fit-error --subjects 200
   grimace evaluate fit faces -o fit-error --by kind    (also on the neutral frames of faces, by their 68-point landmarks)
-  grimace evaluate fit -o fit-error --suggest          (searches the best marks anew)
+  grimace evaluate fit -o fit-error --suggest          (also searches for the best marks)
 
 Simulated people are marked with an error of --marks-noise and compared at all live nodes. Real people, from a dataset with landmarks or \
-a CSV file with the columns person,x0,y0,...,x67,y67, are marked at their landmarks and compared at the others. Every combination of \
-method (similarity alone, springs alone, each shape prior ahead of the springs), choice and number of marks is a row of fit_error.csv.")]
+a CSV file with the columns person,x0,y0,...,x67,y67, are marked at some landmarks and compared at the others. fit_error.csv has one row for \
+every combination of method (similarity alone, springs alone, each shape prior with the springs), choice of marks and number of marks.")]
 pub struct Args {
     /// Dataset with 68-point landmarks, or a CSV file of people with the columns x0,y0,...,x67,y67
     dataset: Option<PathBuf>,
-    /// Column of the dataset's manifest: its values are populations of their own
+    /// Manifest column to group by: each value is a separate population
     #[arg(long, value_name = "COLUMN", requires = "dataset")]
     by: Option<String>,
-    /// Simulated people
+    /// Number of simulated people
     #[arg(long, default_value_t = 200, value_name = "N")]
     subjects: u32,
-    /// Standard deviation of the error of a mark on simulated people, px
+    /// Standard deviation of the error of the marks on simulated people, in px
     #[arg(long, default_value_t = 0.7, value_name = "PX", value_parser = grimace::internal::cli::shared::not_negative)]
     marks_noise: f64,
-    /// Numbers of marks
+    /// Numbers of marks to evaluate, separated by commas
     #[arg(long, value_delimiter = ',', value_name = "LIST", default_value = "3,4,5,6,7,8,9,10,11,12,13,14,15",
         value_parser = clap::value_parser!(u8).range(3..=104))]
     counts: Vec<u8>,
-    /// One more order of marks to compare: nodes or feature points, such as 20,53,10,8.3
+    /// Additional order of marks to compare: nodes or feature points, such as 20,53,10,8.3
     #[arg(long, value_delimiter = ',', value_name = "LIST")]
     marks: Vec<String>,
-    /// Search the best marks for these people, write suggested_marks.csv, and compare them
+    /// Search for the best marks of these people, write suggested_marks.csv, and compare them
     #[arg(long)]
     suggest: bool,
     #[command(flatten)]

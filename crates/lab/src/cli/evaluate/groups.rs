@@ -16,31 +16,31 @@ Examples:
   grimace evaluate groups -o study --people 50,50 --pairs 1000 --differences 0,10,20,30
   grimace evaluate groups -o coverage --pairs 1 --differences 0 --intervals 200 --interval-people 10,20,50 --populations smile,heavy-tails
 
-Two groups are drawn again and again from people whose smiles differ in strength, pace, symmetry and error; the second group smiles by so \
-many percent stronger. At a difference of 0 a test at 5 % must reject 5 % of the pairs.")]
+The experiment repeatedly draws two groups of people whose smiles differ in strength, pace, symmetry and error; the second group smiles \
+stronger by --differences. At a difference of 0, a test at 5 % must reject 5 % of the pairs.")]
 pub struct Args {
-    /// People in each of the two groups
+    /// Number of people in each of the two groups
     #[arg(long, default_value = "50,50", value_delimiter = ',', num_args = 1, value_name = "A,B")]
     people: Vec<usize>,
-    /// Pairs of groups per difference
+    /// Number of pairs of groups per difference
     #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pairs: u32,
-    /// How much stronger the second group smiles, percent
+    /// How much stronger the second group smiles, in percent; separated by commas
     #[arg(long, default_value = "0,10,20,30", value_delimiter = ',', value_name = "PERCENT")]
     differences: Vec<f64>,
-    /// Permutations of each test
+    /// Number of permutations per test
     #[arg(long, default_value_t = 999, value_parser = clap::value_parser!(u32).range(99..=1_000_000))]
     permutations: u32,
-    /// Classes of people, of each size and population, whose dispersion's interval is tried; 0 for none
+    /// Number of classes, per size and population, to test the interval of the dispersion on; 0 for none
     #[arg(long, default_value_t = 0)]
     intervals: usize,
-    /// People of these classes, 8 or more; by default as many as group A
+    /// Numbers of people per class, at least 8; by default that of group A
     #[arg(long, value_delimiter = ',', value_name = "COUNT")]
     interval_people: Vec<usize>,
-    /// Populations that they are drawn from: how people differ in strength, pace and error
+    /// Populations to draw the classes from, by how people differ in strength, pace and error
     #[arg(long, default_value = "smile", value_delimiter = ',', value_parser = words::<Spread>(&["smile", "heavy-tails", "mixture", "clusters"]))]
     populations: Vec<Spread>,
-    /// Replicates of each interval
+    /// Number of bootstrap replicates per interval
     #[arg(long, default_value_t = 500)]
     replicates: usize,
     #[command(flatten)]

@@ -8,7 +8,7 @@ use serde_json::json;
 
 use super::{CommonArgs, bar, locator, people_named};
 
-/// How right found points are, on photographs with hand-set points.
+/// Error of found points, on photographs with hand-set points.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Example:
@@ -16,24 +16,24 @@ Example:
   grimace evaluate locate FACES -o located --model others.bin --only L022,L045 --people people.csv --by gender
   grimace evaluate locate FACES -o small --model others.bin --only L022,L045 --eyes 24
 
-FACES is a folder as for `grimace learn locator`. The model that ships was learned from the London Set: judge on its people only with a model \
-that was learned without them. Errors are in percent of the eye distance.")]
+FACES is a folder as for `grimace learn locator`. The built-in model was trained on the London Set: to evaluate on its people, give \
+a model that was trained without them. Errors are in percent of the eye distance.")]
 pub struct Args {
-    /// Folder of photographs and points
+    /// Folder of photographs and their points
     faces: PathBuf,
-    /// A model of `grimace learn locator`, instead of the one that ships
+    /// Model file of `grimace learn locator`, to use instead of the built-in model
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
-    /// People to judge on, separated by commas; all if not given
+    /// People to evaluate, separated by commas; by default all
     #[arg(long, value_delimiter = ',', value_name = "PERSON")]
     only: Vec<String>,
-    /// Table of the people: person, and columns to group by
+    /// Table of people, a CSV file with a column person and columns to group by
     #[arg(long, requires = "by", value_name = "CSV")]
     people: Option<PathBuf>,
-    /// Column of that table to group by
+    /// Column of --people to group by
     #[arg(long, requires = "people", value_name = "COLUMN")]
     by: Option<String>,
-    /// Judge on the photographs made so small, or large, that the pupils are so far apart, px
+    /// Scale the photographs to this distance between the pupils, in px
     #[arg(long, value_parser = clap::value_parser!(u16).range(10..=1000), value_name = "PX")]
     eyes: Option<u16>,
     #[command(flatten)]

@@ -17,24 +17,25 @@ use super::{CommonArgs, check_named};
 /// Parts of the calibration.
 const BINS: usize = 16;
 
-/// How far fitted nodes are expected to sit from their place, against how far they do.
+/// Expected errors of fitted nodes against true errors.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Example:
   grimace learn locator FACES -o others.bin --leave-out L022,L045
   grimace evaluate placement FACES -o placed --model others.bin --only L022,L045
 
-FACES is a folder as for `grimace learn locator`, with landmarks68.csv beside delineation189.csv. Every person is fitted by priors that were \
-learned without them, from many kinds of marks; those that were found only for the people of --only, whom the model must not have seen. \
-knots.csv is the calibration that these people would give for marks set by hand; of the rows `others` the expected errors are \
-those that four fifths of the people give for the last fifth. Marks that the fit refuses are named, and the exit status is 3.")]
+FACES is a folder as for `grimace learn locator`, with landmarks68.csv beside delineation189.csv. Every person is fitted with priors that were \
+learned without them, from many kinds of marks. Found marks are evaluated only for the people of --only, whom the model must not have seen.
+
+knots.csv is the calibration that these people give for hand-set marks. The expected errors in the rows `others` come from five-fold \
+cross-validation over people. The command lists marks that the fit refuses; the exit status is then 3.")]
 pub struct Args {
-    /// Folder of photographs and points
+    /// Folder of photographs and their points
     faces: PathBuf,
-    /// A model of `grimace learn locator` that has not seen the people of --only
+    /// Model file of `grimace learn locator`, trained without the people of --only
     #[arg(long, requires = "only", value_name = "FILE")]
     model: Option<PathBuf>,
-    /// People to find marks on, separated by commas
+    /// People whose marks are found in the pictures, separated by commas
     #[arg(long, requires = "model", value_delimiter = ',', value_name = "PERSON")]
     only: Vec<String>,
     #[command(flatten)]

@@ -16,7 +16,7 @@ use serde_json::json;
 use super::{CommonArgs, bar};
 use grimace::internal::cli::{Outcome, shared::stop_flag};
 
-/// How much of a turning head is left in the models, and how right its pose is.
+/// Accuracy of the head pose, and head motion left in the models.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Example:
@@ -24,36 +24,38 @@ Example:
   grimace evaluate pose --images -o pose-images
   grimace evaluate pose --images --marks auto -o pose-found
 
-Heads of a dense face model (a folder of NumPy arrays as for `grimace learn head`) show four expressions, still and turning, seen in \
-perspective as 68 landmarks, 110 px between the pupils. Motion lost: mean distance of the nodes of the normalized apex models of the turning \
-and of the still head over the mean motion of the still one. Turn error: error of the angles relative to the neutral frame.")]
+Heads of a dense face model (a folder of NumPy arrays as for `grimace learn head`) show four expressions, still and turning. A perspective \
+camera sees 68 landmarks of each head, with 110 px between the pupils.
+
+Motion lost: mean distance between the nodes of the normalized apex models of the turning and the still head, divided by the mean motion of \
+the still head. Turn error: error of the angles relative to the neutral frame.")]
 pub struct Args {
-    /// Folder of the face model
+    /// Folder of the dense face model
     #[arg(value_name = "MODEL", required_unless_present = "images")]
     folder: Option<PathBuf>,
-    /// Through images instead of landmarks: simulated people, rendered, marked and tracked
+    /// Use images instead of landmarks: render, mark and track simulated people
     #[arg(long, conflicts_with_all = ["folder", "camera", "noise", "first_mode", "spread"])]
     images: bool,
     /// Number of heads
     #[arg(long, default_value_t = 5, value_name = "N", value_parser = grimace::internal::cli::shared::count(1, 10_000))]
     heads: usize,
-    /// First identity mode that the heads are made of; 15 leaves out those that the head model was learned from
+    /// First identity mode of the heads; 15 excludes the modes that the head model was learned from
     #[arg(long, default_value_t = 0, value_name = "MODE")]
     first_mode: usize,
     /// Standard deviation of the weights of the identity modes
     #[arg(long, default_value_t = 0.6, value_name = "SD", value_parser = grimace::internal::cli::shared::not_negative)]
     spread: f64,
-    /// Frames per sequence
+    /// Number of frames per sequence
     #[arg(long, default_value_t = 9, value_name = "N", value_parser = grimace::internal::cli::shared::count(2, 10_000))]
     frames: usize,
-    /// Distances of the camera at 110 px between the pupils, px; several separated by commas
+    /// Distances of the camera at 110 px between the pupils, in px; separated by commas
     #[arg(long, default_value = "1200", value_name = "PX", value_delimiter = ',', value_parser = grimace::internal::cli::shared::positive)]
     camera: Vec<f64>,
-    /// Standard deviation of the landmarks' error, px
+    /// Standard deviation of the error of the landmarks, in px
     #[arg(long, default_value_t = 0.0, value_name = "PX", value_parser = grimace::internal::cli::shared::not_negative)]
     noise: f64,
-    /// With --images, marks of the neutral frame: `default`, `high`, `all`, or a list of nodes, exactly where they are, or `auto`,
-    /// found in the picture
+    /// With --images, the marks of the neutral frame: `auto`, found in the picture, or exact ones: `default`, `high`, `all`, or a list of
+    /// nodes
     #[arg(long, default_value = "default", value_name = "WHICH", requires = "images")]
     marks: LandmarkSelection,
     #[command(flatten)]

@@ -15,24 +15,25 @@ use grimace::internal::cli::{Outcome, failures::say_failures, shared::ModelArgs}
 
 use super::{CommonArgs, bar};
 
-/// Do the representatives mean anything? Every sequence is recognized by other people's, in two ways.
+/// Accuracy of recognition by the representatives, and by the discriminants, of other people.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Example:
   grimace evaluate recognition results/tracks -o recognition
 
-One subject is left out at a time. First every sequence goes to the nearest representative, made of all others: confusion.csv, \
-confusion.svg, recognition.csv (a row per sequence). Then it is recognized by the discriminants of `run` and `recognize`, made of all \
-others: confusion_discriminants.csv and .svg, recognition_discriminants.csv, calibration.csv and .svg (whether probabilities hold). \
+Leave-one-subject-out cross-validation, in two ways:
+  nearest representative: confusion.csv, confusion.svg, recognition.csv (one row per sequence)
+  discriminants of `run` and `recognize`: confusion_discriminants.csv and .svg, recognition_discriminants.csv, calibration.csv and .svg \
+(calibration of the probabilities)
 evaluation.json has both accuracies.")]
 pub struct Args {
-    /// Track files, or folders of them
+    /// Track files, or folders of track files
     #[arg(required = true)]
     tracks: Vec<PathBuf>,
-    /// Dataset or manifest that says emotion and further columns of the sequences
+    /// Dataset or manifest with the emotion and other columns of the sequences
     #[arg(long, value_name = "DATASET")]
     dataset: Option<PathBuf>,
-    /// What is to be recognized: the emotion, or a column of the manifest
+    /// Label to recognize: the emotion, or a column of the manifest
     #[arg(long, default_value = "emotion", value_name = "COLUMN")]
     label: String,
     #[command(flatten)]

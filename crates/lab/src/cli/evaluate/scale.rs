@@ -10,22 +10,23 @@ use grimace::internal::cli::{
 
 use super::CommonArgs;
 
-/// Time and memory of the statistics by the number of models.
+/// Time and memory of the statistics by number of models.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Example:
   grimace evaluate scale -o scale --models 10000,100000,1000000
 
-Made-up models are written to a Parquet file in OUT, which is removed again (9 KB a model), and read from it by the statistics: with \
-trimming up to --trim-up-to models, and without. Times are wall-clock and, of all threads, processor time; the peak is the process's largest resident memory.")]
+The experiment writes random models to a Parquet file in OUT (9 KB per model), computes the statistics from it, with trimming up to \
+--trim-up-to models and without, and removes it. It reports wall-clock time, processor time of all threads, and the peak resident memory of \
+the process.")]
 pub struct Args {
-    /// Numbers of models, ascending
+    /// Numbers of models, ascending, separated by commas
     #[arg(long, default_value = "10000,100000", value_delimiter = ',', value_name = "COUNT")]
     models: Vec<usize>,
-    /// Most models that are trimmed
+    /// Largest number of models to run with trimming
     #[arg(long, default_value_t = 100_000, value_name = "COUNT")]
     trim_up_to: usize,
-    /// Share of models trimmed per displacement field
+    /// Share of the models to trim from each displacement field
     #[arg(long, default_value_t = 0.1, value_parser = alpha)]
     alpha: f64,
     /// Memory for displacement vectors, such as 500MB or 2GB

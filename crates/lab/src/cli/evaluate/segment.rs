@@ -14,17 +14,17 @@ use serde_json::json;
 
 use super::{CommonArgs, bar};
 
-/// Whether the expressions and rests of whole recordings are found.
+/// Detection of expressions and rests in whole recordings.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Example:
   grimace simulate -o recordings --recordings --subjects 10 --yaw 12 --pitch 8 --seed 7
   grimace evaluate segment recordings -o segments
 
-DATASET was made by `grimace simulate --recordings`. An expression is found when a proposed apex lies in it; a proposal whose apex lies in no \
-expression is wrong; a rest of 10 frames and more is found when half of its frames are.")]
+DATASET comes from `grimace simulate --recordings`. An expression counts as found if a proposed apex lies in it. A proposal counts as wrong if \
+its apex lies in no expression. A rest of 10 or more frames counts as found if half of its frames are found.")]
 pub struct Args {
-    /// Recordings with their truth
+    /// Dataset of recordings with their ground truth
     dataset: PathBuf,
     #[command(flatten)]
     common: CommonArgs,

@@ -22,36 +22,36 @@ Examples:
   grimace evaluate synthesis face.bank --unseen unseen.bank -o synthesis-error
 
 Repeats the experiments of Zhu and Lee: their Table 1 (every crossover, --runs times on --targets expressions that are not in the bank) \
-and their regions (one, two, four), with every other solver beside the genetic algorithm. A solver sees the feature points of a target \
-only; the surface error compares its whole surface with the target's. Without --unseen the targets are members, held out of the bank.")]
+and their regions (one, two, four), and compares all other solvers with the genetic algorithm. A solver sees only the feature points of a \
+target; the surface error compares the whole surface with that of the target. Without --unseen, the targets are members held out of the bank.")]
 pub struct Args {
-    /// Bank file; without it the bank `candide`
+    /// Bank file; by default the embedded bank `candide`
     bank: Option<PathBuf>,
-    /// Bank file with expressions that are not in BANK, over its mesh
+    /// Bank file with expressions that are not in BANK, over the same mesh
     #[arg(long, value_name = "BANK", requires = "bank")]
     unseen: Option<PathBuf>,
-    /// Targets, chosen by the seed
+    /// Number of targets, chosen at random with --seed
     #[arg(long, default_value_t = 20, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     targets: u16,
-    /// Targets, the first of them, that one, two and four regions are measured on
+    /// Number of targets, from the first, to measure one, two and four regions on
     #[arg(long, default_value_t = 20, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     region_targets: u16,
-    /// Runs on every target and crossover
+    /// Number of runs per target and crossover
     #[arg(long, default_value_t = 10, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     runs: u16,
-    /// Generations
+    /// Number of generations of the genetic algorithm
     #[arg(long, default_value_t = GENERATIONS, value_name = "N")]
     generations: usize,
-    /// Individuals drawn per generation
+    /// Number of individuals drawn per generation
     #[arg(long, default_value_t = TOURNAMENT_SIZE, value_name = "N")]
     tournament: usize,
-    /// Width of the overlap of regions over the width of the face
+    /// Width of the overlap of two regions, as a share of the width of the face
     #[arg(long, default_value_t = OVERLAP, value_name = "SHARE")]
     overlap: f64,
-    /// Starts of the bound
+    /// Number of starts of the search for the upper bound of the fitness
     #[arg(long, default_value_t = BOUND_STARTS, value_name = "N")]
     bound_starts: usize,
-    /// Alphas of BLX to compare
+    /// Alphas of the BLX crossover to compare, separated by commas
     #[arg(long, default_value = "0.2", value_delimiter = ',', value_name = "LIST")]
     alphas: Vec<f64>,
     #[command(flatten)]

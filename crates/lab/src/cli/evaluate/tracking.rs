@@ -20,7 +20,7 @@ use grimace::internal::cli::{
     shared::{FitArgs, MethodArgs, TrackArgs, stop_flag},
 };
 
-/// Error of the tracker.
+/// Error of the tracker per frame, with and without deformation, compared with plain KLT.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -30,37 +30,40 @@ Examples:
   grimace evaluate tracking -o paper --method kp
   grimace evaluate tracking -o mine --truth S005_001_by_hand.csv --tracks before:old/S005_001.csv --tracks now:results/tracks/S005_001.csv
 
-Without a DATASET, sequences are simulated in memory. A DATASET needs 68-point landmarks for the neutral and the last frame at least; it \
-is compared at the nodes that a landmark stands for. Where DATASET/truth/SUBJECT_SEQUENCE.csv is there (frame,node,x,y, px: any nodes, \
-any frames, the neutral one among them), it is compared with that. --truth is such a file for tracks that are there. Each of deformation \
-and alignment is taken away alone and with the other. Curves per frame are in tracking_frames.csv and tracking_*.svg, the last frames in \
-tracking_last.csv, each sequence in tracking_sequences.csv. A sequence that fails is named in failures.csv; the exit status is then 3.")]
+Without a DATASET, sequences are simulated in memory. A DATASET needs 68-point landmarks for at least the neutral and the last frame; errors \
+are measured at the nodes of the landmarks. If DATASET/truth/SUBJECT_SEQUENCE.csv exists (frame,node,x,y in px, for any nodes and frames, \
+including the neutral frame), it is used instead. --truth is such a file for the tracks of --tracks.
+
+The experiment switches deformation and alignment off, each alone and both together. tracking_frames.csv and tracking_*.svg have the error \
+per frame, tracking_last.csv that of the last frames, tracking_sequences.csv that of every sequence. failures.csv lists sequences that fail; \
+the exit status is then 3.")]
 pub struct Args {
-    /// Dataset with 68-point landmarks; simulated sequences without
+    /// Dataset with 68-point landmarks; by default sequences are simulated
     dataset: Option<PathBuf>,
-    /// Start from all known nodes of the neutral frame and measure positions, or from a fit to the default marks and measure
-    /// offsets from neutral
+    /// Start of the tracks: all known nodes of the neutral frame (`landmarks`), or a fit to marks (`marks`)
+    ///
+    /// `landmarks` measures the error of positions, `marks` the error of offsets from neutral.
     #[arg(long, value_enum, default_value_t = StartWord::Landmarks)]
     start: StartWord,
-    /// Column of the manifest to group by
+    /// Manifest column to group by
     #[arg(long, value_name = "COLUMN", requires = "dataset")]
     by: Option<String>,
-    /// Nodes or feature points marked with `--start marks`
+    /// Nodes or feature points to mark, with --start marks
     #[arg(long, value_delimiter = ',', value_name = "LIST")]
     marks: Vec<String>,
-    /// A further tracker: a name and options of the tracker that differ; may be given several times
+    /// Additional tracker to compare: a name and the tracker options that differ; can be given several times
     #[arg(long, value_name = "NAME:KEY=VALUE,...")]
     variants: Vec<String>,
-    /// Tracks that are there: a name and a track, or a folder of SUBJECT_SEQUENCE.csv; may be given several times
+    /// Existing tracks to compare: a name and a track, or a folder of SUBJECT_SEQUENCE.csv; can be given several times
     #[arg(long, value_parser = named_tracks, value_name = "NAME:PATH")]
     tracks: Vec<(String, PathBuf)>,
-    /// Positions set by hand, frame,node,x,y in px, to compare the tracks of --tracks with
+    /// Hand-set positions to compare --tracks with, a CSV file frame,node,x,y in px
     #[arg(long, value_name = "TRUTH.csv", requires = "tracks", conflicts_with_all = ["dataset", "variants", "hard"])]
     truth: Option<PathBuf>,
-    /// Simulated subjects
+    /// Number of simulated subjects
     #[arg(long, default_value_t = 4, value_name = "N", conflicts_with = "dataset", help_heading = super::SIMULATION)]
     subjects: u32,
-    /// The hard simulation: blur, changing light, noise, compression, the head turned by up to 8 degrees
+    /// Use the hard simulation: blur, changing light, noise, compression, head turned by up to 8 degrees
     #[arg(long, conflicts_with = "dataset", help_heading = super::SIMULATION)]
     hard: bool,
     #[command(flatten)]
