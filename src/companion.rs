@@ -28,15 +28,15 @@ pub const PROGRAM: &str = "grimace-opencv";
 pub enum CompanionError {
     /// It is not there.
     #[error(
-        "this needs {PROGRAM}, which is neither beside this program nor on PATH; in the project's folder, `cargo install --path .` \
-         installs both, where OpenCV is (on Debian: apt-get install libopencv-dev clang libclang-dev)"
+        "this needs {PROGRAM}, which is neither beside this program nor on PATH; install both with `cargo install --path .` in the \
+         project's folder, after OpenCV (on Debian: apt-get install libopencv-dev clang libclang-dev)"
     )]
     NotInstalled,
     /// It does not start.
     #[error("cannot start {PROGRAM}: {0}")]
     CannotStart(#[source] io::Error),
     /// It speaks another language, or something else has its name.
-    #[error("{} is of another version than this program; install both from one source", program.display())]
+    #[error("{} has another version than this program; install both from the same source", program.display())]
     OtherVersion {
         /// What was started.
         program: PathBuf,
@@ -53,7 +53,7 @@ pub enum CompanionError {
     #[error("cannot talk to {PROGRAM}: {0}")]
     Connection(#[source] io::Error),
     /// It said something that was not asked for.
-    #[error("{PROGRAM} gave an answer that is not understood: {found}")]
+    #[error("{PROGRAM} gave an unknown answer: {found}")]
     NotUnderstood {
         /// The beginning of it.
         found: String,

@@ -122,7 +122,9 @@ pub enum CorrespondenceError {
         reason: String,
     },
     /// Points of several faces, as `grimace locate` writes them.
-    #[error("{file}, line {line}: points of another {what} than in the lines before ({other}); keep the rows of one {what}")]
+    #[error(
+        "{file}, line {line}: this row belongs to another {what} than the lines before ({other}); keep the rows of one {what}"
+    )]
     Several {
         /// The file.
         file: String,
@@ -134,7 +136,7 @@ pub enum CorrespondenceError {
         other: String,
     },
     /// A node in two rows.
-    #[error("{file}, line {line}: node {node} stands in line {first_line} already; keep one of the two")]
+    #[error("{file}, line {line}: node {node} is already in line {first_line}; keep one of the two")]
     DuplicateNode {
         /// The file.
         file: String,
@@ -393,17 +395,14 @@ mod tests {
         assert!(message(b"node,x,y\n1,NaN,3\n").contains("x is `NaN`"));
         assert!(message(b"node,x,y\n1,2,-inf\n").contains("y is `-inf`"));
         assert_eq!(message(b"node,x,y\n113,2,3\n"), "C.csv, line 2: node 113 does not exist; the wireframe has nodes 0 to 112");
-        assert!(message(b"node,x,y\n3.5,2,3\n").contains("not a single node but the middle of nodes 67, 68, 71, 72"));
+        assert!(message(b"node,x,y\n3.5,2,3\n").contains("the middle of nodes 67, 68, 71, 72, not a single node"));
         // Feature point 8.3 is node 31.
-        assert_eq!(
-            message(b"node,x,y\n8.3,2,3\n\n31,2,3\n"),
-            "C.csv, line 4: node 31 stands in line 2 already; keep one of the two"
-        );
+        assert_eq!(message(b"node,x,y\n8.3,2,3\n\n31,2,3\n"), "C.csv, line 4: node 31 is already in line 2; keep one of the two");
         assert!(message(b"node,x,y,kind\n1,2,3,soft\n").contains("kind is `soft`; `mark` or `hard` was expected"));
         assert!(message(b"").contains("is empty"));
         assert_eq!(
             message(b"image,face,node,x,y\na.jpg,1,31,2,3\nb.jpg,1,31,2,3\n"),
-            "C.csv, line 3: points of another picture than in the lines before (b.jpg); keep the rows of one picture"
+            "C.csv, line 3: this row belongs to another picture than the lines before (b.jpg); keep the rows of one picture"
         );
         assert!(message(b"node,x,y\n\xE9,2,3\n").contains("not UTF-8"));
     }

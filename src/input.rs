@@ -354,7 +354,7 @@ mod tests {
     #[test]
     fn a_bad_row_costs_that_row_only() {
         let rows = texts(b"a,b\n1\n\"2,3\n\xE9,4\n5,6\n");
-        assert_eq!(rows[0], Err("a.csv, line 2: the row has 1 fields where the header has 2".to_owned()));
+        assert_eq!(rows[0], Err("a.csv, line 2: the row has 1 fields, but the header has 2".to_owned()));
         assert!(rows[1].as_ref().unwrap_err().starts_with("a.csv, line 3: a quotation mark is not closed"));
         assert!(rows[2].as_ref().unwrap_err().starts_with("a.csv, line 4: byte 1 of the line is not UTF-8"));
         assert_eq!(rows[3], row(5, &["5", "6"]));
@@ -364,7 +364,8 @@ mod tests {
     #[test]
     fn a_file_of_a_spreadsheet_that_is_not_utf_8_is_told_how_to_become_it() {
         let rows = texts(b"a,b\nRen\xE9,4\n5,6\nM\xFCller,7\n");
-        let said = "not UTF-8; the file looks like Windows-1252 (Latin-1): save it as UTF-8 text, or convert it (iconv -f WINDOWS-1252 -t UTF-8 OLD.csv > NEW.csv) and see that names are right";
+        let said = "not UTF-8; the file looks like Windows-1252 (Latin-1): save it as UTF-8 text, or convert it (iconv -f WINDOWS-1252 \
+             -t UTF-8 OLD.csv > NEW.csv) and check the names";
         assert_eq!(rows[0], Err(format!("a.csv, line 2: byte 4 of the line is {said}")));
         assert_eq!((&rows[1], rows[2].is_err()), (&row(3, &["5", "6"]), true));
         assert!(file(b"pr\xE9nom,b\n1,2\n").unwrap_err().to_string().contains(said));
@@ -431,7 +432,7 @@ mod tests {
         assert_eq!(row("1;1.234,5;2"), "a.csv, line 2: x is `1.234,5`; a finite number was expected");
         assert_eq!(row("1;1,2,3;2"), "a.csv, line 2: x is `1,2,3`; a finite number was expected");
         assert_eq!(row("1;,;2"), "a.csv, line 2: x is `,`; a finite number was expected");
-        assert_eq!(row("1;2"), "a.csv, line 2: the row has 2 fields where the header has 3");
+        assert_eq!(row("1;2"), "a.csv, line 2: the row has 2 fields, but the header has 3");
         assert_eq!(row("1;\"2;3"), "a.csv, line 2: a quotation mark is not closed");
         let lacking = open(b"node;x;Y\n").unwrap().require(MARKS).unwrap_err().to_string();
         assert_eq!(lacking, "a.csv, line 1: has no column `y`; found `node`, `x`, `Y`");

@@ -17,8 +17,8 @@ pub(crate) const MOST_EVEN: u32 = 100_000;
 /// Says that a motion has too many frames with those between its own.
 pub(crate) fn too_many_between(frames: f64, most: u32) -> String {
     format!(
-        "with frames put between where some are missing or have times of their own it has {frames} frames; at most {most} are made: number its \
-         frames one after the other if none is missing, or take a part of it, without those far from the others"
+        "after interpolation of missing frames and uneven times it would have {frames} frames, more than {most}: number the frames \
+         consecutively if none is missing, or use a part of the motion without distant frames"
     )
 }
 

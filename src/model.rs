@@ -63,7 +63,7 @@ pub enum ModelError {
         found: usize,
     },
     /// Frames over different wireframes.
-    #[error("frame {frame} has {found} nodes where frame 0 has {expected}")]
+    #[error("frame {frame} has {found} nodes, but frame 0 has {expected}")]
     NodeCount {
         /// Frame index, from 0.
         frame: usize,

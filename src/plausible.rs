@@ -12,8 +12,8 @@ pub const MAX_OFFSET: f64 = 10.0;
 /// Motion that no face makes.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
-    "frame {frame}: {point} is off by ({x:.3e}, {y:.3e}) {unit}, further than {MAX_OFFSET} eye separations ({limit:.4e}) from {from}; \
-     that is no face: correct the value or leave the frame out"
+    "frame {frame}: {point} is ({x:.3e}, {y:.3e}) {unit} away from {from}, further than {MAX_OFFSET} eye separations ({limit:.4e}); this \
+     cannot be a face: correct the value or leave the frame out"
 )]
 pub struct Implausible {
     /// The frame, as the file numbers it.
@@ -55,7 +55,7 @@ impl FaceSize {
     /// # Errors
     /// [`Implausible`] for the first node beyond [`MAX_OFFSET`].
     pub fn check_offsets<'a>(self, frame: u32, offsets: impl IntoIterator<Item = &'a Vector2<f64>>) -> Result<(), Implausible> {
-        let from = "where the neutral frame has it";
+        let from = "its place in the neutral frame";
         offsets.into_iter().enumerate().try_for_each(|(k, v)| self.check(frame, || format!("node {k}"), *v, from))
     }
 
@@ -113,8 +113,8 @@ const MOST_STRETCH: f64 = 2.0;
 pub enum NotFaceUnits {
     /// y points down.
     #[error(
-        "its neutral face is upside-down: in face units y points up; negate y, and where these are pixels, keep the track's columns state and \
-         residual, by which it is known, or let `grimace analyze` normalize it"
+        "its neutral face is upside down: in face units y points up; negate y. If these are pixels, keep the columns state and residual, \
+         which identify a track, or normalize the track with `grimace analyze`"
     )]
     UpsideDown,
     /// x points to the other side.
@@ -128,7 +128,8 @@ pub enum NotFaceUnits {
     /// Another unit.
     #[error(
         "its neutral face is {width:.3} times as wide and {height:.3} times as high as one in face units, which has 1024 of them between the \
-         pupils: is it in pixels or metres? Let `grimace analyze` normalize the track, or scale x and y of all frames alike"
+         pupils: check whether it is in pixels or metres; normalize the track with `grimace analyze`, or scale x and y of all frames by \
+         the same factor"
     )]
     Scale {
         /// Width over that of Candide-3 in face units.
@@ -138,8 +139,8 @@ pub enum NotFaceUnits {
     },
     /// The nodes lie elsewhere.
     #[error(
-        "its first frame is no neutral face: nodes do not lie where Candide-3 has them (correlation {x:.2} along x, {y:.2} along y; at least \
-         {LEAST_LIKENESS} was expected); is the order of the nodes that of Candide-3, and the head upright?"
+        "its first frame is not a neutral face: the nodes do not match Candide-3 (correlation {x:.2} along x, {y:.2} along y; at least \
+         {LEAST_LIKENESS} was expected); check that the nodes are in the order of Candide-3 and that the head is upright"
     )]
     Unlike {
         /// Correlation of the nodes' x with Candide-3's, -1 to 1.
@@ -220,11 +221,10 @@ mod tests {
         let offsets = |x: f64| vec![Vector2::zeros(), Vector2::new(x, 0.0)];
         assert_eq!(size.check_offsets(7, &offsets(20.0)), Ok(()));
         let error = size.check_offsets(7, &offsets(1e30)).unwrap_err();
-        assert!(
-            error
-                .to_string()
-                .starts_with("frame 7: node 1 is off by (1.000e30, 0.000e0) px, further than 10 eye separations (2.0000e1)")
-        );
+        assert!(error.to_string().starts_with(
+            "frame 7: node 1 is (1.000e30, 0.000e0) px away from its place in the neutral frame, further than 10 eye \
+                     separations (2.0000e1)"
+        ));
         assert!(size.check_offsets(7, &offsets(f64::NAN)).is_err() && size.check_offsets(7, &offsets(20.1)).is_err());
         let face = |x: f64| [0.0, 1.0, 2.0, x].map(|x| Point2::new(x, 5.0));
         assert_eq!(size.check_neutral(0, &face(22.0)), Ok(()));

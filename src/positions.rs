@@ -50,7 +50,7 @@ pub enum PositionsError {
         previous: u32,
     },
     /// Frames over different wireframes.
-    #[error("{}: frame {frame} has {found} nodes where frame {first} has {expected}", path.display())]
+    #[error("{}: frame {frame} has {found} nodes, but frame {first} has {expected}", path.display())]
     NodeCount {
         /// The file.
         path: PathBuf,
@@ -236,7 +236,7 @@ mod tests {
         assert!(failure("frame,node,x,y\n1,0,1,1\n1,2,1,1\n").starts_with("t.csv, line 3: node 2 where node 1 of frame 1"));
         assert!(failure("frame,node,x,y\n1,0,1,1\n").contains("at least 2 frames, from neutral to apex; found 1"));
         assert!(failure("frame,node,x,y\n2,0,1,1\n1,0,1,1\n").contains("frame 1 follows frame 2"));
-        assert!(failure("frame,node,x,y\n1,0,1,1\n2,0,1,1\n2,1,1,1\n").contains("frame 2 has 2 nodes where frame 1 has 1"));
+        assert!(failure("frame,node,x,y\n1,0,1,1\n2,0,1,1\n2,1,1,1\n").contains("frame 2 has 2 nodes, but frame 1 has 1"));
         let csv = CsvFile::from_bytes(Path::new("t.csv"), b"frame,node,x\n".to_vec()).unwrap();
         assert!(PositionTable::new(csv).unwrap_err().to_string().starts_with("t.csv, line 1: has no column `y`"));
     }

@@ -193,7 +193,9 @@ impl Desk {
         }
         self.check_marks(&request.marks, frames.size)?;
         let current = self.read_marks(&item.entry).map_err(|problem| {
-            RequestError::Refused(format!("{problem}; correct the file or move it away, marks made here would replace it"))
+            RequestError::Refused(format!(
+                "{problem}; correct the file or move it away, because marks made here would replace it"
+            ))
         })?;
         let mut marks: Vec<Correspondence> = request.marks.iter().map(Correspondence::from).collect();
         marks.sort_by_key(|m| m.node);
@@ -257,8 +259,8 @@ impl Desk {
         if self.manifest().is_none() {
             if !request.create_manifest {
                 return Err(RequestError::Consent(format!(
-                    "this dataset has no manifest.csv, where such a choice is kept; one can be written that lists its {} sequences as \
-                     they are read now",
+                    "this choice is saved in manifest.csv, which this dataset does not have; grimace can write one that lists its {} \
+                     sequences",
                     items.len()
                 )));
             }
@@ -318,7 +320,7 @@ impl Desk {
                 Ok(found @ 1..ENOUGH_MARKS) => {
                     left.push((
                         id,
-                        format!("it has {}, {ENOUGH_MARKS} are wanted; what is there stays", count(found, "mark", "marks")),
+                        format!("it has {}, but {ENOUGH_MARKS} are needed; its marks are kept", count(found, "mark", "marks")),
                     ));
                 }
                 Ok(_) => {}
@@ -392,7 +394,7 @@ impl Desk {
         }
         match items.iter().find(|item| item.entry.id.to_string() == id) {
             Some(item) if !item.listed => {
-                Err(RequestError::Refused(format!("the manifest does not list {id} any more; start grimace annotate again")))
+                Err(RequestError::Refused(format!("the manifest no longer lists {id}; start grimace annotate again")))
             }
             _ => Ok(()),
         }

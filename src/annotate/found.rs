@@ -22,7 +22,7 @@ pub fn propose_from_face(frame: &Frame, colour: Option<&RgbImage>) -> Result<Opt
     let FoundFace { marks, expected_error, trusted, .. } = face;
     let note = (!trusted).then(|| {
         format!(
-            "the face is hard to read: half of the points are expected to be more than {:.0} % of the eye distance off",
+            "the points of this face are uncertain: their median expected error is {:.0} % of the eye distance",
             100.0 * expected_error
         )
     });
@@ -34,7 +34,7 @@ pub fn propose_from_face(frame: &Frame, colour: Option<&RgbImage>) -> Result<Opt
 fn covered(face: &FoundFace) -> Option<String> {
     let parts = FacePart::listed(&face.covered);
     (!face.covered.is_empty())
-        .then(|| format!("covered, as it looks: {parts}; what is proposed there is a guess from the rest of the face"))
+        .then(|| format!("probably covered: {parts}; the points there are estimated from the rest of the face"))
 }
 
 /// What [`Annotator::accept`](super::Annotator::accept) did.
@@ -66,7 +66,7 @@ impl Desk {
             match marks {
                 Ok(marks) => match self.save_found(&id, &marks) {
                     Ok(true) => outcome.accepted.push(id),
-                    Ok(false) => outcome.left.push((id, "it has got marks meanwhile".to_owned())),
+                    Ok(false) => outcome.left.push((id, "it was marked in the meantime".to_owned())),
                     Err(error) => outcome.left.push((id, error.to_string())),
                 },
                 Err(reason) => outcome.left.push((id, reason)),
@@ -82,7 +82,7 @@ impl Desk {
         let face = found_face(&frame, colour.as_ref()).map_err(|e| e.to_string())?.ok_or("no face was found")?;
         let percent = 100.0 * face.expected_error;
         if !face.trusted || percent >= limit {
-            return Err(format!("half of the points are expected to be more than {percent:.1} % of the eye distance off"));
+            return Err(format!("the median expected error of the points is {percent:.1} % of the eye distance"));
         }
         if let Some(remark) = covered(&face).or_else(|| face.of_several()) {
             return Err(remark);

@@ -67,12 +67,12 @@ pub fn cut(entry: &SequenceEntry, frames: &FrameList) -> Result<(u32, u32, Optio
     let (first, last) = (*frames.numbers.first().ok_or_else(none)?, *frames.numbers.last().ok_or_else(none)?);
     let is_there = |n: &u32| frames.numbers.binary_search(n).is_ok();
     let named = [
-        ("first_frame", entry.first_frame, "F makes another one the neutral one"),
-        ("last_frame", entry.last_frame, "L makes another one the apex"),
+        ("first_frame", entry.first_frame, "press F to choose the neutral frame"),
+        ("last_frame", entry.last_frame, "press L to choose the apex frame"),
     ];
     let missing = named.iter().find_map(|(column, named, key)| Some((column, named.filter(|n| !is_there(n))?, key)));
     let problem = missing.map(|(column, number, key)| {
-        format!("{column} is {number} in the manifest, and there are frames {first} to {last} only: {key}; until then nothing is saved")
+        format!("{column} is {number} in the manifest, but the frames are {first} to {last}: {key}; until then nothing is saved")
     });
     let (neutral, apex) = (entry.first_frame.filter(is_there), entry.last_frame.filter(is_there));
     Ok((neutral.unwrap_or(first), apex.unwrap_or(last), problem))

@@ -32,7 +32,7 @@ pub enum ManifestEditError {
         source: io::Error,
     },
     /// The sequence has been taken out of it.
-    #[error("{}: sequence {id} is not listed any more; start grimace annotate again", path.display())]
+    #[error("{}: sequence {id} is no longer listed; start grimace annotate again", path.display())]
     NoSuchRow {
         /// The manifest.
         path: PathBuf,
@@ -275,7 +275,7 @@ mod tests {
     #[test]
     fn a_row_that_is_gone_is_said() {
         let error = set("subject,sequence,emotion\nS1,1,joy\n", &[("last_frame", "9")]).unwrap_err();
-        assert!(error.contains("sequence S1_2 is not listed any more"), "{error}");
+        assert!(error.contains("sequence S1_2 is no longer listed"), "{error}");
     }
 
     #[test]

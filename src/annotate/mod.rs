@@ -113,7 +113,8 @@ pub enum AnnotateError {
     Run(#[from] RunJsonError),
     /// The frames of a run cannot be found.
     #[error(
-        "{}: the run's dataset is called `{name}`, and there is no such folder beside it or here; give it: grimace annotate DATASET --tracks {}",
+        "{}: the dataset of this run, `{name}`, is neither beside the run nor in the current folder; give it: grimace annotate DATASET \
+         --tracks {}",
         path.display(), path.display()
     )]
     DatasetNotFound {
@@ -134,7 +135,7 @@ pub enum AnnotateError {
         source: io::Error,
     },
     /// The system has no randomness for the token.
-    #[error("no random token can be made: {0}")]
+    #[error("cannot create a random token: {0}")]
     Token(getrandom::Error),
     /// The server broke off.
     #[error("the server ended: {0}")]
@@ -143,9 +144,9 @@ pub enum AnnotateError {
 
 fn listen_advice(source: &io::Error) -> &'static str {
     if source.kind() == io::ErrorKind::AddrNotAvailable {
-        "this machine has no such address; choose another one with --host, or leave it out for this machine alone"
+        "this machine has no such address; choose another one with --host, or leave --host out to serve this machine only"
     } else {
-        "choose another port with --port, or leave it out for any that is free"
+        "choose another port with --port, or leave --port out to use any free port"
     }
 }
 

@@ -278,7 +278,10 @@ impl TrackDesk {
         let mut hard = BTreeMap::new();
         for mark in &request.corrections {
             if !self.bench.wireframe.live_nodes().contains(&mark.node) {
-                return Err(RequestError::Refused(format!("node {} is in no triangle; it follows others", mark.node)));
+                return Err(RequestError::Refused(format!(
+                    "node {} cannot be corrected: it is in no triangle and follows other nodes",
+                    mark.node
+                )));
             }
             hard.insert(mark.node, Point2::new(mark.x, mark.y));
         }
@@ -413,7 +416,7 @@ fn item(csv: PathBuf, entries: &[SequenceEntry], node_count: usize) -> Result<It
     let name = |p: &Path| p.file_name().unwrap_or_default().to_string_lossy().into_owned();
     if source.files().into_iter().map(name).collect::<Vec<_>>() != info.source {
         return Err(format!(
-            "{}: the track was made from other frames than {} has now; run `grimace run` again",
+            "{}: the track was made from different frames than {} has now; run `grimace run` again",
             csv.display(),
             entry.frames_path.display()
         ));
@@ -422,7 +425,7 @@ fn item(csv: PathBuf, entries: &[SequenceEntry], node_count: usize) -> Result<It
     let found = frames.first().map_or(0, |f| f.nodes.len());
     if found != node_count {
         return Err(format!(
-            "{}: the track has {found} nodes, the wireframe {node_count}; give the one it was made with: --wireframe FILE",
+            "{}: the track has {found} nodes, but the wireframe has {node_count}; give the wireframe of the track with --wireframe FILE",
             csv.display()
         ));
     }
@@ -434,7 +437,11 @@ fn item(csv: PathBuf, entries: &[SequenceEntry], node_count: usize) -> Result<It
 fn info_of(csv: &Path) -> Result<TrackInfo, RequestError> {
     let info = read_track_info(csv).map_err(RequestError::refused)?;
     info.ok_or_else(|| {
-        RequestError::Refused(format!("{}: the .json beside the track is missing; it says how it was tracked", csv.display()))
+        RequestError::Refused(format!(
+            "{}: the .json beside the track is missing; without it the options of the track are unknown: track \
+             the sequence again",
+            csv.display()
+        ))
     })
 }
 

@@ -72,18 +72,22 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     set_threads(args.threads)?;
     check_is_folder(&args.output)?;
     let used = args.output.read_dir().is_ok_and(|mut entries| entries.next().is_some());
-    anyhow::ensure!(args.general.force || !used, "{} is not empty; --force writes over its results", args.output.display());
+    anyhow::ensure!(
+        args.general.force || !used,
+        "{} is not empty; choose another folder, or give --force to overwrite its results",
+        args.output.display()
+    );
     anyhow::ensure!(
         !args.output.join("run.json").exists(),
-        "{} holds a run, whose results `analyze` would contradict; choose another folder",
+        "{} holds the results of `run`, which `analyze` would overwrite in part; choose another folder",
         args.output.display()
     );
     let mut options = PipelineOptions::default();
     args.analysis.fill(&mut options, args.method.method)?;
     if used && !args.output.join(RECORD_NAME).exists() {
         eprintln!(
-            "note: {} has no {RECORD_NAME}, the record of an earlier analysis: whatever is there under a name that this one does not write \
-             stays, and `figures` may show it",
+            "note: {} has no {RECORD_NAME}, the record of an earlier analysis: files that this analysis does not overwrite stay, and \
+             `figures` may show them",
             args.output.display()
         );
     }
@@ -100,7 +104,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     say_unlisted(&models, dataset.as_ref());
     if models.is_empty() {
         say_failures(&failures, None);
-        anyhow::bail!("none of the {} tracks can be used", files.len());
+        anyhow::bail!("none of the {} tracks is usable", files.len());
     }
     let failed = files.len() - models.len();
     let results = of_tracks(args, models, failures.clone(), &bench);
@@ -137,7 +141,7 @@ fn from_models(args: &Args, path: &Path, bench: &Workbench) -> anyhow::Result<Ou
     let file = ColumnarModels::open(path)?;
     anyhow::ensure!(
         file.node_count() == bench.wireframe.node_count(),
-        "{}: its models have {} nodes, the wireframe {}",
+        "{}: its models have {} nodes, but the wireframe has {}",
         path.display(),
         file.node_count(),
         bench.wireframe.node_count()
@@ -145,7 +149,7 @@ fn from_models(args: &Args, path: &Path, bench: &Workbench) -> anyhow::Result<Ou
     let asked = || [&bench.options.by, &bench.options.strata, &bench.options.covariates].into_iter().flatten();
     if let Some(column) = asked().find(|column| file.not_read.contains(column)) {
         anyhow::bail!(
-            "{}: column `{column}` holds neither text nor plain numbers (a date, a decimal fraction, a list); save it as text",
+            "{}: column `{column}` holds neither text nor plain numbers (perhaps a date, a decimal or a list); save it as text",
             path.display()
         );
     }

@@ -89,7 +89,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         cascades: args.cascades.clone(),
     };
     if let Some(folder) = args.cascades.as_ref().filter(|folder| !folder.is_dir()) {
-        anyhow::bail!("{}: --cascades names a folder, and there is none", folder.display());
+        anyhow::bail!("{}: there is no such folder; --cascades needs the folder of OpenCV's Haar cascades", folder.display());
     }
     // A picture that does not read would be an empty page.
     if let Some(picture) = args.dataset.as_ref().filter(|path| path.is_file() && is_picture(path)) {
@@ -101,8 +101,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     if !args.host.is_loopback() {
         eprintln!(
-            "warning: the page is served on {}: whoever can reach this address and knows the one below can see the faces and change \
-             the marks, and nothing between is encrypted",
+            "warning: the page is served on {}: anyone who can reach this address and knows the link below can see the faces and change \
+             the marks; the connection is not encrypted",
             args.host
         );
     }
@@ -111,10 +111,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     let (sequences, left) = annotator.sequences();
     if args.tracks.is_some() {
-        println!("{}, the one that lost most first", count(sequences, "track", "tracks"));
+        println!("{}, sorted by lost nodes, worst first", count(sequences, "track", "tracks"));
     } else if sequences == 0 {
         println!(
-            "nothing is left to mark: {} with {ENOUGH_MARKS} marks or more; --all shows them",
+            "nothing is left to mark: {} with {ENOUGH_MARKS} marks or more; --all shows all sequences",
             count(annotator.total(), "sequence", "sequences")
         );
     } else {
@@ -126,7 +126,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let stop = stop_flag()?;
     let url = annotator.url();
     println!("open {url}");
-    println!("Ctrl-C ends the server; every mark is saved when it is made");
+    println!("Ctrl-C ends the server; every mark is saved at once");
     if !args.no_open {
         open_browser(&url);
     }
@@ -142,9 +142,9 @@ fn accept(annotator: &Annotator, limit: f64) -> anyhow::Result<()> {
         bar.set_position(done as u64);
     });
     bar.finish_and_clear();
-    println!("{} accepted with the marks that were found", count(accepted.accepted.len(), "sequence", "sequences"));
+    println!("accepted the found marks of {}", count(accepted.accepted.len(), "sequence", "sequences"));
     for (id, reason) in &accepted.left {
-        println!("  to look at: {id}: {reason}");
+        println!("  not accepted: {id}: {reason}");
     }
     Ok(())
 }

@@ -37,17 +37,13 @@ pub fn check_apart(outputs: &[Named<'_>], inputs: &[Named<'_>]) -> anyhow::Resul
     let places: Vec<PathBuf> = outputs.iter().map(|(_, path)| resolved(path)).collect();
     for (k, (option, path)) in outputs.iter().enumerate() {
         if let Some(before) = places[..k].iter().position(|place| *place == places[k]) {
-            anyhow::bail!(
-                "{}: both {} and {option} name this file; one would be written over the other",
-                path.display(),
-                outputs[before].0
-            );
+            anyhow::bail!("{}: {} and {option} name the same file; give two different names", path.display(), outputs[before].0);
         }
     }
     for (input, path) in inputs {
         let place = resolved(path);
         if let Some(k) = places.iter().position(|output| *output == place) {
-            anyhow::bail!("{}: {} would be written over {input}; give it another name", path.display(), outputs[k].0);
+            anyhow::bail!("{}: {} would overwrite {input}; give it another name", path.display(), outputs[k].0);
         }
     }
     Ok(())
@@ -58,7 +54,7 @@ pub fn check_not_over(output: &Path, folder: &Path) -> anyhow::Result<()> {
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     anyhow::ensure!(
         !(output.is_file() && lies_in(output, folder)),
-        "{}: --output would be written over a file of {}; give it another name",
+        "{}: --output would overwrite a file of {}; give it another name",
         output.display(),
         folder.display()
     );
@@ -73,7 +69,7 @@ pub fn check_own_table(output: &Path, begins: &str) -> anyhow::Result<()> {
     };
     anyhow::ensure!(
         !output.exists() || is_own(&mut first),
-        "{}: --output would be written over a file that is no table of this command; give it another name",
+        "{}: --output would overwrite a file that this command did not write; give it another name",
         output.display()
     );
     Ok(())
@@ -84,7 +80,7 @@ pub fn check_outside(option: &str, folder: &Path, inputs: &[Named<'_>]) -> anyho
     for (input, path) in inputs {
         anyhow::ensure!(
             !lies_in(path, folder),
-            "{}: {option} makes this folder anew, and {input} lies in it; give another folder",
+            "{}: {option} would replace this folder, but {input} lies in it; give another folder",
             path.display()
         );
     }
@@ -113,7 +109,7 @@ pub fn check_folder_name(folder: &Path, choice: &str) -> anyhow::Result<()> {
     let ending = folder.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
     anyhow::ensure!(
         folder.is_dir() || !FILE_ENDINGS.contains(&ending.as_str()),
-        "{}: --output is a folder for the results, and this name ends as a file's, in .{ending}; name a folder ({choice})",
+        "{}: --output must name a folder, but this name ends in .{ending} like a file; name a folder ({choice})",
         folder.display()
     );
     Ok(())
@@ -123,7 +119,7 @@ pub fn check_folder_name(folder: &Path, choice: &str) -> anyhow::Result<()> {
 pub fn check_png(option: &str, path: &Path, or_folder: &str) -> anyhow::Result<()> {
     anyhow::ensure!(
         path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")),
-        "{option} {}: the picture is a .png file; name one{or_folder}",
+        "{option} {}: the picture must be a .png file; name one{or_folder}",
         path.display()
     );
     Ok(())
@@ -148,10 +144,10 @@ mod tests {
         let (dotted, up) = (at("./a.csv"), at("sub/../a.csv"));
         for same in [&a, &dotted, &up] {
             let both = said(&[("--output", &a), ("--overlay", same)], &[]);
-            assert!(both.ends_with("both --output and --overlay name this file; one would be written over the other"), "{both}");
+            assert!(both.ends_with("--output and --overlay name the same file; give two different names"), "{both}");
         }
         let over = said(&[("--output", &at("sub/../marks.csv"))], &[("--correspondences", &at("marks.csv"))]);
-        assert!(over.ends_with("marks.csv: --output would be written over --correspondences; give it another name"), "{over}");
+        assert!(over.ends_with("marks.csv: --output would overwrite --correspondences; give it another name"), "{over}");
         #[cfg(unix)]
         {
             std::os::unix::fs::symlink(at("sub"), at("link")).unwrap();
@@ -160,7 +156,7 @@ mod tests {
             assert_ne!(said(&[("-o", &at("other.csv"))], &[("MARKS", &at("marks.csv"))]), "");
         }
         let over = check_not_over(&at("marks.csv"), folder.path()).unwrap_err().to_string();
-        assert!(over.contains("--output would be written over a file of"), "{over}");
+        assert!(over.contains("--output would overwrite a file of"), "{over}");
         assert!(check_not_over(&a, folder.path()).is_ok() && check_not_over(&at("marks.csv"), &at("sub")).is_ok());
         std::fs::write(at("table.csv"), "subject,verdict\nS1,good\n").unwrap();
         assert!(
@@ -171,7 +167,7 @@ mod tests {
         );
         let called =
             |name: &str| check_folder_name(&at(name), "see --format").map_or_else(|error| error.to_string(), |()| String::new());
-        assert!(called("notes.TXT").ends_with("and this name ends as a file's, in .txt; name a folder (see --format)"));
+        assert!(called("notes.TXT").ends_with("but this name ends in .txt like a file; name a folder (see --format)"));
         assert_eq!((called("v1.2"), called("anna.b"), called("smile")), (String::new(), String::new(), String::new()));
         std::fs::create_dir(at("old.gif")).unwrap();
         assert_eq!(called("old.gif"), "");

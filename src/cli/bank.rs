@@ -194,9 +194,7 @@ fn open_file(path: &Path) -> anyhow::Result<Bank> {
     let bank = Bank::open(path).map_err(|e| about(path)(&e))?;
     if bank.is_old_file() {
         let path = path.display();
-        eprintln!(
-            "warning: {path}: a bank file of version 1; `grimace bank convert {path} -o NEW.bank` writes it in the present version"
-        );
+        eprintln!("warning: {path}: this bank file is of version 1; `grimace bank convert {path} -o NEW.bank` converts it");
     }
     Ok(bank)
 }
@@ -240,7 +238,7 @@ fn build(args: &BuildArgs) -> anyhow::Result<Outcome> {
     }
     println!("{} vertices, {} triangles, {}", summary.vertices, summary.triangles, count(summary.members, "member", "members"));
     if !summary.other_meshes.is_empty() {
-        println!("not taken (--mesh NAME takes another): {}", listed(&summary.other_meshes, 10));
+        println!("meshes not used (choose one with --mesh NAME): {}", listed(&summary.other_meshes, 10));
     }
     println!("{}, from {}", count(summary.feature_points.len(), "feature point", "feature points"), summary.feature_points_from);
     if !summary.missing.is_empty() {
@@ -273,14 +271,14 @@ fn mix(args: &MixArgs) -> anyhow::Result<Outcome> {
                 Some(path) => read_recipes(path, shapes.names())?.into_iter().map(|r| (r.name, r.weights)).collect(),
                 None if embedded == Some(EmbeddedBank::Candide) => synthesis::candide_expressions()?,
                 None => arkit::dominant_expressions(shapes.names())
-                    .context("the shapes have no ARKit names; give the expressions to perform with --expressions")?,
+                    .context("the shapes do not have ARKit names; give the expressions to perform with --expressions")?,
             };
             let sides: Vec<f64> = shapes.names().iter().map(|n| arkit::side(n)).collect();
             let options = PerformanceOptions { models: usize::from(models.unwrap_or_default()), seed: args.seed };
             let dominant = expressions.len();
             anyhow::ensure!(
                 options.models >= dominant,
-                "--performance {}: at least {dominant} models are needed, one for each expression",
+                "--performance {}: give at least {dominant}, one model for each expression",
                 options.models
             );
             (perform(&expressions, &sides, &options), dominant)
@@ -306,7 +304,7 @@ fn mix(args: &MixArgs) -> anyhow::Result<Outcome> {
     let chosen = choose_members(&recipe_motions(&shapes, &recipes), dominant, usize::from(members));
     anyhow::ensure!(
         chosen.len() == usize::from(members),
-        "--members {members}: only {} of {} models move enough to be chosen",
+        "--members {members}: only {} of {} models move enough; give a smaller number",
         chosen.len(),
         recipes.len()
     );
@@ -314,7 +312,10 @@ fn mix(args: &MixArgs) -> anyhow::Result<Outcome> {
     write(&bank, &args.output)?;
     if let Some(path) = &args.unseen {
         let rest: Vec<_> = (0..recipes.len()).filter(|k| !chosen.contains(k)).map(|k| recipes[k].clone()).collect();
-        anyhow::ensure!(!rest.is_empty(), "--unseen: every model became a member of the bank");
+        anyhow::ensure!(
+            !rest.is_empty(),
+            "--unseen: no model is left, every one is a member of the bank; give a smaller --members"
+        );
         write(&rest, path)?;
     }
     Ok(Outcome::Done)

@@ -87,7 +87,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         args.general.check_free(output)?;
     }
     if let Some(results) = &args.results {
-        anyhow::ensure!(results.is_dir(), "--results {}: there is no such folder", results.display());
+        anyhow::ensure!(
+            results.is_dir(),
+            "--results {}: there is no such folder; give the output folder of a run, or leave --results out",
+            results.display()
+        );
     }
     let mut options = PipelineOptions {
         fit: args.fit.options_of(args.method.method),
@@ -118,7 +122,7 @@ fn print_summary(checked: &DatasetCheck, args: &Args) {
     let failing = sequences.iter().filter(|s| s.failure.is_some()).count();
     let look = sequences.iter().filter(|s| s.failure.is_none() && !s.reasons.is_empty()).count();
     println!(
-        "{} of {}: {} good, {look} to look at again, {failing} would fail",
+        "{} of {}: {} good, {look} need a look, {failing} would fail",
         count(sequences.len(), "sequence", "sequences"),
         count(*people, "person", "people"),
         sequences.len() - look - failing
@@ -148,7 +152,7 @@ fn print_summary(checked: &DatasetCheck, args: &Args) {
     lines_by_kind(failing_ones, "would fail", table).iter().for_each(|line| println!("{line}"));
     let to_look_at = sequences.iter().filter(|s| s.failure.is_none() && !s.reasons.is_empty());
     let to_look_at = to_look_at.map(|s| (&s.id, LOOK_AGAIN.to_owned(), s.reasons.join("; ")));
-    lines_by_kind(to_look_at, "deserve a look", table).iter().for_each(|line| println!("{line}"));
+    lines_by_kind(to_look_at, "need a look", table).iter().for_each(|line| println!("{line}"));
     let noted = sequences.iter().filter(|s| s.failure.is_none() && !s.notes.is_empty());
     let noted = noted.map(|s| (&s.id, "note".to_owned(), s.notes.join("; ")));
     lines_by_kind(noted, "have a note", table).iter().for_each(|line| println!("{line}"));
@@ -191,6 +195,6 @@ fn groups_said(column: &CheckedColumn) -> String {
         format!("{range} each")
     };
     let untested =
-        if column.is_testable { "" } else { "; nothing to test: that takes two groups of two people with the same emotion" };
+        if column.is_testable { "" } else { "; not tested: a test needs two groups of two people with the same emotion" };
     format!("{}, {of}{untested}", count(groups.len(), "group", "groups"))
 }

@@ -194,28 +194,28 @@ struct Source<'a> {
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     anyhow::ensure!(
         args.correspondences.is_empty() || args.correspondences.len() == args.target.len(),
-        "{} targets and {} files of correspondences: give one for each target, in the same order, or none to have marks found",
+        "{} targets but {} files of --correspondences: give one file for each target, in the same order, or none to find the marks",
         args.target.len(),
         args.correspondences.len()
     );
     anyhow::ensure!(
         args.look.source_frames.is_none() || args.source.len() == 1,
-        "--source-frames are the pictures of one track, but {} sources are given",
+        "--source-frames belong to one track, but {} sources are given; give one --source",
         args.source.len()
     );
     anyhow::ensure!(
         args.look.wrinkles.is_none() || args.look.source_frames.is_some(),
-        "--wrinkles needs the pictures of the source: give --source-frames"
+        "--wrinkles needs the frames of the source: give --source-frames"
     );
     anyhow::ensure!(
         args.look.teeth != Teeth::Source || args.look.source_frames.is_some(),
-        "--teeth source needs the pictures of the source: give --source-frames"
+        "--teeth source needs the frames of the source: give --source-frames"
     );
     anyhow::ensure!(
         args.look.wrinkles.is_none() || matches!(args.look.skin, SkinChoice::Auto | SkinChoice::None),
-        "--wrinkles takes the folds of the source's own frames, --skin those of others; give one of them"
+        "--wrinkles and --skin both add folds; give only one of them"
     );
-    check_folder_name(&args.output, "its films are chosen by --film: gif, apng, mp4, webm")?;
+    check_folder_name(&args.output, "choose films with --film: gif, apng, mp4, webm")?;
     let bench = args.general.workbench(PipelineOptions { fit: args.fit.options(), ..PipelineOptions::default() })?;
     let stop = stop_flag()?;
     let pairs = args.source.len() * args.target.len();
@@ -313,7 +313,7 @@ fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::R
             let motion = SourceMotion::read(path, bench)?;
             anyhow::ensure!(
                 args.motion.rescale != Rescale::None || motion.kind == SourceKind::Track,
-                "{}: --rescale none carries pixels over, and this motion is in face units; give uniform, or a track",
+                "{}: --rescale none needs a motion in pixels, but this one is in face units; give --rescale uniform, or a track",
                 path.display()
             );
             let wants_pictures = args.look.source_frames.is_some() && !motion.frames.is_empty();
@@ -321,8 +321,8 @@ fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::R
             if let Some(info) = &info {
                 anyhow::ensure!(
                     may_publish(&info.metadata),
-                    "{}: the column `{PUBLISH_COLUMN}` of its manifest says that pictures of this person may not be shown; \
-                     leave --source-frames out: the motion alone shows nobody",
+                    "{}: the column `{PUBLISH_COLUMN}` of its manifest forbids showing pictures of this person; \
+                     leave --source-frames out: the motion alone shows no picture",
                     path.display()
                 );
             }
@@ -338,7 +338,7 @@ fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::R
                 if !source.motion.not_shown.is_empty() {
                     let faps = source.motion.not_shown.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
                     eprintln!(
-                        "warning: {}: FAP {faps} cannot be shown on a photograph from the front (depth, tongue, ears, head, visemes, expressions) and {} left out",
+                        "warning: {}: FAP {faps} cannot be shown on a photograph from the front (depth, tongue, ears, head, visemes, expressions) and {} ignored",
                         path.display(),
                         are(source.motion.not_shown.len())
                     );
@@ -362,7 +362,7 @@ fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::R
 fn note_whole_rate(path: &Path, fps: Option<f64>) {
     if let Some((fps, written)) = fps.map(|fps| (fps, whole_rate(fps).written)).filter(|(fps, written)| fps != written) {
         eprintln!(
-            "note: {}: FAP files have whole frame rates: clone.fap is at {}, the clone at {}",
+            "note: {}: FAP files need a whole frame rate: clone.fap has {}, the clone {}",
             path.display(),
             per_second(written),
             per_second(fps)
@@ -376,7 +376,7 @@ fn cut_said(cut: &[CutFap]) -> Option<String> {
     let one = |c: &CutFap| format!("{} ({} of {})", c.fap, none_the_other_way(c), c.asked);
     let list = cut.iter().map(one).collect::<Vec<_>>().join(", ");
     (!cut.is_empty()).then(|| {
-        format!("skin would fold over, or lips or lids lose their shape or pass through each other: less is shown of FAP {list}")
+        format!("reduced FAP {list}, because the skin would fold over, or lips or lids would lose their shape or pass through each other")
     })
 }
 
@@ -433,7 +433,7 @@ impl Job<'_> {
         let record = record_of(folder)?.filter(|_| !self.args.general.force);
         if let Some(apex) = record.and_then(|info| made_before(folder, &info, &target.name, &inputs_blake3)) {
             if !self.args.general.quiet && self.args.source.len() * self.args.target.len() == 1 {
-                println!("{} holds this clone already, of the same files and options: nothing written", folder.display());
+                println!("{} already holds this clone, with the same files and options: nothing written", folder.display());
             }
             return Ok((apex, false));
         }
@@ -442,12 +442,12 @@ impl Job<'_> {
         let used = folder.read_dir().is_ok_and(|mut entries| entries.next().is_some()) && !folder.join(FRAMES_RECORD).exists();
         anyhow::ensure!(
             self.args.general.force || !used,
-            "{} {}; choose a new folder, or --force to write into it",
+            "{} {}; choose a new folder, or give --force to write into it",
             named_folder(folder),
             if holds_a_batch(folder) {
-                "holds the clones of several sources or targets, a folder each"
+                "holds the clones of several sources or targets, one folder each"
             } else {
-                "is not empty and no clone wrote into it"
+                "is not empty and was not written by `clone`"
             }
         );
         let details = match &source.pictures {
@@ -515,7 +515,7 @@ impl Job<'_> {
         for name in &written.kept {
             self.bar.suspend(|| {
                 eprintln!(
-                    "{}: of an earlier clone and changed since; it is kept, and is not of this one",
+                    "{}: this file of an earlier clone was changed by hand and is kept; it does not belong to this clone",
                     folder.join(name).display()
                 );
             });

@@ -59,12 +59,12 @@ pub(super) fn skin_of(
             let representative = SourceMotion::read(csv, bench)?;
             anyhow::ensure!(
                 representative.kind == SourceKind::Model,
-                "--skin {}: is no representative; give the .csv that `run` wrote, with its {SKIN_SUFFIX} beside it",
+                "--skin {}: this is not a representative; give a .csv of OUT/representatives with a {SKIN_SUFFIX} beside it",
                 csv.display()
             );
             let picture = Skin::path_beside(csv, representative.kind).ok_or_else(|| {
                 anyhow::anyhow!(
-                    "{}: has no {SKIN_SUFFIX} beside it; `run` writes it where at least {} people of a class have pictures that show folds",
+                    "{}: there is no {SKIN_SUFFIX} beside it; `run` writes it if at least {} people of a class have pictures that show folds",
                     csv.display(),
                     grimace::clone::LEAST_SKIN_PEOPLE
                 )

@@ -73,7 +73,7 @@ impl Repeated {
         let summed = |ids: &mut Vec<String>, how: &str| {
             ids.sort();
             let (count, named) = (ids.len(), listed(ids, NAMED));
-            let reasons = table.map(|table| format!("; their reasons are in {table}")).unwrap_or_default();
+            let reasons = table.map(|table| format!("; reasons: {table}")).unwrap_or_default();
             format!("{count} more {} {became}{how}: {named}{reasons}", if count == 1 { "sequence" } else { "sequences" })
         };
         let said = |Kind { first, others }: &Kind| match others.as_slice() {
@@ -81,7 +81,7 @@ impl Repeated {
             [(_, line)] => Some(line.clone()),
             _ => {
                 let mut ids = others.iter().map(|(id, _)| id.clone()).collect();
-                Some(summed(&mut ids, &format!(" in the same way as {first}")))
+                Some(summed(&mut ids, &format!(" like {first}")))
             }
         };
         let mut lines: Vec<String> = self.kinds.values().filter_map(said).collect();
@@ -123,7 +123,7 @@ pub fn say_unlisted(models: &[AnalyzedModel], dataset: Option<&Dataset>) {
         models.iter().map(|m| &m.model.id).filter(|id| !known.contains(id)).map(ToString::to_string).collect();
     if !unlisted.is_empty() {
         eprintln!(
-            "note: {} of {} are not in the manifest of --dataset, and have the emotion and the columns that the .json beside them names: {}",
+            "note: {} of {} are not in the manifest of --dataset; their emotion and columns come from the .json beside them: {}",
             unlisted.len(),
             count(models.len(), "track", "tracks"),
             listed(&unlisted, NAMED)
@@ -166,7 +166,7 @@ mod tests {
         assert_eq!(first, [true, false, false, false]);
         assert!(repeated.is_first("S005_001", "the file is empty", "S005_001: the file is empty"));
         assert!(!repeated.is_first("S006_001", "the file is empty", "S006_001: the file is empty"));
-        let more = "3 more sequences failed in the same way as S001_001: S002_001; S003_001; S004_001; their reasons are in failures.csv";
+        let more = "3 more sequences failed like S001_001: S002_001; S003_001; S004_001; reasons: failures.csv";
         assert_eq!(repeated.rest(FAILED, Some("failures.csv")), [more, "S006_001: the file is empty"]);
     }
 
@@ -179,7 +179,7 @@ mod tests {
             reason: format!("data/manifest.csv, line {line}: a quotation mark is not closed"),
         };
         let said = lines_of(&[row(3), row(5), row(8)], None);
-        let more = "2 more sequences failed in the same way as data/manifest.csv, line 3: data/manifest.csv, line 5; data/manifest.csv, line 8";
+        let more = "2 more sequences failed like data/manifest.csv, line 3: data/manifest.csv, line 5; data/manifest.csv, line 8";
         assert_eq!(said, ["failed at dataset: data/manifest.csv, line 3: a quotation mark is not closed", more]);
     }
 
@@ -193,7 +193,7 @@ mod tests {
         let alike: Vec<Failure> = (0..40).map(|k| failure(k, format!("{}.csv: is empty", ["joy", "fear"][k % 2]))).collect();
         let said = lines_of(&alike, Some(Path::new("out/failures.csv")));
         let named = "S001_5; S002_5; S003_5; S004_5; S005_5; S006_5; and 33 more";
-        let more = format!("39 more sequences failed in the same way as S000_5: {named}; their reasons are in out/failures.csv");
+        let more = format!("39 more sequences failed like S000_5: {named}; reasons: out/failures.csv");
         assert_eq!(said, ["failed: S000_5 at dataset: joy.csv: is empty".to_owned(), more]);
         let letters = |k: usize| "x".repeat(k + 1);
         let others: Vec<Failure> = (0..40).map(|k| failure(k, letters(k))).collect();

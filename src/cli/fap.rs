@@ -228,9 +228,11 @@ fn check(args: &CheckArgs) -> anyhow::Result<Outcome> {
     let mut files = Vec::new();
     for path in &args.files {
         let (unreadable, mut findings, lips) = match grimace::input::read_or_stdin(path) {
-            Ok(bytes) if bytes.starts_with(b"frame,") => {
-                (Some("a table in CSV, no .fap file; `grimace fap convert` makes one of it".to_owned()), Vec::new(), Vec::new())
-            }
+            Ok(bytes) if bytes.starts_with(b"frame,") => (
+                Some("this is a CSV table, not a .fap file; convert it with `grimace fap convert`".to_owned()),
+                Vec::new(),
+                Vec::new(),
+            ),
             Ok(bytes) => (None, check_fap(&bytes), if args.strict { check_lips(&bytes) } else { Vec::new() }),
             Err(error) => (Some(error.to_string()), Vec::new(), Vec::new()),
         };
@@ -291,7 +293,9 @@ fn convert(args: &ConvertArgs) -> anyhow::Result<Outcome> {
         }
         if prepared.dropped > 0 {
             let dropped = count(prepared.dropped, "value");
-            note(&format!("left out {dropped} of FAPs 1 and 2: readers of the {profile} profile differ in their form"));
+            note(&format!(
+                "left out {dropped} of FAPs 1 and 2: the readers of the {profile} profile expect different formats of them"
+            ));
         }
         if prepared.lips_copied > 0 {
             note(&format!("copied {} between inner and outer lips, as Xface would", count(prepared.lips_copied, "unset value")));
@@ -309,9 +313,9 @@ fn convert(args: &ConvertArgs) -> anyhow::Result<Outcome> {
         }
     }
     for Finding { line: frame, field, message, times, .. } in beyond_range(&sequence) {
-        let more = if times > 1 { format!("; so it is in {times} frames") } else { String::new() };
+        let more = if times > 1 { format!("; this occurs in {times} frames") } else { String::new() };
         eprintln!(
-            "warning: {field} in frame {frame}: {message}{more}; it is written as it is, and readers may limit or refuse it"
+            "warning: {field} in frame {frame}: {message}{more}; the value is written unchanged, and readers may limit or refuse it"
         );
     }
     if to_csv {
@@ -337,14 +341,14 @@ fn read(args: &ConvertArgs) -> anyhow::Result<(FapSequence, Profile)> {
         // The table has no frame rate: it gets the output's, so that nothing is interpolated.
         let sequence = read_tidy_csv(&args.input, f64::from(args.fps.unwrap_or(FPS)))?;
         if args.fps.is_none() {
-            note(&format!("a table has no frame rate: {FPS} frames per second, unless --fps says another"));
+            note(&format!("a table has no frame rate; using {FPS} frames per second; --fps sets another"));
         }
         let is_empty = |frame: &FapFrame| FapNumber::all().all(|fap| !frame.is_set(fap));
         if let [first, second, ..] = sequence.frames.as_slice()
             && is_empty(first)
             && !is_empty(second)
         {
-            note("the table has nothing for frame 0, which is a frame all the same: count frames from 0");
+            note("the table has no row for frame 0, so the first frame is empty; frames count from 0");
         }
         return Ok((sequence, Profile::default()));
     }
@@ -362,7 +366,7 @@ fn read(args: &ConvertArgs) -> anyhow::Result<(FapSequence, Profile)> {
     };
     let stays = args.profile.is_none() && !is_csv(&args.output) && is_for_greta(&bytes) && plays(Profile::Greta);
     if stays {
-        note("written for Greta, as the file was: `--profile strict` is for all readers");
+        note("written for Greta, like the input; `--profile strict` writes for all readers");
     }
     Ok((sequence, if stays { Profile::Greta } else { Profile::default() }))
 }
@@ -371,7 +375,10 @@ fn read(args: &ConvertArgs) -> anyhow::Result<(FapSequence, Profile)> {
 fn set_timing(args: &ConvertArgs, profile: Profile, sequence: FapSequence) -> anyhow::Result<FapSequence> {
     let fps = args.fps.or(profile.fixed_fps()).map_or(sequence.fps, f64::from);
     if args.fps.is_none() && fps.total_cmp(&sequence.fps).is_ne() {
-        note(&format!("changed {} to {fps} frames per second, which the {profile} profile plays", sequence.fps));
+        note(&format!(
+            "changed the frame rate from {} to {fps} frames per second, the only rate of the {profile} profile",
+            sequence.fps
+        ));
     }
     if let Some(between) = args.between {
         return Ok(FapSequence { fps, ..sequence.with_frames_between(between)? });

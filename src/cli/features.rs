@@ -76,16 +76,16 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     if matches!(args.names, Names::Openface)
         && let Some(unit) = args.units.iter().find(|unit| !ColumnNames::OpenFace.has(unit.number))
     {
-        anyhow::bail!("--units AU{:02}: OpenFace's files have no such column; leave it out, or --names grimace", unit.number);
+        anyhow::bail!("--units AU{:02}: OpenFace files have no such column; leave it out, or give --names grimace", unit.number);
     }
     check_is_folder(&args.output)?;
     let files = track_files(&args.tracks)?;
     anyhow::ensure!(
         files.len() == 1 || args.blendshapes.as_ref().is_none_or(|path| path.is_dir()),
-        "--blendshapes: for {} tracks give a folder with SUBJECT_SEQUENCE.json or .csv of each",
+        "--blendshapes: for {} tracks, give a folder with one SUBJECT_SEQUENCE.json or .csv for each",
         files.len()
     );
-    anyhow::ensure!(!files.is_empty(), "no track files among what was given; a track is a .csv as `grimace run` writes it");
+    anyhow::ensure!(!files.is_empty(), "found no track files; a track is a .csv that `grimace run` or `grimace track` wrote");
     let mut targets: BTreeMap<PathBuf, &Path> = BTreeMap::new();
     for path in &files {
         // What does not read is said below.
@@ -94,7 +94,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         let same = |a: &Path, b: &Path| matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b);
         if let Some(first) = targets.insert(target.clone(), path).filter(|first| !same(first, path)) {
             anyhow::bail!(
-                "{} and {} are tracks of one name: both tables would be {}; make them in two folders",
+                "{} and {} are tracks of the same name: both tables would be {}; write them into two folders",
                 first.display(),
                 path.display(),
                 target.display()
@@ -142,7 +142,7 @@ fn one(path: &Path, args: &Args, bench: &Workbench, own: &OwnFolder) -> anyhow::
     let target = target_of(&id, args);
     let blendshapes = args.blendshapes.as_deref().and_then(|path| blendshapes_of(path, &id.to_string()));
     if let Some(given) = args.blendshapes.as_ref().filter(|_| blendshapes.is_none()) {
-        eprintln!("note: {}: no {id}.json, .jsonl or .csv: {} gets no blendshapes", given.display(), target.display());
+        eprintln!("note: {}: there is no {id}.json, .jsonl or .csv; {} gets no blendshapes", given.display(), target.display());
     }
     let (units, of_track) = (target.with_extension("json"), path.with_extension("json"));
     let inputs = [("the track", path), ("the .json beside the track", of_track.as_path())];

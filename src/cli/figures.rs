@@ -40,7 +40,11 @@ const COMMAND: &str = "figures";
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     check_is_folder(&args.output)?;
     let used = is_used(&args.output, COMMAND);
-    anyhow::ensure!(args.general.force || !used, "{} is not empty; --force writes over its figures", args.output.display());
+    anyhow::ensure!(
+        args.general.force || !used,
+        "{} is not empty; choose another folder, or give --force to overwrite its figures",
+        args.output.display()
+    );
     let bench = args.general.workbench(PipelineOptions::default())?;
     let (figures, left_out) = figures_of(&args.results, &bench)?;
     for what in left_out {

@@ -129,12 +129,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         }
         if !fitted.read.is_empty() {
             println!(
-                "{} nodes without a mark were read in the picture (--read-unmarked off: by the marks alone)",
+                "found {} nodes without a mark in the picture (--read-unmarked off fits to the marks only)",
                 fitted.read.len()
             );
         }
         if marks.len() < 5 {
-            println!("note: 5 to 8 marks make a fit, those that `grimace fit --help` names a good one");
+            println!("note: a fit needs 5 to 8 marks; the marks listed by `grimace fit --help` give a good one");
         }
     }
     Ok(Outcome::Done)

@@ -55,20 +55,21 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     check_apart(&[("the manifest", &path)], &maybe("--people", args.people.as_ref()).collect::<Vec<_>>())?;
     check_free(&path, args.force)?;
     let folder = args.folder.display();
-    anyhow::ensure!(!args.folder.is_file(), "{folder}: this is a file; give the folder that holds the sequences");
-    anyhow::ensure!(args.folder.is_dir(), "{folder}: there is no such folder; give the one that holds the sequences");
+    anyhow::ensure!(!args.folder.is_file(), "{folder}: this is a file; give the folder with the sequences");
+    anyhow::ensure!(args.folder.is_dir(), "{folder}: there is no such folder; give the folder with the sequences");
     let mut manifest = propose_manifest(&args.folder).map_err(|error| match error {
-        DatasetError::NothingFound { root } => anyhow::anyhow!(
-            "{}: nothing found that could be a sequence: no video, and no folder with two pictures or more",
-            root.display()
-        ),
+        DatasetError::NothingFound { root } => {
+            anyhow::anyhow!("{}: found no sequences: no video, and no folder with two or more pictures", root.display())
+        }
         other => other.into(),
     })?;
     if let Some(people) = &args.people {
         manifest.join_people(people)?;
     }
     let kept = if path.is_file() {
-        manifest.keep(&path).map_err(|error| anyhow::anyhow!("{error}; what it says would be lost: mend it, or move it away"))?
+        manifest.keep(&path).map_err(|error| {
+            anyhow::anyhow!("{error}; it is not overwritten, because its content would be lost: repair it, or move it away")
+        })?
     } else {
         Kept::default()
     };
@@ -78,49 +79,50 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         let open = manifest.rows.iter().filter(|row| row.emotion == UNKNOWN_EMOTION).count();
         println!("{}: {}", single_line(&path.display().to_string()), count(manifest.rows.len(), "sequence", "sequences"));
         if !manifest.skipped.is_empty() {
-            println!("note: not taken: {}", shortened(&manifest.skipped));
+            println!("note: skipped: {}", shortened(&manifest.skipped));
         }
         if !manifest.left_out.is_empty() {
-            println!("note: left out, with fewer than two pictures: {}", shortened(&manifest.left_out));
+            println!("note: skipped, fewer than two pictures: {}", shortened(&manifest.left_out));
         }
         for pictures in &manifest.pictures_of_people {
-            println!("note: not taken: {pictures}; then run `init` again");
+            println!("note: skipped: {pictures}; then run `init` again");
         }
         if let Some(folder) = &manifest.holds_all {
-            println!("note: `{folder}` holds everything: it is taken for no person");
+            println!("note: folder `{folder}` holds everything and is not used as a subject");
         }
         if !manifest.unread.is_empty() {
             let formats = [IMAGE_EXTENSIONS.as_slice(), VIDEO_EXTENSIONS.as_slice()].map(|list| list.join(" "));
             println!(
-                "note: not read, convert to MP4 or PNG (formats that are read: {}): {}",
+                "note: skipped, unknown format; convert to MP4 or PNG (known formats: {}): {}",
                 formats.join(" "),
                 shortened(&manifest.unread)
             );
         }
         if !manifest.results.is_empty() {
-            println!("note: left out, written by grimace itself: {}", shortened(&manifest.results));
+            println!("note: skipped, written by grimace: {}", shortened(&manifest.results));
         }
         if open > 0 {
-            println!("note: the emotion of {} is not known; fill in what stands as `?`", count(open, "sequence", "sequences"));
+            println!(
+                "note: the emotion of {} is unknown; replace the `?` in the column emotion",
+                count(open, "sequence", "sequences")
+            );
         }
         if let (Some(people), false) = (&args.people, manifest.not_joined.is_empty()) {
-            println!("note: not taken from {}: {}", people.display(), listed(&manifest.not_joined, usize::MAX));
+            println!("note: columns not taken from {}: {}", people.display(), listed(&manifest.not_joined, usize::MAX));
         }
         if !manifest.unknown_people.is_empty() {
             let consent = if manifest.person_columns.iter().any(|column| is_publish_column(column)) {
-                "; their `publish` is `no`"
+                "; their column `publish` is set to `no`"
             } else {
                 ""
             };
             println!("note: not in the table of people: {}{consent}", shortened(&manifest.unknown_people));
         }
         if !manifest.people_without_rows.is_empty() {
-            println!("note: in the table of people, without a sequence: {}", shortened(&manifest.people_without_rows));
+            println!("note: in the table of people, but without a sequence: {}", shortened(&manifest.people_without_rows));
         }
         let folder = quoted(&args.folder.display().to_string());
-        println!(
-            "next: grimace check {folder}, which says in seconds what `run` would meet, then grimace run {folder} -o results"
-        );
+        println!("next: check the dataset in seconds with grimace check {folder}, then grimace run {folder} -o results");
     }
     Ok(Outcome::Done)
 }
@@ -128,13 +130,13 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 /// What was taken over from the manifest that was there, and what was not.
 fn say_kept(kept: &Kept) {
     if !kept.columns.is_empty() {
-        println!("note: kept from the manifest that was there: {}", shortened(&kept.columns));
+        println!("note: kept from the old manifest: {}", shortened(&kept.columns));
     }
     if !kept.other_emotions.is_empty() {
-        println!("note: the manifest that was there had other emotions: {}", shortened(&kept.other_emotions));
+        println!("note: the old manifest had other emotions: {}", shortened(&kept.other_emotions));
     }
     if !kept.gone.is_empty() {
-        println!("note: in the manifest that was there, and not found: {}", shortened(&kept.gone));
+        println!("note: in the old manifest, but not found now: {}", shortened(&kept.gone));
     }
 }
 

@@ -41,7 +41,7 @@ pub fn run(command: &str, arguments: &[OsString]) -> anyhow::Result<Outcome> {
     };
     if error.kind() == std::io::ErrorKind::NotFound {
         anyhow::bail!(
-            "`grimace {command}` is a command of {PROGRAM}, which is neither beside this program nor on PATH; in the project's folder, \
+            "`grimace {command}` needs the program {PROGRAM}, which is neither beside this program nor on PATH; in the project's folder, \
              `cargo install --path crates/lab` installs it"
         );
     }

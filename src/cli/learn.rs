@@ -124,14 +124,14 @@ fn locator(args: &LocatorArgs) -> anyhow::Result<Outcome> {
 
 fn print_summary(summary: &LearnSummary, size: usize) {
     println!(
-        "{} people, {} bytes; errors on {} pictures of people left out, percent of the eye distance:",
+        "{} people, {} bytes; errors on {} pictures of held-out people, percent of the eye distance:",
         summary.people, size, summary.pictures
     );
     println!("{:<14} {:>6} {:>6} {:>6}", "points", "mean", "95 %", "worst");
     for group in &summary.groups {
         println!("{:<14} {:>6.2} {:>6.2} {:>6.2}", group.group, group.mean, group.percentile_95, group.worst);
     }
-    println!("expected and real median error, by fifths of the points:");
+    println!("expected and true median error, by quintile of the points:");
     for [expected, real] in &summary.quintiles {
         println!("{expected:>14.2} {real:>6.2}");
     }
@@ -144,16 +144,16 @@ fn print_summary(summary: &LearnSummary, size: usize) {
     if let Some(covers) = &summary.covers {
         let [covered, open] = covers.pictures;
         println!(
-            "covered parts, on {covered} pictures with something over the face and {open} without; found, and said falsely:"
+            "covered parts, on {covered} pictures of covered and {open} of uncovered faces; detections, and false detections:"
         );
         for (part, found, falsely) in &covers.parts {
             println!("{:<14} {:>6.1} % {:>6.2} %", part.name(), 100.0 * found, 100.0 * falsely);
         }
-        println!("hidden points: expected and real mean error {:.2} and {:.2}", covers.errors[0], covers.errors[1]);
+        println!("hidden points: expected mean error {:.2}, true mean error {:.2}", covers.errors[0], covers.errors[1]);
     }
     if let Some(lips) = summary.lips {
         println!(
-            "parted lips: {:.2} % of {} pictures are said to be, {:.2} % of {} of closed ones; their edges off by {:.2} %, before {:.2} %",
+            "parted lips: detected in {:.2} % of {} pictures, and wrongly in {:.2} % of {} with closed lips; error of their edges {:.2} %, before {:.2} %",
             100.0 * lips.said.0,
             lips.pictures.0,
             100.0 * lips.said.1,

@@ -81,10 +81,10 @@ fn share(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(share) if (0.0..=1.0).contains(&share) => Ok(share),
         Ok(percent) if percent > 1.0 && percent <= 100.0 => Err(format!(
-            "this is a share, from 0 to 1: for {percent} % of the eye distance give {}",
+            "expected a share from 0 to 1: for {percent} % of the eye distance give {}",
             nine_digits(percent / 100.0)
         )),
-        _ => Err("a share is a number from 0 to 1".to_owned()),
+        _ => Err("expected a share, a number from 0 to 1".to_owned()),
     }
 }
 
@@ -169,7 +169,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                 count += faces.len();
                 if *left_out > 0 {
                     eprintln!(
-                        "{}: at least {} left out: --faces {} takes no more",
+                        "{}: at least {} left out; raise --faces {} to take more",
                         picture.name,
                         output::count(*left_out, "more face is", "more faces are"),
                         args.faces
@@ -178,7 +178,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                 for (k, face) in faces.iter().enumerate().filter(|(_, f)| f.expected_error() > args.trust) {
                     doubtful += 1;
                     eprintln!(
-                        "{}: face {} is not trusted: half of its points are expected to be more than {:.1} % of the eye distance off",
+                        "{}: face {} is not trusted: its median expected error is {:.1} % of the eye distance",
                         picture.name,
                         k + 1,
                         100.0 * face.expected_error()
@@ -188,7 +188,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                     let Some(said) = FacePart::said_covered(&face.covered) else { continue };
                     covered += 1;
                     eprintln!(
-                        "{}: face {}: {said}: half of the points there are expected to be more than {:.1} % of the eye distance off",
+                        "{}: face {}: {said}: the median expected error there is {:.1} % of the eye distance",
                         picture.name,
                         k + 1,
                         100.0 * face.expected_error_of(&face.covered)
@@ -202,8 +202,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             "{}, {count} {}, {doubtful} not trusted, {empty} without a face{}{}",
             output::count(pictures.len(), "picture", "pictures"),
             if count == 1 { "face" } else { "faces" },
-            if covered > 0 { format!(", {covered} covered in part") } else { String::new() },
-            if unreadable > 0 { format!(", {unreadable} not readable") } else { String::new() }
+            if covered > 0 { format!(", {covered} partly covered") } else { String::new() },
+            if unreadable > 0 { format!(", {unreadable} unreadable") } else { String::new() }
         );
     }
     Ok(if empty + unreadable > 0 { Outcome::SomeFailed } else { Outcome::Done })

@@ -41,7 +41,7 @@ fn prior(text: &str) -> Result<PriorKind, String> {
             Ok(loaded) => Ok(PriorKind::File(loaded)),
             Err(error) => {
                 let reason = grimace::text::message(&error.to_string()).into_owned();
-                Err(format!("neither none, candide, faces nor auto, nor a prior file: {reason}"))
+                Err(format!("expected none, candide, faces, auto or a prior file: {reason}"))
             }
         },
     }
@@ -345,7 +345,7 @@ impl AnalysisArgs {
         if let (Some(given), Some(only)) = (self.fps, profile.fixed_fps()) {
             anyhow::ensure!(
                 given == only,
-                "--fps {given}: the {profile} profile takes {only} frames per second; leave --fps out"
+                "--fps {given}: the {profile} profile needs {only} frames per second; leave --fps out"
             );
         }
         options.normalize = self.models.normalize_of(method);

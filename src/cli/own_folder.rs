@@ -26,9 +26,9 @@ impl OwnFolder {
         };
         let foreign: Vec<N> = names.into_iter().filter(is_foreign).collect();
         let Some(first) = foreign.first() else { return Ok(()) };
-        let more = if foreign.len() > 1 { format!(", and {} more like it", foreign.len() - 1) } else { String::new() };
+        let more = if foreign.len() > 1 { format!(", and {} more files", foreign.len() - 1) } else { String::new() };
         anyhow::bail!(
-            "{}: it is there already, and is not as an earlier `{}` wrote it{more}; move it away, or choose another folder",
+            "{}: this file exists and differs from what an earlier `{}` wrote{more}; move it away, or choose another folder",
             self.folder.join(first.as_ref()).display(),
             self.command
         )
@@ -53,7 +53,7 @@ impl OwnFolder {
     pub fn end(self) -> Result<(), OutputError> {
         for name in self.record.remove_stale()? {
             eprintln!(
-                "note: {}: of an earlier `{}` and changed since; it is kept, and is not of this one",
+                "note: {}: this file of an earlier `{}` was changed by hand and is kept; it does not belong to these results",
                 self.folder.join(name).display(),
                 self.command
             );
@@ -77,7 +77,7 @@ pub fn check_is_folder(path: &Path) -> anyhow::Result<()> {
     let is_there = path.exists();
     anyhow::ensure!(
         !is_there || path.is_dir(),
-        "{}: this is a file, and --output is a folder for the results; name another",
+        "{}: this is a file, but --output must name a folder; give another name",
         path.display()
     );
     Ok(())
@@ -111,7 +111,13 @@ mod tests {
         write("joy/fitness.csv", "two").unwrap();
         std::fs::write(at("joy/fitness.csv"), "mine").unwrap();
         let said = write("joy/fitness.csv", "three").unwrap_err().to_string();
-        assert!(said.ends_with("is not as an earlier `synthesize` wrote it; move it away, or choose another folder"), "{said}");
+        assert!(
+            said.ends_with(
+                "this file exists and differs from what an earlier `synthesize` wrote; move it away, or choose another \
+             folder"
+            ),
+            "{said}"
+        );
         std::fs::write(at("animation.glb"), "mine").unwrap();
         assert!(write("animation.glb", "ours").is_err());
         assert_eq!(std::fs::read_to_string(at("animation.glb")).unwrap(), "mine");
@@ -120,7 +126,7 @@ mod tests {
         write("weights.csv", "five").unwrap();
         assert!(at("joy/fitness.csv").exists() && !at("fear").exists());
         let said = check_is_folder(&at("weights.csv")).unwrap_err().to_string();
-        assert!(said.ends_with("weights.csv: this is a file, and --output is a folder for the results; name another"), "{said}");
+        assert!(said.ends_with("weights.csv: this is a file, but --output must name a folder; give another name"), "{said}");
         assert!(check_is_folder(folder.path()).is_ok() && check_is_folder(&at("new")).is_ok());
     }
 

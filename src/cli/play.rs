@@ -64,7 +64,7 @@ pub struct Args {
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     anyhow::ensure!(
         args.correspondences.is_empty() || args.correspondences.len() == args.portrait.len(),
-        "{} portraits and {} files of correspondences: give one for each portrait, in the same order, or none to have marks found",
+        "{} portraits but {} files of --correspondences: give one file for each portrait, in the same order, or none to find the marks",
         args.portrait.len(),
         args.correspondences.len()
     );
@@ -82,7 +82,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         if !motion.not_shown.is_empty() {
             let faps = motion.not_shown.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
             eprintln!(
-                "warning: {}: FAP {faps} cannot be shown on a photograph from the front and {} left out",
+                "warning: {}: FAP {faps} cannot be shown on a photograph from the front and {} ignored",
                 path.display(),
                 are(motion.not_shown.len())
             );
@@ -140,7 +140,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 /// What helps where a motion does not go onto a bank.
 fn to_do(error: &SynthesisError) -> &'static str {
     match error {
-        SynthesisError::Scale { .. } => "; give another --bank, one that has them, or none",
+        SynthesisError::Scale { .. } => "; give another --bank that has them, or none",
         _ => "",
     }
 }
@@ -156,16 +156,16 @@ fn too_large(bytes: usize, labels: &[String], frames: &[usize], faces: usize) ->
     let (longest, most) = labels.iter().zip(frames).max_by_key(|(_, frames)| **frames)?;
     let all: usize = frames.iter().sum();
     let to_do = if 2 * FRAME_BYTES * all < bytes {
-        format!("most of it are its {}: take fewer of them, or make several pages", output::count(faces, "face", "faces"))
+        format!("most of its size comes from {}: use fewer, or make several pages", output::count(faces, "face", "faces"))
     } else if 2 * most >= all {
         format!(
-            "{longest} has {most} of its {all} frames: a FAP file takes less with fewer frames a second (`grimace fap convert --fps 12`), or take a \
-             part of the motion"
+            "{longest} has {most} of its {all} frames: lower the frame rate of a FAP file (`grimace fap convert --fps 12`), or use a part of \
+             the motion"
         )
     } else {
-        format!("it has {all} frames of {} motions: take fewer of them, or make several pages", frames.len())
+        format!("it has {all} frames of {} motions: use fewer motions, or make several pages", frames.len())
     };
-    (bytes > LARGE_BYTES).then(|| format!("the page has {:.0} MB, and is slow to open; {to_do}", bytes as f64 / 1e6))
+    (bytes > LARGE_BYTES).then(|| format!("the page has {:.0} MB and opens slowly; {to_do}", bytes as f64 / 1e6))
 }
 
 /// What the motions are called: tracks by whom and what they show, all others and twins of these by their files; those of one name with the
@@ -233,11 +233,11 @@ mod tests {
         let labels = ["long", "short", "joy"].map(str::to_owned);
         assert_eq!(too_large(10_000_000, &labels, &[20_000, 5, 5], 1), None);
         let said = too_large(15_700_000, &labels, &[20_000, 5, 5], 1).unwrap();
-        assert!(said.starts_with("the page has 16 MB, and is slow to open; long has 20000 of its 20010 frames:"), "{said}");
+        assert!(said.starts_with("the page has 16 MB and opens slowly; long has 20000 of its 20010 frames:"), "{said}");
         let said = too_large(30_000_000, &labels, &[10_000, 10_000, 10_000], 1).unwrap();
-        assert!(said.ends_with("it has 30000 frames of 3 motions: take fewer of them, or make several pages"), "{said}");
+        assert!(said.ends_with("it has 30000 frames of 3 motions: use fewer motions, or make several pages"), "{said}");
         let said = too_large(12_000_000, &labels, &[5, 5, 5], 12).unwrap();
-        assert!(said.ends_with("most of it are its 12 faces: take fewer of them, or make several pages"), "{said}");
+        assert!(said.ends_with("most of its size comes from 12 faces: use fewer, or make several pages"), "{said}");
     }
 
     #[test]

@@ -28,12 +28,12 @@ pub fn target(path: &Path, marks: Option<&Path>, selection: &LandmarkSelection, 
         None => {
             anyhow::ensure!(
                 *selection == LandmarkSelection::Auto,
-                "{}: --marks says which landmarks of a file are taken, and none is given; name the file with --correspondences, or leave --marks out \
-                 to have marks found",
+                "{}: --marks selects landmarks of a file, but no file is given; name it with --correspondences, or leave --marks out \
+                 to find the marks",
                 path.display()
             );
             let points = marks_found(bench, path, &Frame::new(0, grey), Some(&picture))?.marks;
-            let with_found = || format!("{} with marks that were found", path.display());
+            let with_found = || format!("{} with found marks", path.display());
             (bench.target(&name, picture, &points).with_context(with_found)?, Vec::new())
         }
     };
@@ -42,8 +42,8 @@ pub fn target(path: &Path, marks: Option<&Path>, selection: &LandmarkSelection, 
     }
     if let Some(apart) = target.lips_apart() {
         eprintln!(
-            "note: {}: the lips are parted, by {:.0} % of the eye distance; what shows between them stays, with the upper jaw. Expressions look \
-             best on a neutral face, its lips closed",
+            "note: {}: the lips are parted by {:.0} % of the eye distance; what is visible between them stays in place. Use a neutral face with \
+             closed lips for the best result",
             path.display(),
             100.0 * apart
         );

@@ -122,7 +122,7 @@ impl Record {
         }
         if !unknown.is_empty() {
             eprintln!(
-                "note: the run.json of {} says what this version does not know: {}; that is as usual",
+                "note: the run.json of {} has settings that this version does not know: {}; the defaults are used instead",
                 with.display(),
                 unknown.join(", ")
             );
@@ -131,7 +131,7 @@ impl Record {
         if let PriorKind::File(LoadedPrior { prior: None, .. }) = &options.fit.prior {
             options.fit.prior = PriorKind::default();
             eprintln!(
-                "note: the run in {} had a shape prior of a file, which is not in it; pictures are fitted with --prior auto",
+                "note: the run in {} used a prior file, which it does not contain; pictures are fitted with --prior auto",
                 with.display()
             );
         }
@@ -147,7 +147,7 @@ fn workbench(args: &Args, record: Option<&Record>) -> anyhow::Result<Workbench> 
     let now = args.general.wireframe_blake3();
     let differing = record.and_then(|r| differing_wireframes(r.wireframe_blake3.as_deref(), now.as_deref()));
     if let Some(what) = differing {
-        anyhow::bail!("{} holds a run with {what}; give --wireframe as it was given there", args.with.display());
+        anyhow::bail!("{} holds a run with {what}; give the same --wireframe as for that run", args.with.display());
     }
     Ok(bench)
 }
@@ -165,8 +165,8 @@ fn learn(known: &[AnalyzedModel], args: &Args, bench: &Workbench) -> anyhow::Res
         let (few, level) = (recognizer.left_out.len(), args.none);
         let enough = (1.0 / level).floor();
         eprintln!(
-            "note: {few} known sequences are too few to count a share of {level}, which takes {enough:.0}: `none of these` is what is farther \
-             off than all of them, and by how their distances scatter would be in less than {level} of all"
+            "note: {few} known sequences are too few to measure a typicality of {level}, which needs {enough:.0}: a sequence is `none of these` if \
+             it is beyond all of them and its typicality, extrapolated from the spread of their distances, is below {level}"
         );
     }
     Ok((recognizer, left_out))
@@ -179,7 +179,7 @@ fn track(
     stop: &AtomicBool,
     quiet: bool,
 ) -> anyhow::Result<(Vec<AnalyzedModel>, Vec<Failure>)> {
-    let scratch = tempfile::tempdir().context("cannot make a temporary folder")?;
+    let scratch = tempfile::tempdir().context("cannot create a temporary folder")?;
     let bar = SequenceBar::new(quiet);
     let tracked = track_unseen(pictures, scratch.path(), bench, stop, |event| bar.show(&event));
     bar.finish();
@@ -194,7 +194,7 @@ fn track(
     if !quiet {
         lines(&tracked.notes, "note", "have a note");
     }
-    lines(&tracked.reasons, LOOK_AGAIN, "deserve a look");
+    lines(&tracked.reasons, LOOK_AGAIN, "need a look");
     Ok((tracked.models, tracked.failures))
 }
 
@@ -215,7 +215,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let known_files = track_files(std::slice::from_ref(&args.with))?;
     anyhow::ensure!(
         !known_files.is_empty(),
-        "{} has no tracks to learn from; give results of `run`, or a folder of tracks",
+        "{} has no tracks to learn from; give the output folder of `run`, or a folder of tracks",
         tracks_folder(&args.with).display()
     );
     let unseen = Unseen::of(&args.inputs)?;
@@ -235,14 +235,14 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let stop = has_pictures.then(stop_flag).transpose()?;
     if let Some(stop) = &stop {
         if record.is_none() {
-            eprintln!("note: {} has no run.json; pictures are tracked with the usual options", results.display());
+            eprintln!("note: {} has no run.json; pictures are tracked with the default options", results.display());
         }
         let (tracked, mut failed) = track(pictures, &bench, stop, args.general.quiet)?;
         let read: BTreeSet<String> = unseen.iter().map(|m| m.model.id.to_string()).collect();
         for model in tracked {
             let SequenceId { subject, sequence } = model.model.id.clone();
             if read.contains(&model.model.id.to_string()) {
-                let reason = format!("a track of {} was read already", model.model.id);
+                let reason = format!("a track of {} is given, too; this input is skipped", model.model.id);
                 failed.push(Failure { subject, sequence, stage: Stage::Dataset, reason });
             } else {
                 unseen.push(model);
@@ -255,7 +255,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let seen = unseen.iter().filter(|m| subjects.contains(m.model.id.subject.as_str())).count();
     if seen > 0 {
         eprintln!(
-            "note: {seen} of the sequences are of people that were learned from; recognition.csv of `run` leaves people out"
+            "note: {seen} of the sequences show people of the training data, so their results are optimistic; recognition.csv of `run` \
+             holds out every person"
         );
     }
     let row = |m: &AnalyzedModel| -> anyhow::Result<RecognizedRow> {
@@ -268,11 +269,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let results = RecognitionResults { labels: recognizer.labels.clone(), rows, left_out };
     match &args.output {
         // A table without a row would only be in the way of the next one.
-        Some(_) if results.rows.is_empty() => eprintln!("note: no sequence was recognized; no table is written"),
+        Some(_) if results.rows.is_empty() => eprintln!("note: no sequence was recognized, so no table was written"),
         Some(path) => {
             write_recognition(path, &results, args.none)?;
             if !args.general.quiet {
-                println!("{} recognized, in {}", count(results.rows.len(), "sequence", "sequences"), path.display());
+                println!("{} recognized; table: {}", count(results.rows.len(), "sequence", "sequences"), path.display());
             }
         }
         None => print_table(&results, args.none)?,
@@ -286,7 +287,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 
 /// Prints the table as CSV.
 fn print_table(results: &RecognitionResults, level: f64) -> anyhow::Result<()> {
-    let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
+    let folder = tempfile::tempdir().context("cannot create a temporary folder")?;
     let path = folder.path().join("recognition.csv");
     let records = results.rows.iter().map(|row| recognition_record(row, level));
     write_records(&path, recognition_header(&results.labels), records)?;

@@ -83,7 +83,7 @@ fn run_division(args: &Args, bench: &Workbench) -> anyhow::Result<Option<Outcome
         let plan = pipeline::run_plan(&args.dataset, &args.output, bench, args.general.force)?;
         println!("{}", serde_json::to_string(&plan)?);
         // The plan itself stands on the standard output; the workflow goes on without these.
-        plan.failures.iter().for_each(|failure| eprintln!("not a sequence: {failure}"));
+        plan.failures.iter().for_each(|failure| eprintln!("skipped: {failure}"));
         return Ok(Some(Outcome::Done));
     }
     let stop = || stop_flag();
@@ -133,7 +133,7 @@ fn print_summary(summary: &RunSummary, out: &Path) {
     let RunSummary { sequences, tracked, reused, failures, skipped, .. } = summary;
     if summary.unchanged {
         say_failures(failures, Some(&out.join("failures.csv")));
-        println!("nothing changed since the last run: {}, nothing written", count(*sequences, "sequence", "sequences"));
+        println!("nothing changed since the last run: {}; nothing written", count(*sequences, "sequence", "sequences"));
         println!("report: {}", out.join("report.html").display());
         return;
     }

@@ -163,7 +163,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let options = args.thresholds.options();
     anyhow::ensure!(
         options.low <= options.high,
-        "an expression begins and ends at an activity of {} (--low) and reaches only {} (--high): --low is at most --high",
+        "--low {} is larger than --high {}: an expression begins and ends at --low and reaches --high; give a smaller --low",
         options.low,
         options.high
     );
@@ -171,13 +171,13 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let folder = segments_folder(&args.output);
     anyhow::ensure!(
         folder != args.output,
-        "{}: the table is a .csv; a folder of the same name without it is made beside it",
+        "{}: the table must end in .csv; the folder beside it has the same name without .csv",
         args.output.display()
     );
     for path in args.recordings.iter().filter(|path| path.is_dir()) {
         anyhow::ensure!(
             !lies_in(&folder, path),
-            "{}: what is found goes into {}, which is among the frames of the recording; give the table another name or place",
+            "{}: the results would go into {}, which lies among the frames of the recording; give the table another name or place",
             args.output.display(),
             folder.display()
         );
@@ -188,7 +188,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let mut entries = entries.filter(|entry| !is_hidden(&entry.file_name())).peekable();
     anyhow::ensure!(
         entries.peek().is_none() || entries.any(|entry| is_ours(&entry.file_name())),
-        "{}: what is found goes into {}, which holds other files; give the table another name",
+        "{}: the results would go into {}, which holds other files; give the table another name",
         args.output.display(),
         folder.display()
     );
@@ -202,11 +202,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let outputs: Vec<_> = maybe("--output", Some(&args.output)).chain(all("--overlay", &films)).collect();
     check_apart(&outputs, &inputs)?;
     args.general.check_free(&args.output)?;
-    let earlier = EarlierSegments::read(&args.output)
-        .map_err(|error| anyhow::anyhow!("{error}; what it says would be lost: mend it, or move it away"))?;
+    let earlier = EarlierSegments::read(&args.output).map_err(|error| {
+        anyhow::anyhow!("{error}; it is not overwritten, because its content would be lost: repair it, or move it away")
+    })?;
     anyhow::ensure!(
         args.recordings.len() == 1 || args.correspondences.is_none(),
-        "--correspondences marks a frame of one recording; name one"
+        "--correspondences belong to a frame of one recording; give only one recording"
     );
     let options = PipelineOptions {
         fit: args.fit.options_of(args.method.method),
@@ -223,7 +224,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                 if !args.general.quiet {
                     let [all, seen] = files.frames;
                     println!(
-                        "{}: {} proposed; a face in {seen} of {all} frames",
+                        "{}: {} proposed; found a face in {seen} of {all} frames",
                         path.display(),
                         count(files.segments.len(), "sequence", "sequences")
                     );
@@ -233,7 +234,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                     failed += 1;
                     if args.general.quiet {
                         let [all, seen] = files.frames;
-                        eprintln!("failed: {}: no expression was found; a face in {seen} of {all} frames", path.display());
+                        eprintln!("failed: {}: found no expression; found a face in {seen} of {all} frames", path.display());
                     }
                 }
                 let columns = ManifestColumns {
@@ -243,7 +244,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                 };
                 done.push((columns, files));
             }
-            Err(_) if stop.load(Ordering::Relaxed) => anyhow::bail!("interrupted; recordings that are done are kept"),
+            Err(_) if stop.load(Ordering::Relaxed) => anyhow::bail!("interrupted; finished recordings are kept"),
             // The table would be written over without its rows, though nothing is wrong with it.
             Err(error) if matches!(error.downcast_ref(), Some(RecordingError::Newer { .. })) => return Err(error),
             Err(error) => {
@@ -273,7 +274,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         let run = format!("grimace run {} -o results", quoted(&args.output.display().to_string()));
         if rows.iter().any(|row| row.of.emotion == UNLABELLED) {
             println!(
-                "next: write what each sequence shows into the column emotion (`{UNLABELLED}` would be one more emotion), then {run}"
+                "next: fill in the column emotion for every sequence (`{UNLABELLED}` would count as an emotion), then {run}"
             );
         } else if !rows.is_empty() {
             println!("next: {run}");
@@ -295,15 +296,14 @@ fn recordings(args: &Args, bench: &Workbench) -> anyhow::Result<Vec<(PathBuf, Re
         let stem = stem_of(path);
         if let Some(first) = names.insert(stem.clone(), path.clone()) {
             anyhow::bail!(
-                "{} and {} have the same name, {stem}: sequences are named after their recording; rename one of them, or make two tables",
+                "{} and {} have the same name, {stem}, and sequences are named after their recording; rename one of them, or make two tables",
                 first.display(),
                 path.display()
             );
         }
         let marks = match (&args.correspondences, args.neutral_frame) {
             (Some(marks), Some(frame)) => {
-                let read =
-                    marks_or_found(Some(marks), bench, marks, || anyhow::bail!("no frame is needed for marks that are given"))?;
+                let read = marks_or_found(Some(marks), bench, marks, || anyhow::bail!("given marks need no frame"))?;
                 Some((frame, read.marks))
             }
             _ => None,

@@ -50,7 +50,7 @@ fn pixels(text: &str) -> Result<u64, String> {
     let least = LEAST_SIDE * LEAST_SIDE;
     let pixels = text.parse().ok().filter(|pixels| *pixels >= least);
     pixels.ok_or_else(|| {
-        format!("expected a whole number of at least {least}, those of a picture of {LEAST_SIDE}x{LEAST_SIDE}: no face is read in a smaller one")
+        format!("expected a whole number of at least {least} ({LEAST_SIDE}x{LEAST_SIDE}): smaller pictures cannot show a face")
     })
 }
 
@@ -103,8 +103,8 @@ impl GeneralArgs {
 
 /// Refuses to write over a file unless forced.
 pub fn check_free(path: &std::path::Path, force: bool) -> anyhow::Result<()> {
-    anyhow::ensure!(!is_stdin(path), "-: files are written, and nothing to standard output; for a file of that name give ./-");
-    anyhow::ensure!(force || !path.exists(), "{} is there already; --force writes over it", path.display());
+    anyhow::ensure!(!is_stdin(path), "-: this command cannot write to standard output; for a file of that name give ./-");
+    anyhow::ensure!(force || !path.exists(), "{} exists; give --force to overwrite it", path.display());
     Ok(())
 }
 
@@ -113,7 +113,7 @@ pub fn some_track_files(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     let files = track_files(paths)?;
     anyhow::ensure!(
         !files.is_empty(),
-        "no .csv file in {}: tracks are wanted, which `grimace track` makes of one sequence of pictures and `grimace run` of many",
+        "found no tracks (.csv) in {}; make them with `grimace track` for one sequence or `grimace run` for a dataset",
         paths.first().map(|path| path.display().to_string()).unwrap_or_default()
     );
     Ok(files)
@@ -155,7 +155,7 @@ pub fn marks_found(
 /// Says that a motion is none.
 pub fn note_if_still(path: &Path, motion: &SourceMotion) {
     if motion.is_still() {
-        eprintln!("note: {}: nothing moves in the whole motion: it shows the neutral face", path.display());
+        eprintln!("note: {}: the motion contains no movement: it shows the neutral face", path.display());
     }
 }
 
@@ -211,7 +211,7 @@ impl LearnedFileArgs {
         if !self.quiet {
             summary();
             if self.credit.is_empty() {
-                println!("note: no --credit; say whose {whose} before you pass the file on");
+                println!("note: no --credit given; record whose {whose} before you pass the file on");
             }
         }
     }
@@ -244,7 +244,7 @@ mod tests {
     #[test]
     fn a_limit_below_every_picture_is_refused() {
         assert_eq!((pixels("1024"), pixels("200000000")), (Ok(1024), Ok(200_000_000)));
-        let said = "expected a whole number of at least 1024, those of a picture of 32x32: no face is read in a smaller one";
+        let said = "expected a whole number of at least 1024 (32x32): smaller pictures cannot show a face";
         for wrong in ["1000", "0", "-1", "many"] {
             assert_eq!(pixels(wrong), Err(said.to_owned()), "{wrong}");
         }

@@ -28,7 +28,7 @@ fn check_names(
     if let (Some(other), Some(known)) = (other, info.source.first()) {
         let more = if info.source.len() > 1 { " and others" } else { "" };
         anyhow::bail!(
-            "{}: {other} is none of the files that the track {} was made from ({known}{more}); give the folder or video that it was made from",
+            "{}: {other} is not one of the files that the track {} was made from ({known}{more}); give the folder or video of the track",
             folder.display(),
             motion.name
         );
@@ -49,7 +49,7 @@ fn check_content(folder: &Path, listed: &FrameSource, motion: &SourceMotion, inf
     };
     anyhow::ensure!(
         content_blake3(&tracked)?.to_hex().as_str() == known.as_str(),
-        "{}: called as what the track {} was made from, but another person's, or changed since; give the folder or video that it was made from",
+        "{}: the files have the same names as those that the track {} was made from, but another content; give the folder or video of the track",
         folder.display(),
         motion.name
     );
@@ -66,7 +66,7 @@ fn is_same_kind(listed: &FrameSource, info: &TrackInfo) -> bool {
 pub fn source_pictures(folder: &Path, motion: &SourceMotion, info: Option<&TrackInfo>) -> anyhow::Result<Vec<RgbImage>> {
     anyhow::ensure!(
         !motion.frames.is_empty(),
-        "--source-frames belong to a track; {} is a representative, a model or a FAP file and has none",
+        "--source-frames belong to a track, but {} is a representative, a model or a FAP file; leave --source-frames out",
         motion.name
     );
     let numbers: Vec<u32> = motion.frames.iter().map(|f| f.0).collect();
@@ -79,7 +79,7 @@ pub fn source_pictures(folder: &Path, motion: &SourceMotion, info: Option<&Track
     let read = read_colour_frames(&listed, &numbers)?;
     anyhow::ensure!(
         read.len() == numbers.len(),
-        "{}: has {} of the {} frames of the track {}; give the folder or video that the track was made from",
+        "{}: has only {} of the {} frames of the track {}; give the folder or video of the track",
         folder.display(),
         read.len(),
         numbers.len(),
@@ -89,7 +89,7 @@ pub fn source_pictures(folder: &Path, motion: &SourceMotion, info: Option<&Track
         let found = ImageSize { width: picture.width(), height: picture.height() };
         anyhow::ensure!(
             size.is_none_or(|expected| found == expected),
-            "{}: frame {number} is {found}, but the track {} was made from frames of {}; give the folder or video that it was made from",
+            "{}: frame {number} is {found}, but the frames of the track {} are {}; give the folder or video of the track",
             folder.display(),
             motion.name,
             size.unwrap_or(found)

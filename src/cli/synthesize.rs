@@ -43,7 +43,11 @@ A motion is a representative or a normalized model (frame,node,x,y), a track (fr
 frame,fp,dx,dy,dz in the unit of the bank (dz empty or missing for motion in the plane). The first three are seen from the front: they are \
 compared in the x-y plane and scaled by the facial animation units of the bank.
 
-/// Dense animation from the motion of feature points.
+Files in OUT: animation.glb (metres; morph targets with the names of the members, one animation per motion), weights.csv, fitness.csv, \
+synthesis.json, contact_sheet.png, turntable.png, turntable.gif, arkit.csv and livelink.csv if the shapes have ARKit names, and on request \
+surface.npy, obj/, ply/ and history.csv.";
+
+/// Animate a dense mesh from the motion of feature points, with a bank of expression meshes.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLE)]
 pub struct Args {
@@ -150,15 +154,19 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let occupied = is_used(out, COMMAND);
     let unfinished = Unfinished::in_folder(out);
     let is_unfinished = unfinished.is_there();
-    let not_empty = || format!("{} is not empty; choose a new folder, or --force to write into it", named_folder(out));
+    let not_empty = || format!("{} is not empty; choose a new folder, or give --force to write into it", named_folder(out));
     anyhow::ensure!(args.force || !occupied || is_unfinished, not_empty());
-    check_folder_name(out, "its files are chosen by --format: glb, npy, obj, ply, pictures")?;
+    check_folder_name(out, "choose the files with --format: glb, npy, obj, ply, pictures")?;
     let several = args.motion.len() > 1;
     args.check_inputs(several)?;
-    anyhow::ensure!(args.truth.is_none() || !several, "--truth is of one motion, and there are {}", args.motion.len());
+    anyhow::ensure!(
+        args.truth.is_none() || !several,
+        "--truth belongs to one motion, but {} motions are given; give one --motion",
+        args.motion.len()
+    );
     anyhow::ensure!(
         args.portrait.is_none() || EmbeddedBank::of_path(&args.bank) != Some(EmbeddedBank::Candide),
-        "--portrait {}: the lids of the bank `candide` are too coarse to wear the eyes of a photograph; choose the bank `head`",
+        "--portrait {}: the lids of the bank `candide` are too coarse for the eyes of a photograph; give --bank head",
         args.portrait.as_deref().unwrap_or(Path::new("")).display()
     );
     let bank = bank::open(&args.bank)?;
@@ -194,7 +202,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     if args.format.contains(&Format::Glb) {
         let weights = |one: &Played<'_>| one.answers.iter().flat_map(|a| a.weights.iter().flatten()).any(|w| *w != 0.0);
         if synthesizer.options().solver != Solver::Rbf && !played.iter().any(weights) {
-            eprintln!("warning: nothing moves: animation.glb is the neutral face, without an animation");
+            eprintln!("warning: the motion contains no movement: animation.glb holds the neutral face, without an animation");
         }
         write_gltf(&out.join(GLB), &animations)?;
         own.wrote(GLB)?;
@@ -322,14 +330,14 @@ impl<'a> Played<'a> {
         warn_of_not_shown(path, &motion)?;
         note_frames_between(path, &motion);
         let noise = args.time.noise.unwrap_or_else(|| motion.default_noise());
-        anyhow::ensure!((0.0..1.0).contains(&noise), "--noise {noise}: a share of at least 0 and less than 1 was expected");
+        anyhow::ensure!((0.0..1.0).contains(&noise), "--noise {noise}: expected a share of at least 0 and less than 1");
         let between = args.time.between.map(usize::from);
         let own_fps = motion.fps.map(|fps| fps * (between.unwrap_or(0) + 1) as f64);
         let fps = args.time.fps.or(own_fps).unwrap_or(f64::from(FPS));
         note_other_rate(path, motion.kind, own_fps, fps);
         anyhow::ensure!(
             FRAME_RATES.contains(&fps),
-            "{}: {fps} frames per second; choose another rate with --fps, from {} to {}",
+            "{}: cannot write {fps} frames per second; choose a rate from {} to {} with --fps",
             path.display(),
             FRAME_RATES.start(),
             FRAME_RATES.end()
@@ -338,7 +346,7 @@ impl<'a> Played<'a> {
             motion.frames.len() as f64 * (between.unwrap_or(0) + 1) as f64 * if args.time.there_and_back { 2.0 } else { 1.0 };
         anyhow::ensure!(
             frames <= MOST_FRAMES,
-            "{}: that makes {frames} frames; at most {MOST_FRAMES} are made: choose fewer with --between",
+            "{}: the animation would have {frames} frames, more than {MOST_FRAMES}; give a smaller --between",
             path.display()
         );
         let mut motion = motion.as_animated(between, Some(noise));
@@ -364,7 +372,7 @@ fn say_what_viewers_clamp(args: &Args, animation: &Animation<'_>) {
     let below = |a: &&FrameAnswer| a.weights.iter().flatten().any(|w| *w < 0.0);
     let frames = animation.answers.iter().filter(below).count();
     if frames > 0 && args.format.contains(&Format::Glb) {
-        println!("weights below 0 in {}: Blender and other viewers take them as 0", count(frames, "frame", "frames"));
+        println!("negative weights in {}: Blender and other viewers show them as 0", count(frames, "frame", "frames"));
     }
 }
 
@@ -422,10 +430,10 @@ fn say_what_coefficients_lack(bank: &Bank, animation: &Animation<'_>, limited: &
     let unnamed = arkit::unnamed(bank.names(), bank.info().composition.as_ref());
     if !unnamed.is_empty() {
         let list: Vec<String> = unnamed.iter().map(|&name| name.to_owned()).collect();
-        println!("without ARKit names, so not in arkit.csv and livelink.csv: {}", listed(&list, 10));
+        println!("not in arkit.csv and livelink.csv, because they do not have ARKit names: {}", listed(&list, 10));
     }
     if animation.fps < 1.0 {
-        println!("the timecodes of livelink.csv are whole seconds, as frames are more than one apart");
+        println!("the timecodes of livelink.csv are whole seconds, because frames are more than a second apart");
     } else if animation.fps.fract() != 0.0 {
         println!("the timecodes of livelink.csv count {} frames for a second", animation.fps.round());
     }

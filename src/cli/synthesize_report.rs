@@ -115,10 +115,10 @@ impl Report {
         );
         if !motion.ignored.is_empty() {
             let points: Vec<String> = motion.ignored.iter().map(ToString::to_string).collect();
-            println!("not in the bank and left out: feature points {}", points.join(" "));
+            println!("feature points ignored, because the bank does not have them: {}", points.join(" "));
         }
         let Some(fitness) = self.fitness else {
-            println!("nothing moves in the whole motion: every frame is the neutral face");
+            println!("the motion contains no movement: every frame is the neutral face");
             println!("written to {}", out.display());
             return;
         };
@@ -128,7 +128,7 @@ impl Report {
             println!("  in the regions  {fitness:.4}");
         }
         if let Some(shown) = self.shown {
-            println!("share shown       {shown:.4} (of how far the feature points should go)");
+            println!("share shown       {shown:.4} (of the motion of the feature points)");
         }
         if let Some(shown) = self.region_shown.filter(|_| regions.is_some()) {
             println!("  in the regions  {shown:.4}");

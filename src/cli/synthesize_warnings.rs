@@ -23,14 +23,15 @@ pub fn warn_of_not_shown(path: &Path, motion: &Motion) -> anyhow::Result<()> {
         return Ok(());
     }
     let faps = motion.not_shown.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
-    let why = "turns of head and eyes, depth, tongue, ears, visemes, expressions, feature points that it lacks";
+    let why =
+        "it cannot show turns of head and eyes, depth, tongue, ears, visemes, expressions, and feature points that it lacks";
     anyhow::ensure!(
         !motion.is_still(),
-        "{}: FAP {faps} cannot be shown by this bank ({why}), and nothing else moves; give a motion of other FAPs",
+        "{}: FAP {faps} cannot be shown by this bank ({why}), and no other FAP moves; give a motion with other FAPs",
         path.display()
     );
     eprintln!(
-        "warning: {}: FAP {faps} cannot be shown by this bank ({why}) and {} left out",
+        "warning: {}: FAP {faps} cannot be shown by this bank ({why}) and {} ignored",
         path.display(),
         are(motion.not_shown.len())
     );
@@ -41,7 +42,7 @@ pub fn warn_of_not_shown(path: &Path, motion: &Motion) -> anyhow::Result<()> {
 pub fn note_frames_between(path: &Path, motion: &Motion) {
     if let Some(found) = motion.uneven {
         eprintln!(
-            "note: {}: {} in the file, shown as {} that are evenly apart: some are missing by their numbers, or have times of their own",
+            "note: {}: {} in the file, shown as {} evenly spaced frames: frame numbers are missing, or frames have uneven times",
             path.display(),
             count(found, "frame", "frames"),
             motion.frames.len()
@@ -53,13 +54,10 @@ pub fn note_frames_between(path: &Path, motion: &Motion) {
 pub fn note_other_rate(path: &Path, kind: MotionKind, own: Option<f64>, fps: f64) {
     let Some(own) = own.filter(|own| (fps / own - 1.0).abs() > 1e-9) else { return };
     let (faster, how) = if fps > own { (fps / own, "fast") } else { (own / fps, "slow") };
-    let to_do = if kind == MotionKind::Fap {
-        format!("; `grimace fap convert --fps {fps}` makes a file that lasts as long")
-    } else {
-        String::new()
-    };
+    let to_do =
+        if kind == MotionKind::Fap { format!("; `grimace fap convert --fps {fps}` keeps the duration") } else { String::new() };
     eprintln!(
-        "note: {}: {own} frames per second shown at {fps}: it plays {faster:.3} times as {how}, every frame as it is{to_do}",
+        "note: {}: the motion has {own} frames per second and is shown at {fps}: it plays {faster:.3} times as {how}{to_do}",
         path.display()
     );
 }
@@ -75,28 +73,28 @@ pub fn warn_of_answers(path: &Path, bank: &Path, synthesizer: &Synthesizer<'_>, 
         eprintln!("warning: {path}: {}. {}", nothing_shown(unshown), advice(bank, synthesizer));
     } else if fitness < POOR_FITNESS {
         eprintln!(
-            "warning: {path}: the bank shows nothing like this motion (mean fitness {fitness:.2}; 1 is the best). {}",
+            "warning: {path}: the bank cannot show this motion well (mean fitness {fitness:.2}; 1 is best). {}",
             advice(bank, synthesizer)
         );
     }
     if let Some(HeldBack { point, frame, moved, asked, shown }) = held {
         let sides = match synthesizer.regions().scheme() {
-            RegionScheme::Whole => " For one side of the face alone: --regions 2.",
+            RegionScheme::Whole => " For motion of one side of the face, give --regions 2.",
             RegionScheme::Halves | RegionScheme::Quarters => "",
         };
         let advised =
             if unshown.is_some() || fitness < POOR_FITNESS { String::new() } else { format!(" {}", advice(bank, synthesizer)) };
         eprintln!(
-            "warning: {path}: the bank moves points that should rest along with those that should move, so only {:.0} % of the motion is shown: in \
-             frame {frame} feature point {point} goes {moved:.3} {} instead of resting, where the farthest motion asked for is {asked:.3}.{sides}{advised}",
+            "warning: {path}: the bank also moves points that should rest, so only {:.0} % of the motion is shown: in \
+             frame {frame} feature point {point} moves {moved:.3} {} instead of resting; the largest required motion is {asked:.3}.{sides}{advised}",
             100.0 * shown,
             synthesizer.bank().info().unit,
         );
     }
     if let Some(folded) = synthesizer.folded(answers, motions) {
         eprintln!(
-            "warning: {path}: the surface folds from frame {} on, and in frame {} {} of its {} triangles are turned over: the motion goes further \
-             than the bank can; choose a smaller --emphasis than {}",
+            "warning: {path}: the surface folds from frame {} on; in frame {}, {} of its {} triangles are turned over. The motion is too strong \
+             for the bank: give an --emphasis below {}",
             folded.first,
             folded.worst,
             folded.turned,
@@ -112,15 +110,15 @@ pub fn nothing_shown(Unshown { regions, frames, moving }: &Unshown) -> String {
         ["whole"] => "the face rests".to_owned(),
         [one] => format!("the region {one} rests"),
         several => {
-            format!("of the regions {} one or more rest", listed(&several.iter().map(ToString::to_string).collect::<Vec<_>>(), 4))
+            format!("one or more of the regions {} rest", listed(&several.iter().map(ToString::to_string).collect::<Vec<_>>(), 4))
         }
     };
     let frames = match (*frames, *moving) {
-        (_, 1) => "the one frame that moves".to_owned(),
-        (all, moving) if all == moving => format!("all {all} frames that move"),
-        (some, moving) => format!("{some} of the {moving} frames that move"),
+        (_, 1) => "the only frame with motion".to_owned(),
+        (all, moving) if all == moving => format!("all {all} frames with motion"),
+        (some, moving) => format!("{some} of the {moving} frames with motion"),
     };
-    format!("no mixture of the bank's members moves the feature points that way (fitness 0), so {what} in {frames}")
+    format!("no mixture of the bank's members moves the feature points like this (fitness 0), so {what} in {frames}")
 }
 
 /// What helps where a bank does not show a motion.
@@ -129,18 +127,17 @@ fn advice(bank: &Path, synthesizer: &Synthesizer<'_>) -> String {
     let climbs = matches!(options.solver, Solver::Refined | Solver::Cosine);
     let subtracts = options.signs == Signs::Any;
     let mut advice = match EmbeddedBank::of_path(bank) {
-        Some(EmbeddedBank::Head) => "The shapes of `head` move each side by itself, and the jaw and the mouth sideways: list those that are needed \
-             in W.csv (member,shape,weight: a row jawLeft,jawLeft,1), then `grimace bank mix head --weights W.csv -o own.bank`, and --bank \
-             own.bank"
+        Some(EmbeddedBank::Head) => "The shapes of `head` move each side separately, and the jaw and the mouth sideways: list the needed shapes in W.csv \
+             (member,shape,weight: a row jawLeft,jawLeft,1), run `grimace bank mix head --weights W.csv -o own.bank`, and give --bank own.bank"
             .to_owned(),
-        Some(EmbeddedBank::Candide) => "The bank `head` has more movements: --bank head".to_owned(),
-        None if synthesizer.bank().info().composition.is_some() => "Mix a bank with a member of these points alone: a further row of the \
-             weights that `grimace bank mix` reads"
+        Some(EmbeddedBank::Candide) => "The bank `head` has more movements: give --bank head".to_owned(),
+        None if synthesizer.bank().info().composition.is_some() => "Add a member that moves only these points: a further row in the \
+             weights of `grimace bank mix`"
             .to_owned(),
-        None => "Build a bank with a member that moves these points alone (`grimace bank build`)".to_owned(),
+        None => "Build a bank with a member that moves only these points (`grimace bank build`)".to_owned(),
     };
     if climbs && !subtracts {
-        advice += "; or allow members to be subtracted, --weights any";
+        advice += "; or allow negative weights: --weights any";
     }
     advice
 }

@@ -68,7 +68,11 @@ pub struct Args {
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let json = args.output.with_extension("json");
-    anyhow::ensure!(json != args.output, "{}: a track is a .csv; the .json is written beside it", args.output.display());
+    anyhow::ensure!(
+        json != args.output,
+        "{}: the name of a track must end in .csv; the .json beside it has the same name",
+        args.output.display()
+    );
     let inputs: Vec<_> =
         maybe("the sequence", Some(&args.sequence)).chain(maybe("--correspondences", args.correspondences.as_ref())).collect();
     check_apart(&[("--output", &args.output), ("the .json beside --output", &json)], &inputs)?;

@@ -30,7 +30,7 @@ impl Unfinished {
     pub fn begin(&self) -> Result<(), OutputError> {
         write_bytes(
             &self.path,
-            b"grimace synthesize is at work here, or was interrupted; run again it writes this folder anew.\n",
+            b"grimace synthesize is running or was interrupted; if you run it again, it rewrites this folder.\n",
         )
     }
 

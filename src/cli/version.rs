@@ -34,7 +34,7 @@ pub fn run() -> anyhow::Result<Outcome> {
     println!("{MADE_BY}");
     println!("features: {}", features.join(", "));
     println!("platform: {} {}", std::env::consts::OS, std::env::consts::ARCH);
-    println!("pictures: PNG, JPEG, TIFF, BMP, PGM, PPM, WebP; films that are written without OpenCV: GIF, APNG");
+    println!("pictures: PNG, JPEG, TIFF, BMP, PGM, PPM, WebP; films without OpenCV: GIF, APNG");
     println!("versions of files: run.json {SCHEMA_VERSION}, track .json {TRACK_SCHEMA}, bank {BANK_VERSION}");
     let program = program(PROGRAM);
     match Command::new(&program).arg("--about").output() {
@@ -42,8 +42,8 @@ pub fn run() -> anyhow::Result<Outcome> {
             println!("{PROGRAM}: {}", program.display());
             String::from_utf8_lossy(&said.stdout).lines().for_each(|line| println!("  {line}"));
         }
-        Ok(said) => println!("{PROGRAM}: {}: does not run ({}): no videos", program.display(), said.status),
-        Err(_) => println!("{PROGRAM}: not there: no videos"),
+        Ok(said) => println!("{PROGRAM}: {}: does not run ({}); videos are not available", program.display(), said.status),
+        Err(_) => println!("{PROGRAM}: not installed; videos are not available"),
     }
     Ok(Outcome::Done)
 }

@@ -132,7 +132,7 @@ impl Details {
             return Err(CloneError::NoSourceFrames(reason.to_owned()));
         }
         if frames.len() != source.frames.len() {
-            let reason = format!("the track has {} frames, of which {} pictures were found", source.frames.len(), frames.len());
+            let reason = format!("the track has {} frames, but {} pictures were found", source.frames.len(), frames.len());
             return Err(CloneError::NoSourceFrames(reason));
         }
         let warp = target.warp();

@@ -86,19 +86,19 @@ pub enum CloneError {
     #[error(transparent)]
     FapRead(#[from] FapReadError),
     /// A source that is none of the known kinds.
-    #[error("{path}: is neither a track or model (.csv) nor a FAP file (.fap)")]
+    #[error("{path}: this is neither a track or model (.csv) nor a FAP file (.fap)")]
     UnknownSource {
         /// The file.
         path: String,
     },
     /// A FAP file without motion.
-    #[error("{path}: the file has no frame")]
+    #[error("{path}: the file has no frames")]
     NoFrames {
         /// The file.
         path: String,
     },
     /// No FAP of the file moves anything a frontal face can show.
-    #[error("{path}: none of its FAPs ({faps}) shows on a face seen from the front")]
+    #[error("{path}: none of its FAPs ({faps}) can be shown on a face seen from the front")]
     NothingToShow {
         /// The file.
         path: String,
@@ -106,7 +106,7 @@ pub enum CloneError {
         faps: String,
     },
     /// Source or target of another topology than the wireframe in use.
-    #[error("{what} has {found} nodes, the wireframe {expected}; give the wireframe that it was made with by --wireframe")]
+    #[error("{what} has {found} nodes, but the wireframe has {expected}; give its wireframe with --wireframe")]
     Topology {
         /// The source or the target.
         what: String,
@@ -165,7 +165,7 @@ pub enum CloneError {
         least: f64,
     },
     /// A picture beyond what can be worked on.
-    #[error("the picture is {width}x{height}; at most {most} px a side are supported: scale it down")]
+    #[error("the picture is {width}x{height}, larger than {most} px per side: scale it down")]
     TooLarge {
         /// Columns.
         width: u32,
@@ -184,7 +184,7 @@ pub enum CloneError {
     #[error(transparent)]
     Sequence(#[from] SequenceError),
     /// A picture that is no skin of a representative.
-    #[error("{}: is {width}x{height} px; the skin of a representative, as `run` writes it, has {}x{}", path.display(), expected.0, expected.1)]
+    #[error("{}: the picture is {width}x{height} px, but the skin of a representative that `run` writes has {}x{}", path.display(), expected.0, expected.1)]
     SkinSize {
         /// The file.
         path: PathBuf,
@@ -199,7 +199,7 @@ pub enum CloneError {
     #[error("{0}")]
     NoSourceFrames(String),
     /// More frames than make sense.
-    #[error("{frames} frames were asked for; at most {most} are made: choose a shorter duration or a lower frame rate")]
+    #[error("the clone would have {frames} frames, more than {most}: choose a shorter duration or a lower frame rate")]
     TooManyFrames {
         /// Frames asked for.
         frames: f64,
@@ -218,7 +218,7 @@ pub enum CloneError {
     },
     /// A FAP file that is longer than what is made of it.
     #[error(
-        "{path}: {frames} frames; at most {most} are shown: give it fewer frames a second (`grimace fap convert --fps`), or take a part of it"
+        "{path}: it has {frames} frames, more than {most}: lower its frame rate (`grimace fap convert --fps`), or use a part of it"
     )]
     SourceTooLong {
         /// The file.
@@ -229,10 +229,7 @@ pub enum CloneError {
         most: usize,
     },
     /// A length in which there is no second frame.
-    #[error(
-        "{seconds} s at {fps} frames per second are less than half a frame: the film would last longer than that; choose a longer \
-         duration or a higher frame rate"
-    )]
+    #[error("{seconds} s at {fps} frames per second are less than half a frame; choose a longer duration or a higher frame rate")]
     TooFewFrames {
         /// Seconds from the first to the last frame.
         seconds: f64,
@@ -240,7 +237,7 @@ pub enum CloneError {
         fps: f64,
     },
     /// A film whose frames would be shown for longer than films can say.
-    #[error("a frame would be shown for {seconds:.0} s, and films show one for {most} s at most; choose a higher frame rate")]
+    #[error("a frame would last {seconds:.0} s, but a film can show a frame for at most {most} s; choose a higher frame rate")]
     TooSlow {
         /// Seconds for which a frame would be shown.
         seconds: f64,

@@ -91,11 +91,11 @@ pub struct SkinSample {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum NoSkin {
     /// Nobody has looked: only a run has the pictures.
-    #[error("skins are collected by `run`, which has the pictures")]
+    #[error("only `run` computes skins, because it has the pictures")]
     NotCollected,
     /// No pictures at all.
     #[error(
-        "no sequence has pictures that may be shown ({landmarks} driven by landmarks, {hidden} of people who may not be shown)"
+        "no sequence has pictures that may be shown ({landmarks} use landmarks only, {hidden} show people who may not be shown)"
     )]
     NoPictures {
         /// Sequences that landmarks drive.
@@ -104,13 +104,13 @@ pub enum NoSkin {
         hidden: usize,
     },
     /// Too few people with pictures.
-    #[error("{found} of at least {LEAST_SKIN_PEOPLE} people have pictures that show folds")]
+    #[error("{found} people have pictures that show folds; at least {LEAST_SKIN_PEOPLE} are needed")]
     TooFewPeople {
         /// People with pictures.
         found: usize,
     },
     /// Nothing that people have in common.
-    #[error("the pictures have no shading in common (root mean square {:.4} of at least {LEAST_SHADING})", shading)]
+    #[error("the pictures have no shading in common (root mean square {:.4}; at least {LEAST_SHADING} is needed)", shading)]
     NoShading {
         /// Root mean square of the mean's logarithms.
         shading: f64,

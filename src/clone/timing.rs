@@ -338,7 +338,10 @@ mod tests {
         let even = of(1.0).evenly().unwrap();
         assert_eq!((of(1.0).even_frame_count().unwrap(), even.frame_count(), even.fps, even.times), (11, 11, Some(10.0), None));
         let said = of(20_240_201.0).evenly().unwrap_err().to_string();
-        assert!(said.starts_with("happiness: with frames put between") && said.contains("202402011 frames"), "{said}");
+        assert!(
+            said.starts_with("happiness: after interpolation of missing frames") && said.contains("202402011 frames"),
+            "{said}"
+        );
     }
 
     #[test]

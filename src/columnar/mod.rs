@@ -47,7 +47,7 @@ pub enum ColumnarError {
         reason: std::io::Error,
     },
     /// Not Parquet, cut short, or of a kind that is not read.
-    #[error("{}: is no Parquet file of models that can be read: {reason}", path.display())]
+    #[error("{}: this is not a readable Parquet file of models: {reason}", path.display())]
     Parquet {
         /// The file.
         path: PathBuf,
@@ -81,7 +81,7 @@ pub enum ColumnarError {
         path: PathBuf,
     },
     /// A sequence in two rows.
-    #[error("{}: sequence {id} is there twice; keep one row", path.display())]
+    #[error("{}: sequence {id} appears twice; keep one row", path.display())]
     Duplicate {
         /// The file.
         path: PathBuf,

@@ -411,7 +411,7 @@ impl SlotSource for ColumnarClass<'_> {
         let is_off = |row: &&usize| !((before[**row] - first).norm() <= NEUTRAL_TOLERANCE);
         if let Some(&row) = self.rows.iter().find(is_off) {
             let reason = format!(
-                "node {node} of the neutral frame is not where {} has it; normalize all alike",
+                "node {node} of the neutral frame is not at its place in {}; normalize all sequences with the same options",
                 self.file.ids[self.rows[0]]
             );
             return Err(self.error(row, &reason));
@@ -421,7 +421,7 @@ impl SlotSource for ColumnarClass<'_> {
         for frame in 1..self.file.frames {
             let now = read(frame)?;
             for &row in &self.rows {
-                let (offset, from) = (now[row] - neutral[row], "where the neutral frame has it");
+                let (offset, from) = (now[row] - neutral[row], "its place in the neutral frame");
                 let checked = FaceSize::CANONICAL.check(frame as u32, || format!("node {node}"), offset, from);
                 checked.map_err(|e| self.error(row, &e.to_string()))?;
             }

@@ -65,14 +65,14 @@ fn files_that_are_no_models_are_refused() {
     let error = |name: &str| ColumnarModels::open(&folder.path().join(name)).unwrap_err().to_string();
     assert!(error("none").contains("No such file"));
     std::fs::write(folder.path().join("text"), "frame,node,x,y\n").unwrap();
-    assert!(error("text").contains("is no Parquet file of models"));
+    assert!(error("text").contains("this is not a readable Parquet file of models"));
     let good = written(vec![row("a", 1.0), row("b", 2.0)]);
     let bytes = std::fs::read(good.path().join("m.parquet")).unwrap();
     std::fs::write(folder.path().join("cut"), &bytes[..bytes.len() - 20]).unwrap();
-    assert!(error("cut").contains("is no Parquet file of models"));
+    assert!(error("cut").contains("this is not a readable Parquet file of models"));
     let twice = written(vec![row("a", 1.0), row("a", 2.0)]);
     let error = ColumnarModels::open(&twice.path().join("m.parquet")).unwrap_err().to_string();
-    assert!(error.ends_with("sequence a_1 is there twice; keep one row"), "{error}");
+    assert!(error.ends_with("sequence a_1 appears twice; keep one row"), "{error}");
     let empty = written(vec![]);
     assert!(matches!(ColumnarModels::open(&empty.path().join("m.parquet")), Err(ColumnarError::Empty { .. })));
     // Values that are no motion of a face are named when they are read.
@@ -83,7 +83,7 @@ fn files_that_are_no_models_are_refused() {
     let file = ColumnarModels::open(&wild.path().join("m.parquet")).unwrap();
     assert!(file.models().unwrap_err().to_string().contains("b_1"));
     let live = [NodeId(0)];
-    assert!(file.class(vec![0, 1], &live).node(0).unwrap_err().to_string().contains("b_1: frame 1: node 0 is off by (NaN, 1"));
+    assert!(file.class(vec![0, 1], &live).node(0).unwrap_err().to_string().contains("b_1: frame 1: node 0 is (NaN, 1"));
     let mut writer = ColumnarWriter::create(&folder.path().join("odd"), &[], 3, 2).unwrap();
     assert!(matches!(writer.push(row("a", 1.0)), Err(ColumnarError::Shape { found: 8, expected: 12, .. })));
 }

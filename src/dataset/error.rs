@@ -39,7 +39,7 @@ pub enum DatasetError {
     },
     /// Folders of frames, but nothing that says which emotions they show.
     #[error(
-        "{0}: the emotions are not known; `grimace init {0}` writes manifest.csv into this folder, to be filled in with a line for every \
+        "{0}: the emotions are unknown; run `grimace init {0}`, which writes manifest.csv into this folder, and fill in one line per \
          sequence, such as\nsubject,sequence,emotion\n{subject},{sequence},happiness", root.display()
     )]
     NoManifest {
@@ -52,8 +52,8 @@ pub enum DatasetError {
     },
     /// Nothing that looks like sequences.
     #[error(
-        "{0}: no sequences found; expected manifest.csv with the columns `subject,sequence,emotion`, which `grimace init {0}` makes of \
-         folders of images and videos, or Cohn-Kanade's folders cohn-kanade-images/SUBJECT/SEQUENCE and Emotion/SUBJECT/SEQUENCE",
+        "{0}: no sequences found; expected manifest.csv with the columns `subject,sequence,emotion` (`grimace init {0}` writes it for \
+         folders of images and videos), or Cohn-Kanade's folders cohn-kanade-images/SUBJECT/SEQUENCE and Emotion/SUBJECT/SEQUENCE",
         root.display()
     )]
     NothingFound {
@@ -70,7 +70,7 @@ pub enum DatasetError {
     },
     /// Everything there is of a format that is not read.
     #[error(
-        "{}: no sequences found, and {} of formats that are not read: {}; convert them to a format that is (pictures: {}; videos: {})",
+        "{}: no sequences found, but {} in unsupported formats: {}; convert them to a supported format (pictures: {}; videos: {})",
         root.display(), count(files.len(), "file", "files"), listed(files, 6), IMAGE_EXTENSIONS.join(" "), VIDEO_EXTENSIONS.join(" ")
     )]
     NothingReadable {
@@ -81,7 +81,7 @@ pub enum DatasetError {
     },
     /// No sequences, but results of ours.
     #[error(
-        "{}: no sequences found, only what grimace wrote itself, in {}; give the folder with the recordings",
+        "{}: no sequences found, only results of grimace, in {}; give the folder with the recordings",
         root.display(), listed(results, 6)
     )]
     OnlyResults {
@@ -97,7 +97,7 @@ pub enum DatasetError {
         images: PathBuf,
     },
     /// A table of people without anybody of the dataset.
-    #[error("{}: none of its subjects is one of the dataset, whose first is `{subject}`", path.display())]
+    #[error("{}: none of its subjects is in the dataset, whose first subject is `{subject}`", path.display())]
     NobodyKnown {
         /// The table.
         path: PathBuf,
@@ -105,7 +105,7 @@ pub enum DatasetError {
         subject: String,
     },
     /// A person who stands in a table of people twice, with other fields.
-    #[error("{}, line {line}: `{subject}` stands there already, with other fields", path.display())]
+    #[error("{}, line {line}: `{subject}` appears twice, with different values; keep one row", path.display())]
     Contradiction {
         /// The table.
         path: PathBuf,
@@ -115,7 +115,8 @@ pub enum DatasetError {
         subject: String,
     },
     /// A manifest's column that would pass for something to group by, and is hardly meant so.
-    #[error("{}: the column `{found}` is not known; if it is `{meant}`, name it so, else name it less alike", path.display())]
+    #[error("{}: the column `{found}` is unknown; if it is the column `{meant}`, rename it to that, otherwise give it a less similar \
+         name", path.display())]
     MisspeltColumn {
         /// The manifest.
         path: PathBuf,
@@ -221,12 +222,10 @@ pub enum DatasetError {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RowError {
     /// An emotion that is still to be filled in.
-    #[error("the emotion is `?`; write which one the sequence shows, or take the row out")]
+    #[error("the emotion is `?`; fill in the emotion of the sequence, or remove the row")]
     EmotionOpen,
     /// A word by which programs write that there is none.
-    #[error(
-        "the emotion is `{value}`, by which programs write that there is none; write which one the sequence shows, or take the row out"
-    )]
+    #[error("the emotion is `{value}`, a word for a missing value; fill in the emotion of the sequence, or remove the row")]
     EmotionMissing {
         /// The word.
         value: String,
@@ -238,7 +237,7 @@ pub enum RowError {
         column: &'static str,
     },
     /// A text that cannot be part of a file name.
-    #[error("{column} is `{value}`, {reason}; results are named after it")]
+    #[error("{column} is `{value}`, {reason}; choose another value, because results are named after it")]
     NotAFileName {
         /// Column.
         column: &'static str,
@@ -248,7 +247,7 @@ pub enum RowError {
         reason: &'static str,
     },
     /// The same subject and sequence twice.
-    #[error("subject `{}`, sequence `{}` stands in line {first_line} already", id.subject, id.sequence)]
+    #[error("subject `{}`, sequence `{}` is already in line {first_line}; keep one row, or rename one", id.subject, id.sequence)]
     Duplicate {
         /// The sequence.
         id: SequenceId,
@@ -256,7 +255,7 @@ pub enum RowError {
         first_line: usize,
     },
     /// Two sequences whose files would have the same name.
-    #[error("results of this sequence and of that in line {first_line} would both be named `{id}`; rename one")]
+    #[error("the results of this sequence and of the one in line {first_line} would both be named `{id}`; rename one")]
     SameFileName {
         /// The sequence.
         id: SequenceId,
@@ -265,7 +264,7 @@ pub enum RowError {
     },
     /// Two sequences whose files have the same name on some file systems.
     #[error(
-        "results named `{id}` and `{other}` are the same file on systems that ignore case or normalize letters, such as those of macOS and \
+        "results named `{id}` and `{other}` would be the same file on systems that ignore case or normalize letters, such as macOS and \
          Windows; rename one"
     )]
     SimilarFileName {
@@ -275,7 +274,7 @@ pub enum RowError {
         other: Box<SequenceId>,
     },
     /// A frame range of a single frame.
-    #[error("first_frame is {first} and last_frame is {last}; neutral and apex frame must be two different ones")]
+    #[error("first_frame is {first} and last_frame is {last}; neutral and apex frame must differ")]
     FrameRange {
         /// Neutral frame.
         first: u32,
@@ -294,7 +293,7 @@ const MAX_NAME_BYTES: usize = 100;
 pub fn check_file_name(column: &'static str, value: &str) -> Result<(), RowError> {
     let reason = match value {
         "" => return Err(RowError::Empty { column }),
-        "." | ".." => "which is a folder of its own",
+        "." | ".." => "which is the name of a folder",
         _ if value.contains(['/', '\\']) => "with a path separator in it",
         _ if value.contains(char::is_control) => "with a control character in it",
         _ if value.len() > MAX_NAME_BYTES => "which is longer than 100 bytes",

@@ -71,13 +71,13 @@ pub enum FrameSource {
 }
 
 fn leading_zeros(near: &Path) -> String {
-    format!("; {} is there: spreadsheets drop leading zeros, format the column as text", near.display())
+    format!("; {} exists: spreadsheets drop leading zeros, so format the column as text", near.display())
 }
 
 /// What a path of another system has wrong.
 fn backslashes(path: &Path) -> &'static str {
     let is_of_windows = !cfg!(windows) && path.to_string_lossy().contains('\\');
-    if is_of_windows { "; folders are separated by / here, and drives have no letters" } else { "" }
+    if is_of_windows { "; this system separates folders with / and has no drive letters" } else { "" }
 }
 
 impl FrameSource {
@@ -147,7 +147,8 @@ pub enum FramesError {
     },
     /// Pictures that would be frames, of formats that are not read.
     #[error(
-        "{}{}: of a format that is not read, and by its name a frame; convert it to PNG under the same name and number, or move it out of the folder",
+        "{}{}: this looks like a frame, but its format is not supported; convert it to PNG under the same name and number, or move it \
+         out of the folder",
         files.first().map(|file| file.display().to_string()).unwrap_or_default(),
         if files.len() > 1 { format!(" and {} more", files.len() - 1) } else { String::new() }
     )]
@@ -162,7 +163,7 @@ pub enum FramesError {
         path: PathBuf,
     },
     /// A frame number past 4294967295, which two files have.
-    #[error("{}: `{digits}` is too large for a frame number (at most {}), and another file has it, too; rename the files", path.display(), u32::MAX)]
+    #[error("{}: `{digits}` is too large for a frame number (at most {}), and another file has the same number; rename the files", path.display(), u32::MAX)]
     NumberTooLarge {
         /// The file.
         path: PathBuf,
@@ -170,7 +171,7 @@ pub enum FramesError {
         digits: String,
     },
     /// Two images with one number.
-    #[error("{}: frame {number} is there twice, as {first} and {second}; keep one of the two", folder.display())]
+    #[error("{}: frame {number} appears twice, as {first} and {second}; keep one of the two", folder.display())]
     DuplicateNumber {
         /// The folder.
         folder: PathBuf,
@@ -182,7 +183,7 @@ pub enum FramesError {
         second: String,
     },
     /// A first or last frame that is not there.
-    #[error("{}: {column} is {number}, but the folder has {found} frames from {first} to {last} and not this one", folder.display())]
+    #[error("{}: {column} is {number}, but the folder has no such frame; it has {found} frames from {first} to {last}", folder.display())]
     NoSuchFrame {
         /// The folder.
         folder: PathBuf,
@@ -450,12 +451,12 @@ mod tests {
         fs::create_dir_all(folder.path().join("005/002")).unwrap();
         let error = |name: &str| list_frames(&folder.path().join(name), None, None).unwrap_err().to_string();
         assert!(
-            error("005/2").ends_with("005/002 is there: spreadsheets drop leading zeros, format the column as text"),
+            error("005/2").ends_with("005/002 exists: spreadsheets drop leading zeros, so format the column as text"),
             "{}",
             error("005/2")
         );
-        assert!(error("5/002").contains("005 is there"), "{}", error("5/002"));
-        assert!(!error("005/3").contains("is there:"));
+        assert!(error("5/002").contains("005 exists"), "{}", error("5/002"));
+        assert!(!error("005/3").contains("exists:"));
     }
 
     #[test]
@@ -475,7 +476,7 @@ mod tests {
     fn ranges_that_are_not_there_show_what_is() {
         let folder = folder(&["f1.png", "f2.png", "f5.png"]);
         let error = numbers(&folder, Some(3), None).unwrap_err();
-        assert!(error.ends_with("first_frame is 3, but the folder has 3 frames from 1 to 5 and not this one"), "{error}");
+        assert!(error.ends_with("first_frame is 3, but the folder has no such frame; it has 3 frames from 1 to 5"), "{error}");
         assert!(numbers(&folder, None, Some(99)).unwrap_err().contains("last_frame is 99"));
         assert!(numbers(&folder, Some(5), None).unwrap_err().ends_with("1 frame from neutral to apex; at least 2 are needed"));
         assert_eq!(numbers(&folder, Some(5), Some(1)), Ok(vec![5, 2, 1]), "the apex may come first");
@@ -489,10 +490,12 @@ mod tests {
             numbers(&folder(&["f1.png", "neutral.png"]), None, None).unwrap_err().contains("neutral.png: the file name has no")
         );
         let twice = numbers(&folder(&["f1.png", "f01.jpg", "f2.png"]), None, None).unwrap_err();
-        assert!(twice.contains("frame 1 is there twice, as f01.jpg and f1.png"), "{twice}");
+        assert!(twice.contains("frame 1 appears twice, as f01.jpg and f1.png"), "{twice}");
         let long = numbers(&folder(&["f99999999999.png", "f099999999999.jpg"]), None, None).unwrap_err();
         assert!(
-            long.contains("99999999999` is too large for a frame number (at most 4294967295), and another file has it"),
+            long.contains(
+                "99999999999` is too large for a frame number (at most 4294967295), and another file has the same number"
+            ),
             "{long}"
         );
         assert_eq!(numbers(&folder(&["f99999999999.png", "f99999999998.png"]), None, None), Ok(vec![1, 2]));

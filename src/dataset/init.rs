@@ -149,7 +149,7 @@ impl ProposedManifest {
             let subject = self.rows.first().map(|row| row.subject.clone()).unwrap_or_default();
             return Err(DatasetError::NobodyKnown { path: path.to_owned(), subject });
         }
-        let of_sequences = ours.iter().map(|&k| format!("`{}`, which every sequence has of its own", csv.header()[k]));
+        let of_sequences = ours.iter().map(|&k| format!("`{}`, which the manifest sets for each sequence", csv.header()[k]));
         self.not_joined = of_sequences.chain(filled.iter().map(|k| format!("column {}, which has no name", k + 1))).collect();
         self.person_columns = others.iter().map(|&k| csv.header()[k].clone()).collect();
         // Whoever is not in a table of consents has given none.

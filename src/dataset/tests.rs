@@ -65,7 +65,7 @@ fn a_manifest_of_semicolons_reads() {
         failures[0].2.ends_with("line 3: fps is `1.000,5`; a number of frames per second from 0.1 to 1000 was expected"),
         "{failures:?}"
     );
-    assert!(failures[1].2.ends_with("line 5: the row has 2 fields where the header has 6"), "{failures:?}");
+    assert!(failures[1].2.ends_with("line 5: the row has 2 fields, but the header has 6"), "{failures:?}");
     let folder = tempfile::tempdir().unwrap();
     write(&folder, MANIFEST_NAME, "subject;sequence;emotoin\nS1;1;joy\n");
     assert!(open_error(&folder).ends_with("found `subject`, `sequence`, `emotoin`; is `emotoin` meant for `emotion`?"));
@@ -122,23 +122,40 @@ fn a_bad_row_costs_that_sequence_only() {
     let path = folder.path().join(MANIFEST_NAME).display().to_string();
     let found: Vec<_> = failures(&dataset).into_iter().map(|(s, q, e)| (s, q, e.replace(&path, "M"))).collect();
     let expect = [
-        ("S1", "001", "M, line 3: subject `S1`, sequence `001` stands in line 2 already"),
+        ("S1", "001", "M, line 3: subject `S1`, sequence `001` is already in line 2; keep one row, or rename one"),
         ("", "002", "M, line 4: subject is empty"),
         ("S1", "003", "M, line 5: emotion is empty"),
-        ("../x", "004", "M, line 6: subject is `../x`, with a path separator in it; results are named after it"),
-        ("..", "005", "M, line 7: subject is `..`, which is a folder of its own; results are named after it"),
-        ("S1", "006", "M, line 8: first_frame is 9 and last_frame is 9; neutral and apex frame must be two different ones"),
+        (
+            "../x",
+            "004",
+            "M, line 6: subject is `../x`, with a path separator in it; choose another value, because results are named after it",
+        ),
+        (
+            "..",
+            "005",
+            "M, line 7: subject is `..`, which is the name of a folder; choose another value, because results are named after it",
+        ),
+        ("S1", "006", "M, line 8: first_frame is 9 and last_frame is 9; neutral and apex frame must differ"),
         ("S1", "007", "M, line 9: first_frame is `one`; a whole number of 0 or more was expected"),
         ("S1", "008", "M, line 10: fps is `0`; a number of frames per second from 0.1 to 1000 was expected"),
-        ("S1", "009", "M, line 11: the row has 2 fields where the header has 6"),
+        ("S1", "009", "M, line 11: the row has 2 fields, but the header has 6"),
         (
             "S\u{FFFD}",
             "010",
-            "M, line 12: byte 2 of the line is not UTF-8; the file looks like Windows-1252 (Latin-1): save it as UTF-8 text, or convert it (iconv -f WINDOWS-1252 -t UTF-8 OLD.csv > NEW.csv) and see that names are right",
+            "M, line 12: byte 2 of the line is not UTF-8; the file looks like Windows-1252 (Latin-1): save it as UTF-8 text, or convert it \
+             (iconv -f WINDOWS-1252 -t UTF-8 OLD.csv > NEW.csv) and check the names",
         ),
         ("", "", "M, line 13: a quotation mark is not closed"),
-        ("S1", "001_x", "M, line 16: results of this sequence and of that in line 15 would both be named `S1_001_x`; rename one"),
-        ("S1", "013", "M, line 17: emotion is `a/b`, with a path separator in it; results are named after it"),
+        (
+            "S1",
+            "001_x",
+            "M, line 16: the results of this sequence and of the one in line 15 would both be named `S1_001_x`; rename one",
+        ),
+        (
+            "S1",
+            "013",
+            "M, line 17: emotion is `a/b`, with a path separator in it; choose another value, because results are named after it",
+        ),
     ];
     assert_eq!(found, expect.map(|(s, q, e)| (s, q, e.to_owned())));
 }
@@ -186,12 +203,12 @@ fn correspondences_come_from_the_file_named_the_default_file_or_landmarks() {
     assert_eq!(read(1, 1), Ok(vec![(NodeId(31), Point2::new(4.0, 5.0))]));
     // Landmark 45 is the outer corner of the left eye, node 20.
     assert_eq!(read(2, 1).unwrap()[0], (NodeId(20), Point2::new(45.0, 90.0)));
-    assert!(read(2, 7).unwrap_err().contains("frame 7 has no landmarks; there are 2 frames from 1 to 2"));
+    assert!(read(2, 7).unwrap_err().contains("frame 7 has no landmarks; 2 frames from 1 to 2 have them"));
     let none = read(3, 1).unwrap_err();
     assert!(none.starts_with("S1_004: no correspondences and no landmarks; mark 5 to 8 points"), "{none}");
     assert!(none.contains("004/correspondences.csv") && none.contains("`node,x,y`"), "{none}");
     assert!(read(4, 1).unwrap_err().contains("S1_005: the correspondence file"));
-    assert!(read(5, 1).unwrap_err().contains("the landmark file is not there; looked for"));
+    assert!(read(5, 1).unwrap_err().contains("the landmark file does not exist; searched for"));
     assert!(matches!(dataset.sequences[3].correspondence_source(), Ok(CorrespondenceSource::None)));
     assert_eq!(dataset.sequences[3].landmarks().unwrap(), None);
 }

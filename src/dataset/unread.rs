@@ -78,9 +78,9 @@ pub fn unread_beside(frames: &FrameSource) -> Option<String> {
     beside.retain(|path| !patterns.contains(&pattern(path)));
     let name = beside.first()?.file_name()?.to_string_lossy().into_owned();
     Some(match beside.len() {
-        1 => format!("{name} is of a format that is not read, and no frame; convert it if it is one"),
+        1 => format!("{name} has an unsupported format and is not used; if it is a frame, convert it"),
         n => format!(
-            "{name} and {} beside the frames are of formats that are not read, and no frames; convert them if they are",
+            "{name} and {} beside the frames have unsupported formats and are not used; if they are frames, convert them",
             count(n - 1, "more picture", "more pictures")
         ),
     })
@@ -104,7 +104,7 @@ mod tests {
         let apex = ["f_1.png", "f_2.png", "f_3.png", "f_4.GIF"];
         let said = listed(&apex, None, None).unwrap_err();
         assert!(
-            said.contains("f_4.GIF: ") && said.contains("not read") && said.contains("convert") && said.contains("move"),
+            said.contains("f_4.GIF: ") && said.contains("not supported") && said.contains("convert") && said.contains("move"),
             "{said}"
         );
         assert!(listed(&apex, Some(2), Some(4)).unwrap_err().contains("f_4.GIF"), "it is named, not only missed");
@@ -129,7 +129,7 @@ mod tests {
         assert_eq!(with(&["f_1.heic", "F_2.HEIC"]), (2, None), "the same frames, converted");
         assert_eq!(with(&["a.txt", "b.mp4"]), (2, None));
         let said = with(&["preview.gif"]).1.unwrap();
-        assert!(said.starts_with("preview.gif is of a format that is not read"), "{said}");
+        assert!(said.starts_with("preview.gif has an unsupported format"), "{said}");
         assert!(with(&["S1_05.gif", "x.jp2"]).1.unwrap().starts_with("S1_05.gif and 1 more picture beside"));
     }
 }

@@ -59,7 +59,7 @@ fn ranges(findings: &mut Findings, catalog: &FapCatalog, line: usize, frame: &Fa
         }
         let (Some(value), Some((min, max))) = (frame.value(row.number), row.range) else { continue };
         if value < 0.0 && row.directionality == Some(Directionality::Unidirectional) {
-            let message = || format!("{} is {value}; it moves one way only and is 0 or more", row.name);
+            let message = || format!("{} is {value}; it moves in one direction only and must be 0 or more", row.name);
             findings.warning(line, field(), Rule::Unidirectional, message);
         } else if !(f64::from(min)..=f64::from(max)).contains(&value) {
             let message = || format!("{} is {value}; the standard allows {min} to {max}", row.name);
@@ -77,7 +77,7 @@ fn lips(findings: &mut Findings, catalog: &FapCatalog, frames: &[(usize, FapFram
             (None, Some((line, _))) => (*line, outer, inner),
             _ => continue,
         };
-        let message = || format!("0 or unset throughout while FAP {moving} moves; Xface copies it: write both lips");
+        let message = || format!("0 or unset in all frames while FAP {moving} moves; Xface copies that FAP: write both lips");
         findings.warning(line, format!("FAP {still}"), Rule::LipsMirrored, message);
     }
 }

@@ -90,7 +90,7 @@ pub enum ConvertError {
         count: usize,
     },
     /// A unit that is not a positive length.
-    #[error("{fapu}0 is {value}; it must be positive to measure in it")]
+    #[error("{fapu}0 is {value}; it must be positive, because it is the unit of measurement")]
     Fapu {
         /// The unit.
         fapu: Fapu,

@@ -23,7 +23,9 @@ pub const MAX_FRAMES: usize = 360_000;
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum InterpolateError {
     /// The result would be too long.
-    #[error("that makes {frames} frames; at most {MAX_FRAMES} are made: choose fewer frames in between or a lower frame rate")]
+    #[error(
+        "the result would have {frames} frames, more than {MAX_FRAMES}: choose fewer frames in between or a lower frame rate"
+    )]
     TooManyFrames {
         /// Frames asked for.
         frames: f64,

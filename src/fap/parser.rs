@@ -116,7 +116,7 @@ impl Parser {
                 }
                 Expect::Mask => self.mask_or_stray_values(line, &words),
                 Expect::Values(mask, mask_line) if looks_like_mask(&words, mask.as_ref()) => {
-                    let message = format!("the mask of line {mask_line} has no values: another mask follows");
+                    let message = format!("the mask in line {mask_line} has no values: another mask follows");
                     self.findings.error(line, "frame", Rule::FrameLines, message);
                     self.out_of_step = true;
                     self.mask_or_stray_values(line, &words)
@@ -129,7 +129,8 @@ impl Parser {
             };
         }
         if !ends && !bytes.is_empty() {
-            let message = || "the last line does not end; if the file was cut, its last value may be short".to_owned();
+            let message =
+                || "the last line has no line end; if the file was truncated, the last value may be incomplete".to_owned();
             self.findings.warning(line, "line", Rule::FinalNewline, message);
         }
         match expect {
@@ -139,7 +140,8 @@ impl Parser {
             }
             Expect::Values(_, mask_line) => {
                 self.out_of_step = true;
-                let message = "the file ends after a mask: the line with its values is missing; the file seems cut".to_owned();
+                let message =
+                    "the file ends after a mask: the line with its values is missing; the file seems truncated".to_owned();
                 self.findings.error(mask_line, "frame", Rule::FrameLines, message);
             }
             Expect::Mask => {}
@@ -255,11 +257,11 @@ impl Parser {
         if found == 0 {
             self.findings.error(line, "nframes", Rule::FrameCount, "the file has no frames".to_owned());
         } else if announced == STREAMING_FRAME_COUNT && found < announced {
-            let message = || format!("the header announces 10000 frames, as when streaming, and {found} follow");
+            let message = || format!("the header announces 10000 frames, as for streaming, but {found} follow");
             self.findings.warning(line, "nframes", Rule::FrameCount, message);
         } else if announced != found {
             let cut = if found < announced { "; the file seems cut" } else { "" };
-            let message = format!("the header announces {announced} frames and {found} follow{cut}");
+            let message = format!("the header announces {announced} frames, but {found} follow{cut}");
             self.findings.error(line, "nframes", Rule::FrameCount, message);
         }
     }
@@ -294,7 +296,8 @@ impl Parser {
         }
         let mask: Mask = std::array::from_fn(|k| words[k] == "1");
         if *self.first_mask.get_or_insert(mask) != mask {
-            let message = || "the mask differs from the first frame's; readers differ in what an unset FAP then is".to_owned();
+            let message =
+                || "the mask differs from that of the first frame; readers interpret unset FAPs differently then".to_owned();
             self.findings.warning(line, "mask", Rule::MaskVaries, message);
         }
         Expect::Values(Some(mask), line)
@@ -385,7 +388,7 @@ impl Parser {
             let message = || format!("one value for FAP {fap}, as old tools write it; other readers expect several");
             self.findings.warning(line, field.clone(), Rule::HighLevel, message);
         } else {
-            let message = || format!("FAP {fap} is set; readers differ in how many values it has");
+            let message = || format!("FAP {fap} is set; readers expect different numbers of values for it");
             self.findings.warning(line, field.clone(), Rule::HighLevel, message);
         }
         let mut fields = Vec::with_capacity(words.len());

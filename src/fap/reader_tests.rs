@@ -167,7 +167,7 @@ fn files_that_end_early_or_late_are_refused() {
     let huge = strict().replace("25 2", "25 18446744073709551615");
     assert_eq!(
         end(&huge, 1, Rule::FrameCount),
-        "the header announces 18446744073709551615 frames and 2 follow; the file seems cut"
+        "the header announces 18446744073709551615 frames, but 2 follow; the file seems cut"
     );
     end(&strict().replace("25 2", "25 1"), 1, Rule::FrameCount);
     let cut = strict().replace("1 12 -7\n", "");

@@ -146,7 +146,7 @@ pub fn read_tidy_csv(path: &Path, fps: f64) -> Result<FapSequence, TidyError> {
         }
         let frame = frames.entry(number).or_default();
         if frame.is_set(fap) {
-            return Err(at(line, format!("FAP {fap} of frame {number} is given twice")));
+            return Err(at(line, format!("FAP {fap} of frame {number} appears twice; keep one row")));
         }
         if fap.is_high_level() {
             frame.set_fields(fap, Some(fields(fap, text(value_column)).map_err(|reason| at(line, reason))?));
@@ -225,7 +225,7 @@ mod tests {
         fails(&format!("{header}99999999999,3,,1\n"), "not a frame number");
         fails(&format!("{header}0,3,jaw,1\n"), "FAP 3 is `open_jaw`, not `jaw`");
         fails(&format!("{header}0,3,,NaN\n"), "`NaN` is not a finite number");
-        fails(&format!("{header}0,3,,1\n0,3,,2\n"), "given twice");
+        fails(&format!("{header}0,3,,1\n0,3,,2\n"), "appears twice");
         fails(&format!("{header}0,1,,1 2\n"), "expected 4 integers");
         fails(&format!("{header}0,3\n"), "joy.csv:2");
     }

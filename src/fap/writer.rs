@@ -48,13 +48,15 @@ const FPS_MAX: f64 = 32_767.0;
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FapWriteErrorKind {
     /// The name is not a token.
-    #[error("`{name}` is no name that every reader takes: one ASCII word of 1 to 100 characters, not starting with #")]
+    #[error(
+        "`{name}` is not a name that every reader accepts: use one ASCII word of 1 to 100 characters that does not start with #"
+    )]
     Name {
         /// The name.
         name: String,
     },
     /// The frame rate is not an integer within 1 and 32767, or not the one that the reader plays.
-    #[error("{fps} frames per second; the {profile} profile takes {expected}: change it with --fps")]
+    #[error("cannot write {fps} frames per second: the {profile} profile needs {expected}; change the rate with --fps")]
     Fps {
         /// The frame rate.
         fps: f64,
@@ -67,7 +69,7 @@ pub enum FapWriteErrorKind {
     #[error("there is no frame to write")]
     NoFrames,
     /// FAP 1 or 2 for a reader that may misread it, or not in the reader's form.
-    #[error("frame {frame} sets FAP {fap} with {found} values; the {profile} profile takes {expected}")]
+    #[error("frame {frame} sets FAP {fap} with {found} values, but the {profile} profile needs {expected}")]
     HighLevel {
         /// Frame index, from 0.
         frame: usize,
@@ -81,7 +83,7 @@ pub enum FapWriteErrorKind {
         expected: String,
     },
     /// A value that is no integer although integers are asked for.
-    #[error("FAP {fap} of frame {frame} is {value}, which is no integer: round it first")]
+    #[error("FAP {fap} of frame {frame} is {value}, which is not an integer: round it first")]
     NotInteger {
         /// Frame index, from 0.
         frame: usize,
@@ -91,7 +93,7 @@ pub enum FapWriteErrorKind {
         value: f64,
     },
     /// A value that is not finite or does not fit into 32 bits.
-    #[error("FAP {fap} of frame {frame} is {value}, which no reader takes: it must be finite and fit into 32 bits")]
+    #[error("FAP {fap} of frame {frame} is {value}, which no reader accepts: it must be finite and fit into 32 bits")]
     NotFinite {
         /// Frame index, from 0.
         frame: usize,
@@ -101,7 +103,7 @@ pub enum FapWriteErrorKind {
         value: f64,
     },
     /// Floats for a reader that stops at them.
-    #[error("the {profile} profile takes integers only: use --values integer")]
+    #[error("the {profile} profile allows integers only: give --values integer")]
     Float {
         /// Whom the file is for.
         profile: Profile,

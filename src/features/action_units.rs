@@ -74,7 +74,7 @@ pub const ACTION_UNITS: [ActionUnit; 21] = [
 
 /// A name that is no action unit of the list.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("`{}` is no action unit that is measured; known are {}", excerpt(name), known())]
+#[error("`{}` is not an action unit that grimace measures; choose from {}", excerpt(name), known())]
 pub struct UnknownActionUnit {
     /// What was given.
     pub name: String,
@@ -339,7 +339,7 @@ mod tests {
         }
         for name in ["AU3", "smile", "AU", "-4", "AU400"] {
             let error = name.parse::<ActionUnit>().unwrap_err().to_string();
-            assert!(error.starts_with(&format!("`{name}` is no action unit")) && error.contains("AU45"), "{error}");
+            assert!(error.starts_with(&format!("`{name}` is not an action unit")) && error.contains("AU45"), "{error}");
         }
     }
 

@@ -111,7 +111,7 @@ pub enum BlendshapesError {
         what: &'static str,
     },
     /// A frame that is there twice.
-    #[error("{}: frame {frame} is there twice", path.display())]
+    #[error("{}: frame {frame} appears twice; keep one", path.display())]
     DuplicateFrame {
         /// The file.
         path: PathBuf,
@@ -119,7 +119,7 @@ pub enum BlendshapesError {
         frame: u32,
     },
     /// Results that are not numbered and do not go with the frames.
-    #[error("{}: {found} results without frame numbers where the track has {expected} frames", path.display())]
+    #[error("{}: there are {found} results without frame numbers, but the track has {expected} frames", path.display())]
     Count {
         /// The file.
         path: PathBuf,
@@ -130,8 +130,8 @@ pub enum BlendshapesError {
     },
     /// Results whose frame numbers are not those of the track: as many, or none in common.
     #[error(
-        "{}: results of frames {} to {}, where the track has {} to {}: they are not the same frames, or are counted from another number; \
-         number them as the track does",
+        "{}: the results have frames {} to {}, but the track has {} to {}: use the results of the same frames, with the frame numbers of \
+         the track",
         path.display(), found.0, found.1, expected.0, expected.1
     )]
     Numbers {
@@ -352,7 +352,7 @@ mod tests {
             read("a.csv", &format!("frame,jawOpen\n{rows}")).unwrap()
         };
         let said = |frames: &[u32], of: &[u32]| table(frames).scores(of).unwrap_err().to_string();
-        assert!(said(&[0, 1, 2], &[1, 2, 3]).contains("results of frames 0 to 2, where the track has 1 to 3"));
+        assert!(said(&[0, 1, 2], &[1, 2, 3]).contains("the results have frames 0 to 2, but the track has 1 to 3"));
         assert!(said(&[0, 2], &[1, 2, 3]).contains("frames 0 to 2"));
         assert!(said(&[100, 200], &[1, 2, 3]).contains("frames 100 to 200"));
         // A frame without a face, and a recording of which the track is a part.
@@ -387,6 +387,6 @@ mod tests {
         assert!(said("a.csv", "frame,jawOpen\n1,wide\n").contains("line 2"));
         assert!(said("a.json", "{\"faceLandmarks\":[]}").contains("`face_blendshapes` with names and scores"));
         assert!(said("a.json", "[]").contains("faceBlendshapes"));
-        assert!(said("a.csv", "frame,jawOpen\n1,0.5\n1,0.5\n").contains("frame 1 is there twice"));
+        assert!(said("a.csv", "frame,jawOpen\n1,0.5\n1,0.5\n").contains("frame 1 appears twice"));
     }
 }

@@ -382,7 +382,7 @@ pub fn turn_warning(fit: &HeadFit, track: &[TrackedFrame]) -> Option<String> {
     };
     let (largest, frame) = fit.poses.iter().zip(track).map(turn).max_by(|a, b| a.0.total_cmp(&b.0))?;
     (largest > TRUSTED_TURN).then(|| {
-        format!("the head is turned by {largest:.0} degrees in frame {frame}; models are right up to about {TRUSTED_TURN:.0}")
+        format!("the head is turned by {largest:.0} degrees in frame {frame}; models are reliable up to about {TRUSTED_TURN:.0} degrees")
     })
 }
 
@@ -390,7 +390,7 @@ pub fn turn_warning(fit: &HeadFit, track: &[TrackedFrame]) -> Option<String> {
 pub fn pose_warning(fit: &HeadFit, track: &[TrackedFrame]) -> Option<String> {
     let failed: Vec<u32> = fit.failures.iter().zip(track).filter(|(f, _)| f.is_some()).map(|(_, frame)| frame.number).collect();
     let first = failed.iter().min()?;
-    Some(format!("no pose was found in {} of {} frames, frame {first} the first", failed.len(), track.len()))
+    Some(format!("found no head pose in {} of {} frames, first in frame {first}", failed.len(), track.len()))
 }
 
 /// Order ([`FeatureMeter::order`]) below which a sequence seems to be played backwards: chosen so that, of 50 sequences of photographs, morphs and
@@ -402,8 +402,9 @@ pub fn order_warning(order: f64, track: &[TrackedFrame]) -> Option<String> {
     let [first, .., last] = track else { return None };
     (order < BACKWARDS).then(|| {
         format!(
-            "it seems to go from an expression back to neutral: action units explain the way from frame {} to frame {} better than the way back; \
-             if frame {} is the neutral one, make it first_frame and frame {} last_frame in the manifest, with marks of the neutral one if you set any",
+            "the sequence seems to go from an expression back to neutral: action units explain the motion from frame {} to frame {} \
+             better than its reverse; if frame {} is neutral, set it as first_frame and frame {} as last_frame in the manifest, and mark \
+             the neutral frame if you set marks",
             last.number, first.number, last.number, first.number
         )
     })

@@ -50,8 +50,8 @@ pub enum FitError {
     },
     /// Left and right were exchanged.
     #[error(
-        "the marks fit the mirrored face: left and right are exchanged, which are the subject's own (the subject's left is on the right of the \
-         image){}{}",
+        "the marks fit a mirrored face: left and right are swapped; they mean the subject's own sides (the subject's left is on the \
+         right of the image){}{}",
         mirrored(pairs),
         and_then(then)
     )]
@@ -63,18 +63,18 @@ pub enum FitError {
     },
     /// Columns of the table were exchanged.
     #[error(
-        "the marks fit a mirrored face that lies on its side: x and y are exchanged; x goes to the right, y downwards, both from the upper left corner \
+        "the marks fit a mirrored face that lies on its side: x and y are swapped; x points right and y down, from the upper left corner \
          of the image"
     )]
     AxesExchanged,
     /// Rows were counted from the bottom of the image.
     #[error(
-        "the marks fit the face in a mirror below it: y is counted from the top of the image, downwards; where it was counted from the bottom, \
-         write the image's height - 1 - y"
+        "the marks fit a face mirrored at a horizontal line: y must be counted downwards from the top of the image; if it was counted \
+         from the bottom, write the image's height - 1 - y"
     )]
     YUpwards,
     /// Marks of which two lie where the other should.
-    #[error("{} exchanged: each lies where the other is expected (left and right are the subject's own)", exchanged(pairs))]
+    #[error("{} swapped: each lies where the other is expected (left and right are the subject's own)", exchanged(pairs))]
     Exchanged {
         /// The nodes, in pairs.
         pairs: Vec<(NodeId, NodeId)>,
@@ -82,7 +82,7 @@ pub enum FitError {
     /// A mark that no face has there.
     #[error(
         "node {node} is marked at ({x}, {y}), but the other marks expect it near ({expected_x:.0}, {expected_y:.0}), {percent:.0} % of \
-         the eye distance away{}; set it anew or take it out",
+         the eye distance away{}; correct it or remove it",
         and_others(others)
     )]
     Outlier {
@@ -103,8 +103,8 @@ pub enum FitError {
     },
     /// The wireframe lies upside down in the image.
     #[error(
-        "the marks place the face upside down (roll {degrees:.0} degrees): turn the picture if the face is so in it; else marks are exchanged (left \
-         and right are the subject's own), or y was counted from the bottom of the image"
+        "the marks place the face upside down (roll {degrees:.0} degrees): if the face is upside down in the picture, turn the picture; \
+         otherwise marks are swapped (left and right are the subject's own), or y was counted from the bottom of the image"
     )]
     UpsideDown {
         /// Angle of the face's up against the image's up.
@@ -121,11 +121,11 @@ fn in_pairs(pairs: &[(NodeId, NodeId)]) -> String {
 }
 
 fn mirrored(pairs: &[(NodeId, NodeId)]) -> String {
-    if pairs.is_empty() { String::new() } else { format!("; exchange the marks of nodes {}", in_pairs(pairs)) }
+    if pairs.is_empty() { String::new() } else { format!("; swap the marks of nodes {}", in_pairs(pairs)) }
 }
 
 fn and_then(pairs: &[(NodeId, NodeId)]) -> String {
-    if pairs.is_empty() { String::new() } else { format!("; after that, exchange {} too", in_pairs(pairs)) }
+    if pairs.is_empty() { String::new() } else { format!("; then also swap {}", in_pairs(pairs)) }
 }
 
 fn and_others(nodes: &[NodeId]) -> String {
@@ -153,7 +153,7 @@ fn and_others(nodes: &[NodeId]) -> String {
 pub enum FitWarning {
     /// A mark that is far from where the others expect it, but may be right.
     #[error(
-        "the mark of node {node} at ({x:.1}, {y:.1}) lies {percent:.0} % of the eye distance from where the other marks expect it; look at it"
+        "the mark of node {node} at ({x:.1}, {y:.1}) lies {percent:.0} % of the eye distance from where the other marks expect it; check it"
     )]
     Doubtful {
         /// The node.
@@ -166,6 +166,6 @@ pub enum FitWarning {
         percent: f64,
     },
     /// Triangles that the marks turn over.
-    #[error("the marks turn parts of the wireframe over; look at it, in a picture of the fit")]
+    #[error("the marks turn parts of the wireframe over; check them in a picture of the fit (--overlay)")]
     Turned,
 }

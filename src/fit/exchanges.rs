@@ -209,7 +209,7 @@ mod tests {
         let advice: Pairs = once_mirrored.into_iter().chain(then.iter().map(|(a, b)| (a.0, b.0))).collect();
         let all: Pairs = exchanged.into_iter().chain(advice).collect();
         assert!(said(&SEVEN, &all).is_ok(), "{error}");
-        assert!(error.to_string().contains("after that, exchange"), "{error}");
+        assert!(error.to_string().contains("then also swap"), "{error}");
     }
 
     #[test]

@@ -51,7 +51,7 @@ pub enum InputErrorKind {
         name: String,
     },
     /// A row of another length than the header.
-    #[error("the row has {found} fields where the header has {expected}")]
+    #[error("the row has {found} fields, but the header has {expected}")]
     FieldCount {
         /// Columns of the header.
         expected: usize,
@@ -93,7 +93,8 @@ impl fmt::Display for LineSuffix {
 
 fn encoding_hint(windows_1252: bool) -> &'static str {
     if windows_1252 {
-        "the file looks like Windows-1252 (Latin-1): save it as UTF-8 text, or convert it (iconv -f WINDOWS-1252 -t UTF-8 OLD.csv > NEW.csv) and see that names are right"
+        "the file looks like Windows-1252 (Latin-1): save it as UTF-8 text, or convert it (iconv -f WINDOWS-1252 -t UTF-8 OLD.csv > \
+         NEW.csv) and check the names"
     } else {
         "save the file as UTF-8 text"
     }

@@ -74,7 +74,7 @@ pub fn open_or_stdin(path: &Path) -> io::Result<File> {
 
 fn bounded(reader: impl Read, length: u64) -> io::Result<Vec<u8>> {
     let too_large = |length: String| {
-        let reason = format!("it has {length} bytes; at most {MAX_BYTES} are read");
+        let reason = format!("it has {length} bytes, more than the limit of {MAX_BYTES}");
         io::Error::new(io::ErrorKind::FileTooLarge, reason)
     };
     if length > MAX_BYTES {
@@ -127,7 +127,7 @@ mod tests {
         assert_eq!(read(&folder.path().join("none")).unwrap_err().kind(), io::ErrorKind::NotFound);
         // A file with a hole takes no disk.
         File::create(&path).unwrap().set_len(MAX_BYTES + 1).unwrap();
-        assert_eq!(read(&path).unwrap_err().to_string(), "it has 1073741825 bytes; at most 1073741824 are read");
+        assert_eq!(read(&path).unwrap_err().to_string(), "it has 1073741825 bytes, more than the limit of 1073741824");
         assert!(open_file(&path).is_ok(), "what is read in parts may be long");
     }
 

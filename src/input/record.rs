@@ -8,7 +8,7 @@ use serde::{Deserialize, de::DeserializeOwned};
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
     /// Written by a later version, in another layout.
-    #[error("schema version {found}; this program reads {reads}; a newer version of grimace wrote it, use that one")]
+    #[error("schema version {found}; this program reads {reads}; it comes from a newer version of grimace; use that version")]
     Newer {
         /// Its version.
         found: u64,

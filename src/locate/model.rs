@@ -111,7 +111,7 @@ pub enum ModelError {
         source: std::io::Error,
     },
     /// No model in it.
-    #[error("{}: not a model of the locator: {reason}; `grimace learn locator` makes one", path.display())]
+    #[error("{}: this is not a model of the locator: {reason}; make one with `grimace learn locator`", path.display())]
     Format {
         /// The file.
         path: PathBuf,
@@ -154,7 +154,7 @@ impl Matrices {
             }
             matrices.insert(name.clone(), values);
         }
-        if bytes.is_empty() { Ok(Self(matrices)) } else { Err(format!("{} bytes too many at the end", bytes.len())) }
+        if bytes.is_empty() { Ok(Self(matrices)) } else { Err(format!("the file has {} bytes too many at the end", bytes.len())) }
     }
 
     /// A matrix that must have so many numbers; any positive number of them if `None`.
@@ -254,17 +254,17 @@ impl Model {
 }
 
 fn parse(bytes: &[u8]) -> Result<(Model, ModelOrigin), String> {
-    let rest = bytes.strip_prefix(MAGIC.as_slice()).ok_or("it does not begin as one")?;
-    let (length, rest) = rest.split_first_chunk::<4>().ok_or("it is cut short")?;
+    let rest = bytes.strip_prefix(MAGIC.as_slice()).ok_or("the beginning of the file is not that of a model")?;
+    let (length, rest) = rest.split_first_chunk::<4>().ok_or("the file is truncated")?;
     let length = u32::from_le_bytes(*length) as usize;
-    let (description, numbers) = rest.split_at_checked(length).ok_or("it is cut short")?;
+    let (description, numbers) = rest.split_at_checked(length).ok_or("the file is truncated")?;
     let header: Header = serde_json::from_slice(description).map_err(|e| e.to_string())?;
     if header.schema != SCHEMA {
         return Err(format!("schema {}; this program reads {SCHEMA}", header.schema));
     }
     let count = points().len();
     if header.points != count || header.features.iter().any(|&k| k >= count) {
-        return Err(format!("{} points; this program knows {count}", header.points));
+        return Err(format!("it has {} points, but this program knows {count}", header.points));
     }
     let patches = header.joint.iter().chain(header.local.iter().flatten());
     if patches.clone().any(|p| !(4.0..=256.0).contains(&p.size) || p.side > 16 || p.blur > 32 || !(0.0..1.0).contains(&p.cell)) {
@@ -305,7 +305,10 @@ fn parse(bytes: &[u8]) -> Result<(Model, ModelOrigin), String> {
     let weights = matrices.take("template", Some(template::LENGTH))?;
     let lips = match header.lips {
         Some((parted_from, expected_error)) if !(0.0..1.0).contains(&parted_from) || !(0.0..1.0).contains(&expected_error) => {
-            return Err(format!("lips parted from {parted_from}, to {expected_error}: both are shares of the eye distance"));
+            return Err(format!(
+                "the limits of parted lips are {parted_from} and {expected_error}, but must be shares of the eye \
+                 distance, from 0 to less than 1"
+            ));
         }
         Some((parted_from, expected_error)) => Some(LipStage {
             offset: matrices.take("lips.offset", Some(lips::LENGTH))?,
@@ -364,9 +367,12 @@ mod tests {
     fn files_that_are_no_model_are_named() {
         let bytes = include_bytes!("../../candide/locator.bin");
         let message = |bytes: &[u8]| Model::from_bytes(Path::new("m.bin"), bytes).unwrap_err().to_string();
-        assert!(message(b"").starts_with("m.bin: not a model of the locator: it does not begin as one"));
+        assert!(
+            message(b"")
+                .starts_with("m.bin: this is not a model of the locator: the beginning of the file is not that of a model")
+        );
         assert!(message(&bytes[..bytes.len() - 1]).contains("ends too early"));
-        assert!(message(&bytes[..10]).contains("cut short"));
+        assert!(message(&bytes[..10]).contains("truncated"));
         let mut longer = bytes.to_vec();
         longer.push(0);
         assert!(message(&longer).contains("1 bytes too many"));

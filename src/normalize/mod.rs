@@ -188,7 +188,7 @@ pub enum NormalizeError {
     #[error(transparent)]
     Model(#[from] ModelError),
     /// The track is of another wireframe.
-    #[error("the track has {found} nodes, the wireframe {expected}")]
+    #[error("the track has {found} nodes, but the wireframe has {expected}")]
     NodeCount {
         /// Nodes of the track.
         found: usize,

@@ -25,7 +25,7 @@ pub fn target_of(path: &Path) -> Result<PathBuf, OutputError> {
     // Before the path behind it: what /dev/stdout leads to may have none.
     let behind = match fs::metadata(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => {
-            return Err(refuse("it is a link to a file that is not there; remove the link or make the file"));
+            return Err(refuse("it is a link to a file that does not exist; remove the link or create the file"));
         }
         behind => behind.map_err(OutputError::at(path))?,
     };
@@ -47,13 +47,13 @@ fn special(kind: fs::FileType) -> Option<&'static str> {
     {
         use std::os::unix::fs::FileTypeExt;
         if kind.is_fifo() {
-            return Some("it is a pipe, and only regular files are written; give the name of a file");
+            return Some("it is a pipe, but results are written to regular files only; give the name of a file");
         }
         if kind.is_socket() {
-            return Some("it is a socket, and only regular files are written; give the name of a file");
+            return Some("it is a socket, but results are written to regular files only; give the name of a file");
         }
     }
-    Some("it is a device, and only regular files are written; give the name of a file")
+    Some("it is a device, but results are written to regular files only; give the name of a file")
 }
 
 /// The folder of a file, `.` for a bare name.
@@ -209,12 +209,16 @@ mod tests {
         let _listener = std::os::unix::net::UnixListener::bind(at("socket")).unwrap();
         assert!(message("socket").contains("it is a socket"));
         symlink(at("nothing"), at("dead")).unwrap();
-        assert!(message("dead").contains("link to a file that is not there"));
+        assert!(message("dead").contains("link to a file that does not exist"));
         let (_reader, writer) = std::io::pipe().unwrap();
         let fd = std::os::fd::AsRawFd::as_raw_fd(&writer);
         symlink(format!("/proc/self/fd/{fd}"), at("stdout")).unwrap();
         if Path::new("/proc/self/fd").exists() {
-            assert!(message("stdout").contains("it is a pipe, and only regular files are written"), "{}", message("stdout"));
+            assert!(
+                message("stdout").contains("it is a pipe, but results are written to regular files only"),
+                "{}",
+                message("stdout")
+            );
         }
         symlink("/dev/null", at("null")).unwrap();
         assert!(message("null").contains("it is a device"));

@@ -107,7 +107,7 @@ impl FolderRecord {
     pub fn check_free(&self, name: &str) -> Result<(), OutputError> {
         let path = self.folder.join(name);
         if !self.force && !self.earlier.contains_key(name) && fs::symlink_metadata(&path).is_ok() {
-            let reason = "it is there already and no earlier command of ours wrote it; --force writes over it";
+            let reason = "it exists, but grimace did not write it; give --force to overwrite it";
             return Err(OutputError::at(&path)(io::Error::new(io::ErrorKind::AlreadyExists, reason)));
         }
         Ok(())

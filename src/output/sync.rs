@@ -106,7 +106,7 @@ pub(crate) fn create_folders(path: &Path) -> io::Result<()> {
     }
     if let Some(link) = path.ancestors().find(|p| p.is_symlink() && !p.exists()) {
         let named = if link == path { "it".to_owned() } else { link.display().to_string() };
-        let reason = format!("{named} is a link to a folder that is not there; remove the link or make the folder");
+        let reason = format!("{named} is a link to a folder that does not exist; remove the link or create the folder");
         return Err(io::Error::new(io::ErrorKind::NotFound, reason));
     }
     fs::create_dir_all(path)?;

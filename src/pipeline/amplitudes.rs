@@ -102,11 +102,15 @@ impl AmplitudeResults {
         for ((emotion, region), why) in &self.missing {
             let what =
                 if *region == AmplitudeRegion::Face { emotion.clone() } else { format!("{emotion} of the {}", region.name()) };
-            whys.entry(if why.contains("one person") { "there is one person only" } else { "the median hardly moves there" })
-                .or_default()
-                .push(what);
+            whys.entry(if why.contains("one person") {
+                "there is only one person"
+            } else {
+                "the median motion there is too small"
+            })
+            .or_default()
+            .push(what);
         }
-        whys.into_iter().map(|(why, of)| format!("no amplitudes, as {why}: {}", listed(&of, 8))).collect()
+        whys.into_iter().map(|(why, of)| format!("no amplitudes, because {why}: {}", listed(&of, 8))).collect()
     }
 
     /// Differences of amplitudes in words, as many as are significant.

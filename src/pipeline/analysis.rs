@@ -69,13 +69,13 @@ pub enum AnalysisError {
     #[error(transparent)]
     Output(#[from] OutputError),
     /// The report does not render.
-    #[error("the report does not render: {0}")]
+    #[error("cannot render the report: {0}")]
     Report(#[from] minijinja::Error),
     /// A column to group by that no sequence has.
     #[error(transparent)]
     Group(#[from] GroupError),
     /// The representatives cannot be shown on the report's face.
-    #[error("the face of the report: {0}")]
+    #[error("the portrait of the report: {0}")]
     Face(#[from] CloneError),
     /// A representative has no FAPs.
     #[error(transparent)]
@@ -86,7 +86,8 @@ pub enum AnalysisError {
     Columnar(#[from] crate::columnar::ColumnarError),
     /// Groups of models that do not fit into memory.
     #[error(
-        "the models take about {needed} MB, more than the {allowed} MB of --memory, in which neither groups can be compared nor numbers tested; allow more, or leave --by and --covariate out"
+        "the models need about {needed} MB, more than the {allowed} MB of --memory, so groups cannot be compared and numeric columns \
+         cannot be tested; raise --memory, or leave --by and --covariate out"
     )]
     GroupsNeedMemory {
         /// Megabytes of all models.
@@ -261,8 +262,7 @@ fn marks_beside(tracks: &[TrackQuality]) -> Option<String> {
     let said = said.collect::<Vec<_>>().join("; ");
     let more = found.len().checked_sub(NAMED_BESIDE + 1).map(|more| format!("; and {} more", more + 1)).unwrap_or_default();
     let (count, all) = (found.len(), tracks.len());
-    (count > 0)
-        .then(|| format!("marks of {count} of {all} sequences do not lie where the face is read in the picture: {said}{more}"))
+    (count > 0).then(|| format!("the marks of {count} of {all} sequences do not fit the face found in the picture: {said}{more}"))
 }
 
 /// The warning to look at sequences again, if there are such.
@@ -271,8 +271,7 @@ fn look_again(tracks: &[TrackQuality]) -> Option<String> {
     let more = ids.len().checked_sub(NAMED_SEQUENCES + 1).map(|more| format!(" and {} more", more + 1)).unwrap_or_default();
     let named = ids.iter().take(NAMED_SEQUENCES).cloned().collect::<Vec<_>>().join(", ");
     let (count, all) = (ids.len(), tracks.len());
-    (count > 0)
-        .then(|| format!("{count} of {all} sequences should be looked at again, the reasons are in verdicts.csv: {named}{more}"))
+    (count > 0).then(|| format!("{count} of {all} sequences need a look; verdicts.csv has the reasons: {named}{more}"))
 }
 
 /// How many frames tracks have.
@@ -286,8 +285,8 @@ pub(super) fn too_short<'a>(lengths: impl Iterator<Item = (&'a SequenceId, usize
     let (short, named) = (count(ids.len(), "sequence has", "sequences have"), listed(&ids, NAMED_SEQUENCES));
     (resample == Resample::Nearest && !ids.is_empty()).then(|| {
         format!(
-            "{short} fewer than {FRAMES_PER_MODEL} frames, so that the {FRAMES_PER_MODEL} frames of the model stand still and jump (the \
-             nearest frame is taken for each); --resample linear puts frames between them: {named}"
+            "{short} fewer than {FRAMES_PER_MODEL} frames, so some of the {FRAMES_PER_MODEL} frames of the model repeat (each takes the \
+             nearest frame); --resample linear interpolates instead: {named}"
         )
     })
 }

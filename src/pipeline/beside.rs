@@ -143,12 +143,15 @@ impl Held {
             parts.iter().map(|p| format!("{} {}", p.name, self.far(p.offset.norm()))).collect::<Vec<_>>().join(", ")
         };
         let marked = (!marked.is_empty())
-            .then(|| format!("marks lie beside where the picture shows what they mark: {}; look at them", listed(&marked)));
+            .then(|| format!("some marks do not lie on their features in the picture: {}; check them", listed(&marked)));
         let of_marks: Vec<String> = brows.into_iter().chain(corners).chain(marked).collect();
         // Nodes that no mark holds follow the others: where these are wrong, they are the ones to set.
         let alone = of_marks.is_empty() && !fitted.is_empty();
         let fitted = alone.then(|| {
-            format!("without marks of their own, these lie beside where the picture shows them: {}; mark them", listed(&fitted))
+            format!(
+                "these features have no marks, and their fitted nodes do not lie on them in the picture: {}; mark them",
+                listed(&fitted)
+            )
         });
         of_marks.into_iter().chain(fitted).collect()
     }
@@ -163,16 +166,16 @@ impl Held {
             (false, false) => Vec::new(),
             (true, false) => {
                 vec![format!(
-                    "the marks lie {far} beside the face that is found in the picture: are they of this frame, and of this person?"
+                    "the marks lie {far} from the face found in the picture; check that they belong to this frame and this person"
                 )]
             }
             (true, true) => vec![format!(
-                "the marks lie {far} beside the face that is found in the picture and are of one {:.2} times as large: are they of a picture of \
-                 this size?",
+                "the marks lie {far} from the face found in the picture and fit a face {:.2} times as large; check that they belong to a \
+                 picture of this size",
                 self.size
             )],
             (false, true) => vec![format!(
-                "the marks are of a face {:.2} times as large as the one that is found in the picture: are they of this frame?",
+                "the marks fit a face {:.2} times as large as the face found in the picture; check that they belong to this frame",
                 self.size
             )],
         }
@@ -244,7 +247,7 @@ impl Held {
         let low = self.low()?;
         (self.brows_share()? > 1.0).then(|| {
             let far = self.far(low);
-            format!("the brows are marked {far} nearer to the eyes than the picture shows them: do the marks lie on the lids?")
+            format!("the brow marks lie {far} nearer to the eyes than the brows in the picture; check that they do not lie on the lids")
         })
     }
 
@@ -254,7 +257,7 @@ impl Held {
         let out = f64::midpoint(left, right);
         (self.corners_share()? > 1.0).then(|| {
             let (far, way) = (self.far(out.abs()), if out > 0.0 { "out" } else { "in" });
-            format!("the mouth corners are marked {far} further {way} than the picture shows them, each; look at them")
+            format!("both marks of the mouth corners lie {far} further {way} than the corners in the picture; check them")
         })
     }
 
@@ -402,13 +405,13 @@ mod tests {
 
     #[test]
     fn marks_of_another_place_or_size_are_said_in_px_and_eye_distances() {
-        let question = "beside the face that is found in the picture: are they of this frame, and of this person?";
+        let question = "from the face found in the picture; check that they belong to this frame and this person";
         assert_eq!(
             said(&ELEVEN, |_, p| p + Vector2::new(18.0, 24.0)),
             [format!("the marks lie 30 px (0.30 of the eye distance) {question}")]
         );
         let larger = said(&ELEVEN, |_, p| Point2::from(p.coords * 1.3));
-        assert!(larger.len() == 1 && larger[0].contains("are of one 1.30 times as large"), "{larger:?}");
+        assert!(larger.len() == 1 && larger[0].contains("fit a face 1.30 times as large"), "{larger:?}");
         // About its own middle: nothing is far away, but all is too large.
         let middle = Vector2::new(200.0, 200.0);
         let grown = said(&ELEVEN, |_, p| Point2::from((p.coords - middle) * 1.2 + middle));
@@ -418,7 +421,7 @@ mod tests {
     #[test]
     fn a_part_that_lies_beside_is_named() {
         let cheek = |n: u16, p: Point2<f64>| if n == 31 { p + Vector2::new(18.0, -24.0) } else { p };
-        let named = |what: &str| format!("marks lie beside where the picture shows what they mark: {what}; look at them");
+        let named = |what: &str| format!("some marks do not lie on their features in the picture: {what}; check them");
         assert_eq!(said(&ELEVEN, cheek), [named("left mouth corner 30 px (0.30 of the eye distance)")]);
         // The subject's left is on the right of the picture: out is to the right there.
         let out = |n: u16, p: Point2<f64>| {
@@ -431,11 +434,12 @@ mod tests {
                 0.0,
             )
         };
-        let corners = "the mouth corners are marked 15 px (0.15 of the eye distance) further out than the picture shows them, each; look at them";
+        let corners = "both marks of the mouth corners lie 15 px (0.15 of the eye distance) further out than the corners in the picture; \
+             check them";
         assert_eq!(said(&ELEVEN, out), [corners]);
         let low = |n: u16, p: Point2<f64>| if [15, 17, 48, 50].contains(&n) { p + Vector2::new(0.0, 15.0) } else { p };
-        let brows = "the brows are marked 15 px (0.15 of the eye distance) nearer to the eyes than the picture shows them: do the marks lie on \
-                     the lids?";
+        let brows = "the brow marks lie 15 px (0.15 of the eye distance) nearer to the eyes than the brows in the picture; check that \
+             they do not lie on the lids";
         assert_eq!(said(&ELEVEN, low), [brows]);
         // Raised as far they may be brows along their upper edge.
         let high = |n: u16, p: Point2<f64>| if [15, 17, 48, 50].contains(&n) { p - Vector2::new(0.0, 15.0) } else { p };

@@ -84,7 +84,7 @@ pub(super) fn few_said(classes: &[ClassSize<'_>]) -> Vec<String> {
     let small: Vec<String> = classes.iter().filter(is_small).map(|c| format!("{} ({})", c.stem, c.people)).collect();
     let said = |what: String, named: &[String]| (!named.is_empty()).then(|| format!("{what}: {}", listed(named, MOST_NAMED)));
     let alone = said("a single sequence is its own representative and has no dispersion".to_owned(), &single);
-    let few = said(format!("fewer than {SMALL_CLASS} people say little about anybody else"), &small);
+    let few = said(format!("fewer than {SMALL_CLASS} people allow few conclusions about other people"), &small);
     alone.into_iter().chain(few).collect()
 }
 
@@ -109,7 +109,7 @@ pub(super) fn warnings(classes: &[AnalyzedClass], options: &StatisticsOptions) -
     if !held.is_empty() {
         let list = listed(&held, MOST_NAMED);
         warnings.push(format!(
-            "one person has half or more of the weight that trimming leaves, so that representative and dispersion are hardly anybody else's: {list}"
+            "one person has at least half of the weight after trimming, so that person dominates representative and dispersion: {list}"
         ));
     }
     let alpha = options.alpha;
@@ -122,13 +122,13 @@ pub(super) fn warnings(classes: &[AnalyzedClass], options: &StatisticsOptions) -
     if !untrimmed.is_empty() {
         let list = listed(&untrimmed, MOST_NAMED);
         let least = (1.0 / alpha).ceil();
-        warnings.push(format!("alpha {alpha} trims nothing of fewer than {least} sequences: {list}"));
+        warnings.push(format!("nothing was trimmed, because alpha {alpha} needs at least {least} sequences: {list}"));
     }
     let heavy = counted_where(&|r| alpha > 0.0 && r.weighted && is_untrimmed(r));
     if !heavy.is_empty() {
         let list = listed(&heavy, MOST_NAMED);
         warnings.push(format!(
-            "alpha {alpha} trims nothing where the farthest sequence weighs more than {alpha} of all people: {list}"
+            "nothing was trimmed, because the farthest sequence has more than {alpha} (alpha) of the weight of all people: {list}"
         ));
     }
     let weighted: Vec<String> = classes
@@ -139,7 +139,8 @@ pub(super) fn warnings(classes: &[AnalyzedClass], options: &StatisticsOptions) -
     if !weighted.is_empty() {
         let list = listed(&weighted, MOST_NAMED);
         warnings.push(format!(
-            "people have different numbers of sequences, and each person counts as one (--weight sequence counts sequences): {list}"
+            "people have different numbers of sequences; every person has equal weight (--weight sequence gives every sequence equal \
+             weight): {list}"
         ));
     }
     let repeated: Vec<String> = classes
@@ -149,7 +150,10 @@ pub(super) fn warnings(classes: &[AnalyzedClass], options: &StatisticsOptions) -
         .collect();
     if !repeated.is_empty() {
         let list = listed(&repeated, MOST_NAMED);
-        warnings.push(format!("people with several sequences weigh more than others (--weight person counts people): {list}"));
+        warnings.push(format!(
+            "people with several sequences have more weight than others (--weight person gives every person equal \
+             weight): {list}"
+        ));
     }
     let many: Vec<String> = classes
         .iter()
@@ -159,12 +163,12 @@ pub(super) fn warnings(classes: &[AnalyzedClass], options: &StatisticsOptions) -
     if !many.is_empty() {
         let list = listed(&many, MOST_NAMED);
         warnings
-            .push(format!("more than {MANY_MODELS} sequences: the exact median, no greedy one, and certified trimming: {list}"));
+            .push(format!("more than {MANY_MODELS} sequences: computed the exact median only, and certified trimming: {list}"));
     }
     let undecided: usize = classes.iter().filter_map(|c| c.representative.certificate.as_ref()).map(|c| c.undecided.len()).sum();
     if undecided > 0 {
         warnings.push(format!(
-            "rounding does not tell which of {undecided} sequences to trim, see `trimming_certificate` in representatives/*.json"
+            "because of rounding, it is undecided which of {undecided} sequences to trim; see `trimming_certificate` in representatives/*.json"
         ));
     }
     let much = |c: &&Clamped| (c.value - f64::from(c.limit)).abs() >= NOTABLE_CLAMP;
@@ -178,8 +182,9 @@ pub(super) fn warnings(classes: &[AnalyzedClass], options: &StatisticsOptions) -
         .collect();
     if !clamped.is_empty() {
         let list = listed(&clamped, MOST_NAMED);
-        warnings
-            .push(format!("values outside the standard's range were clamped, see `clamped` in representatives/*.json: {list}"));
+        warnings.push(format!(
+            "values outside the range of the standard were clamped; see `clamped` in representatives/*.json: {list}"
+        ));
     }
     warnings
 }
@@ -233,23 +238,27 @@ pub(super) fn spelling_warnings(labels: &[SequenceLabels<'_>], by: &[String]) ->
     let meant: Vec<String> = emotions
         .iter()
         .filter(|emotion| !is_word(emotion))
-        .filter_map(|emotion| likely_emotion(emotion).map(|meant| format!("{emotion} (is {meant} meant?)")))
+        .filter_map(|emotion| likely_emotion(emotion).map(|meant| format!("{emotion} (perhaps {meant})")))
         .collect();
     if !meant.is_empty() {
-        warnings.push(format!("emotions of their own, though they may be misspelt: {}", listed(&meant, MOST_NAMED)));
+        warnings.push(format!(
+            "emotions that may be misspelt; each is treated as a separate emotion: {}",
+            listed(&meant, MOST_NAMED)
+        ));
     }
     if !words.is_empty() {
         let list: Vec<String> = words.iter().map(|words| words.join(" and ")).collect();
         warnings.push(format!(
-            "emotions of their own, though they are words for the same: {} (if they mean the same, give them one label)",
+            "emotions that seem to mean the same; each is treated as a separate emotion: {} (if they mean the same, give them one label)",
             listed(&list, MOST_NAMED)
         ));
     }
     if !twins.is_empty() {
-        warnings.push(format!("kept apart, though one may be misspelt: {}", listed(&twins, MOST_NAMED)));
+        warnings
+            .push(format!("similar names, of which one may be misspelt; they are kept separate: {}", listed(&twins, MOST_NAMED)));
     }
     if !people.is_empty() {
-        warnings.push(format!("counted as different people, though spelled almost alike: {}", listed(&people, MOST_NAMED)));
+        warnings.push(format!("similar names of subjects, counted as different people: {}", listed(&people, MOST_NAMED)));
     }
     warnings
 }

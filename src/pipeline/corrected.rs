@@ -55,10 +55,13 @@ pub(super) fn apply(
 /// What a person should know of the corrections of a track, whose file is called `path`: a line for each that does not fit, and one for those
 /// that lie far off the face.
 pub fn corrections_said(corrections: &TrackCorrections, path: &str) -> Vec<String> {
-    let misfits = corrections.not_applied.iter().map(|what| format!("{path} does not fit any more and is kept: {what}"));
+    let misfits = corrections
+        .not_applied
+        .iter()
+        .map(|what| format!("{path} no longer fits the track and is kept, but not applied: {what}"));
     let far = (!corrections.far.is_empty()).then(|| {
         format!(
-            "{path} is applied, though these lie far from where the face is expected, look at them again: {}",
+            "{path} is applied, but these corrections lie far from the expected place; check them: {}",
             listed(&corrections.far, MOST_NAMED)
         )
     });
@@ -95,7 +98,7 @@ pub(super) fn unused_corrections(out: &Path, ids: &BTreeSet<String>) -> Option<S
     let (they, their) = if unused.len() == 1 { ("is", "its") } else { ("are", "their") };
     (!unused.is_empty()).then(|| {
         format!(
-            "{} in {CORRECTIONS_FOLDER}/ {they} of no sequence of this run, and not applied: {their} names have to be SUBJECT_SEQUENCE.csv",
+            "{} in {CORRECTIONS_FOLDER}/ {they} not applied, because {their} names are not the SUBJECT_SEQUENCE.csv of a sequence of this run",
             listed(&unused, MOST_NAMED)
         )
     })
@@ -127,7 +130,7 @@ impl SequenceSource {
             .map_err(SequenceFailure::at(Stage::Track))?;
         let content = reader.into_content_blake3().map_err(SequenceFailure::at(Stage::Track))?;
         if self.inputs_blake3(content, bench) != inputs_blake3 {
-            return Err(failed("its frames were changed while they were tracked; run again when they are whole".to_owned()));
+            return Err(failed("its frames changed while they were tracked; run again when they are complete".to_owned()));
         }
         Ok(frames[..place].iter().cloned().chain(behind).collect())
     }
@@ -163,6 +166,6 @@ mod tests {
         assert_eq!(unused_corrections(folder.path(), &ids), None);
         ["P1.csv", "P1_02.csv"].into_iter().for_each(write);
         let said = unused_corrections(folder.path(), &ids).unwrap();
-        assert!(said.starts_with("P1.csv; P1_02.csv in corrections/ are of no sequence of this run"), "{said}");
+        assert!(said.starts_with("P1.csv; P1_02.csv in corrections/ are not applied"), "{said}");
     }
 }

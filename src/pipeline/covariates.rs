@@ -139,7 +139,7 @@ pub(super) fn covariate_warnings(results: &[CovariateResult], bench: &Workbench)
     let found: Vec<String> = results.iter().filter_map(|c| c.finding(significance, bench)).collect();
     if !found.is_empty() {
         said.push(format!(
-            "expressions that change with a number, after correction for all that was tested: {}",
+            "expressions that change with a numeric column, after correction for all tests: {}",
             listed(&found, 6)
         ));
     }
@@ -152,7 +152,7 @@ pub(super) fn covariate_warnings(results: &[CovariateResult], bench: &Workbench)
     };
     let found: Vec<String> = slopes.filter(|(.., slope)| slope.p_adjusted <= significance).map(stronger).collect();
     if !found.is_empty() {
-        said.push(format!("amplitudes that go with a number, after correction: {}", listed(&found, 6)));
+        said.push(format!("amplitudes that change with a numeric column, after correction: {}", listed(&found, 6)));
     }
     said.extend(hopeless(results, significance));
     let of_draw = |c: &CovariateResult| {
@@ -161,7 +161,10 @@ pub(super) fn covariate_warnings(results: &[CovariateResult], bench: &Workbench)
     };
     let drawn: Vec<String> = results.iter().filter_map(of_draw).collect::<BTreeSet<_>>().into_iter().collect();
     if !drawn.is_empty() {
-        said.push(format!("of many people a draw was tested by numbers, more by --test-people: {}", listed(&drawn, 6)));
+        said.push(format!(
+            "tests of numeric columns used a random draw of people (increase it with --test-people): {}",
+            listed(&drawn, 6)
+        ));
     }
     let mut untested: BTreeMap<(&str, String), Vec<String>> = BTreeMap::new();
     for c in results {
@@ -169,7 +172,9 @@ pub(super) fn covariate_warnings(results: &[CovariateResult], bench: &Workbench)
             untested.entry((&c.column, why.to_string())).or_default().push(c.emotion.clone());
         }
     }
-    said.extend(untested.into_iter().map(|((column, why), of)| format!("{column} is not tested, as {why}: {}", listed(&of, 8))));
+    said.extend(
+        untested.into_iter().map(|((column, why), of)| format!("{column} is not tested, because {why}: {}", listed(&of, 8))),
+    );
     let mut unknown: BTreeMap<&str, usize> = BTreeMap::new();
     for c in results.iter().filter(|c| c.outcome.is_ok() && c.unknown > 0) {
         let most = unknown.entry(&c.column).or_default();
@@ -177,7 +182,7 @@ pub(super) fn covariate_warnings(results: &[CovariateResult], bench: &Workbench)
     }
     said.extend(unknown.into_iter().map(|(column, n)| {
         let are = count(n, "person without a number is", "people without a number are");
-        format!("{are} left out of what is tested by {column}")
+        format!("{are} excluded from the tests of {column}")
     }));
     said
 }
@@ -195,9 +200,10 @@ fn hopeless(results: &[CovariateResult], significance: f64) -> Option<String> {
     if hopeless.iter().any(|t| t.exhaustive) {
         helps.push("more people".to_owned());
     }
-    helps.push("fewer numbers or emotions".to_owned());
+    helps.push("fewer numeric columns or emotions".to_owned());
     Some(format!(
-        "{} of {} by numbers cannot find anything at {significance} after Holm's correction for their number, whatever the data (least p of the whole or a node {}); what would help: {}",
+        "{} of {} of numeric columns cannot be significant at {significance} after Holm's correction, whatever the data (smallest \
+         possible p {}); possible remedies: {}",
         hopeless.len(),
         count(tested.len(), "test", "tests"),
         nine_digits(first.least_either_adjusted),

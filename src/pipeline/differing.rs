@@ -26,9 +26,9 @@ pub(super) fn differing_options(there: &PipelineOptions, now: &PipelineOptions) 
 /// What differs between two wireframes that are known by their hashes, of which Candide-3 has none.
 pub(crate) fn differing_wireframes(there: Option<&str>, now: Option<&str>) -> Option<&'static str> {
     match (there, now) {
-        (None, Some(_)) => Some("another wireframe (Candide-3 there, that of a file now)"),
-        (Some(_), None) => Some("another wireframe (that of a file there, Candide-3 now)"),
-        _ => (there != now).then_some("another wireframe (that of a file there, another file now)"),
+        (None, Some(_)) => Some("another wireframe (previously Candide-3, now a file)"),
+        (Some(_), None) => Some("another wireframe (previously a file, now Candide-3)"),
+        _ => (there != now).then_some("another wireframe (previously a file, now another file)"),
     }
 }
 
@@ -40,7 +40,7 @@ fn differing_prior(there: &PriorKind, now: &PriorKind) -> Option<String> {
     };
     let both_files = matches!((there, now), (PriorKind::File(_), PriorKind::File(_)));
     let now_word = if both_files { "a file with another content".to_owned() } else { word(now) };
-    (there != now).then(|| format!("fit prior: {} there, {now_word} now", word(there)))
+    (there != now).then(|| format!("fit prior: previously {}, now {now_word}", word(there)))
 }
 
 /// A file and its hash, if it was there.
@@ -54,7 +54,7 @@ fn differing_faces(there: &ReportFace, now: &ReportFace) -> Vec<String> {
         [Some((image, picture.as_deref())), correspondences.as_deref().map(|path| (path, marks.as_deref()))]
     }
     let ([picture_there, marks_there], [picture_now, marks_now]) = (files(there), files(now));
-    let picture = differing_files("portrait", "the shipped one", picture_there, picture_now);
+    let picture = differing_files("portrait", "the built-in one", picture_there, picture_now);
     // The shipped one has no marks that could be others.
     let marks = picture_there.and(picture_now).and_then(|_| {
         let none = "found in the portrait";
@@ -67,7 +67,7 @@ fn differing_faces(there: &ReportFace, now: &ReportFace) -> Vec<String> {
 fn differing_files(name: &str, none: &str, there: Option<File<'_>>, now: Option<File<'_>>) -> Option<String> {
     let word = |file: Option<File<'_>>| file.map_or_else(|| none.to_owned(), |(path, _)| path.display().to_string());
     if there.map(|(path, _)| path) != now.map(|(path, _)| path) {
-        return Some(format!("{name}: {} there, {} now", word(there), word(now)));
+        return Some(format!("{name}: previously {}, now {}", word(there), word(now)));
     }
     (there != now).then(|| format!("{name}: {} was changed since", word(now)))
 }
@@ -86,7 +86,7 @@ fn differences(name: &str, there: &Value, now: &Value, found: &mut Vec<String>) 
         }
         return;
     }
-    found.push(format!("{name}: {} there, {} now", in_words(there), in_words(now)));
+    found.push(format!("{name}: previously {}, now {}", in_words(there), in_words(now)));
 }
 
 /// A value as a person writes it.
@@ -114,8 +114,11 @@ mod tests {
         now.by = vec!["sex".to_owned(), "age".to_owned()];
         now.no_faces = true;
         now.statistics.alpha = 0.25;
-        let alpha = format!("statistics alpha: {} there, 0.25 now", there.statistics.alpha);
-        assert_eq!(differing_options(&there, &now), ["by: none there, sex, age now", "no faces: off there, on now", &alpha]);
+        let alpha = format!("statistics alpha: previously {}, now 0.25", there.statistics.alpha);
+        assert_eq!(
+            differing_options(&there, &now),
+            ["by: previously none, now sex, age", "no faces: previously off, now on", &alpha]
+        );
         assert!(differing_options(&now, &now).is_empty());
     }
 
@@ -129,12 +132,12 @@ mod tests {
         let options = |report_face| PipelineOptions { report_face, ..PipelineOptions::default() };
         let differing = |there: &ReportFace, now: &ReportFace| differing_options(&options(there.clone()), &options(now.clone()));
         let anna = face("anna.jpg", "0a1b", None);
-        assert_eq!(differing(&ReportFace::Composite, &anna), ["portrait: the shipped one there, anna.jpg now"]);
+        assert_eq!(differing(&ReportFace::Composite, &anna), ["portrait: previously the built-in one, now anna.jpg"]);
         let marked = face("anna.jpg", "0a1b", Some(("anna.csv", "2c3d")));
-        assert_eq!(differing(&marked, &ReportFace::Composite), ["portrait: anna.jpg there, the shipped one now"]);
-        assert_eq!(differing(&anna, &marked), ["marks of the portrait: found in the portrait there, anna.csv now"]);
+        assert_eq!(differing(&marked, &ReportFace::Composite), ["portrait: previously anna.jpg, now the built-in one"]);
+        assert_eq!(differing(&anna, &marked), ["marks of the portrait: previously found in the portrait, now anna.csv"]);
         let ben = face("ben.jpg", "4e5f", Some(("ben.csv", "6a7b")));
-        let both = ["portrait: anna.jpg there, ben.jpg now", "marks of the portrait: anna.csv there, ben.csv now"];
+        let both = ["portrait: previously anna.jpg, now ben.jpg", "marks of the portrait: previously anna.csv, now ben.csv"];
         assert_eq!(differing(&marked, &ben), both);
         // The same names, and other files behind them.
         let changed = face("anna.jpg", "8c9d", Some(("anna.csv", "0e1f")));
@@ -150,12 +153,12 @@ mod tests {
         };
         let file = |hash: &str| options(PriorKind::File(LoadedPrior { blake3: hash.to_owned(), prior: None }));
         let differing = differing_options(&options(PriorKind::Auto), &file("0a1b"));
-        assert_eq!(differing, ["fit prior: auto there, a file now"]);
+        assert_eq!(differing, ["fit prior: previously auto, now a file"]);
         let differing = differing_options(&file("0a1b"), &file("2c3d"));
-        assert_eq!(differing, ["fit prior: a file there, a file with another content now"]);
+        assert_eq!(differing, ["fit prior: previously a file, now a file with another content"]);
         assert_eq!(differing_wireframes(Some("0a1b"), Some("0a1b")), None);
         let said = differing_wireframes(None, Some("0a1b")).unwrap();
-        assert_eq!(said, "another wireframe (Candide-3 there, that of a file now)");
+        assert_eq!(said, "another wireframe (previously Candide-3, now a file)");
         assert!(differing_wireframes(Some("0a1b"), Some("2c3d")).is_some());
     }
 }

@@ -86,7 +86,7 @@ pub enum RunJsonError {
         source: io::Error,
     },
     /// It is not whole, or none.
-    #[error("{}: damaged ({source}); it lists what this folder's runs wrote: restore it, or run again with --force", path.display())]
+    #[error("{}: damaged ({source}); it lists the files that runs wrote into this folder: restore it, or run again with --force", path.display())]
     Damaged {
         /// The file.
         path: PathBuf,
@@ -94,7 +94,7 @@ pub enum RunJsonError {
         source: serde_json::Error,
     },
     /// Of a later layout.
-    #[error("{}: schema version {found}; this program reads {SCHEMA_VERSION}; a newer version of grimace wrote it, use that one", path.display())]
+    #[error("{}: schema version {found}; this program reads {SCHEMA_VERSION}; it comes from a newer version of grimace; use that version", path.display())]
     Newer {
         /// The file.
         path: PathBuf,

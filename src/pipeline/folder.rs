@@ -92,7 +92,7 @@ fn check_output(out: &Path, dataset: &str, bench: &Workbench, force: bool) -> Re
             return Ok(None);
         }
         Err(e) if e.kind() == io::ErrorKind::NotADirectory => {
-            let reason = "is a file; results go into a folder of their own";
+            let reason = "is a file, but the results need a folder; give another name";
             return Err(error(io::Error::new(io::ErrorKind::NotADirectory, reason)).into());
         }
         Err(e) => return Err(error(e).into()),

@@ -26,12 +26,14 @@ const FEWEST: [u16; 13] = [20, 23, 53, 56, 31, 64, 10, 15, 16, 17, 48, 49, 50];
 #[derive(Debug, thiserror::Error)]
 pub enum FoundMarksError {
     /// No face.
-    #[error("no marks are set and no face was found in the neutral frame; if there is one, mark it with `grimace annotate`")]
+    #[error(
+        "there are no hand-set marks, and no face was found in the neutral frame; if it shows a face, mark it with `grimace annotate`"
+    )]
     NoFace,
     /// A face that is read with large errors.
     #[error(
-        "no marks are set, and those found are not trusted: half of them are expected to be more than {percent:.1} % of the eye distance \
-         off, {:.1} % is the limit{}; look at them with `grimace locate --overlay`, mark the face with `grimace annotate`", 100.0 * TRUSTED, covered_too(.covered)
+        "there are no hand-set marks, and the found marks are not trusted: their median expected error is {percent:.1} % of the eye \
+         distance, above the limit of {:.1} %{}; view them with `grimace locate --overlay`, and mark the face with `grimace annotate`", 100.0 * TRUSTED, covered_too(.covered)
     )]
     NotTrusted {
         /// Median expected error, percent of the eye distance.
@@ -41,7 +43,7 @@ pub enum FoundMarksError {
     },
     /// A face that stands on its head.
     #[error(
-        "no marks are set, and the face that was found is upside down (turned by {degrees:.0} degrees): turn the picture upright"
+        "there are no hand-set marks, and the found face is upside down (turned by {degrees:.0} degrees): turn the picture upright"
     )]
     UpsideDown {
         /// Angle between the face's down and the picture's, up to 180.
@@ -75,14 +77,14 @@ pub struct FoundFace {
 impl FoundFace {
     /// What a person should know who meant another face of the picture, or one of which all is to be seen.
     pub fn remark(&self) -> Option<String> {
-        let several = self.chosen_of_several("the largest was taken", "another one is taken where `grimace annotate` marks it");
+        let several = self.chosen_of_several("the largest is used", "to use another face, mark it with `grimace annotate`");
         let said: Vec<String> = several.into_iter().chain(covered_said(&self.covered)).collect();
         (!said.is_empty()).then(|| said.join("; "))
     }
 
     /// That a person has to say which of several faces is meant; `None` where there is one.
     pub(crate) fn of_several(&self) -> Option<String> {
-        self.chosen_of_several("the largest is proposed", "mark the one that is meant")
+        self.chosen_of_several("the largest is proposed", "mark the face that you want")
     }
 
     /// That there are several faces, which one was `taken`, and how another one is; `None` where there is one.
@@ -90,7 +92,7 @@ impl FoundFace {
         let middle = self.middle();
         (self.others > 0).then(|| {
             format!(
-                "{} faces were found, and {taken}, whose eyes are {:.0} px apart, near ({:.0}, {:.0}); {another}",
+                "found {} faces; {taken} (eyes {:.0} px apart, near ({:.0}, {:.0})); {another}",
                 self.others + 1,
                 self.eye_distance,
                 middle.x,
@@ -126,8 +128,8 @@ pub(crate) fn covered_said(parts: &[FacePart]) -> Option<String> {
     let (their, them) = if parts.len() == 1 { ("its", "it") } else { ("their", "them") };
     FacePart::said_covered(parts).map(|said| {
         format!(
-            "{said} in the neutral frame: {their} marks are a guess from the rest of the face; mark {them} with `grimace annotate` if you can see \
-             more"
+            "{said} in the neutral frame: {their} marks are estimated from the rest of the face; mark {them} with `grimace annotate` if \
+             you can see more"
         )
     })
 }
@@ -264,7 +266,7 @@ mod tests {
         let turned = Frame::new(0, image::imageops::rotate180(portrait.image()));
         let said = found_marks(&turned, &bench).unwrap_err().to_string();
         assert!(
-            said.contains("the face that was found is upside down (turned by 1") && said.ends_with("turn the picture upright"),
+            said.contains("the found face is upside down (turned by 1") && said.ends_with("turn the picture upright"),
             "{said}"
         );
     }

@@ -259,7 +259,9 @@ mod tests {
         };
         let header = "subject,sequence,emotion,first_frame,last_frame\nS001,005,happiness,";
         let (inputs, said) = notes(&format!("{header},"));
-        assert!(said.len() == 1 && said[0].starts_with("frames 7 to 10 have an image and no landmarks: frame 6 became the apex"));
+        assert!(
+            said.len() == 1 && said[0].starts_with("frames 7 to 10 have an image but no landmarks, so frame 6 became the apex")
+        );
         assert_eq!(notes(&format!("{header}1,6")).1, [""; 0], "it is meant");
         // The note is a part of what is made: a track without it is not taken for the same.
         (7..=10).for_each(|k| fs::remove_file(frames.join(format!("f_{k}.png"))).unwrap());

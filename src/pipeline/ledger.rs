@@ -77,10 +77,10 @@ impl Ledger {
         }
         self.append(names.iter().map(|name| (name.as_str(), "")), true)?;
         let said = |name: &&String| {
-            format!("{name} was there and not written by a run into this folder, or changed since; it was replaced (--force)")
+            format!("{name} was not written by a run into this folder, or was changed since; it was replaced (--force)")
         };
         let edited = tracks.iter().filter(|name| is_edited_track(&self.out.join(name))).map(|name| {
-            format!("{name} was changed since it was written and is made again; what is set by hand belongs into corrections/ (`annotate`)")
+            format!("{name} was changed by hand and is overwritten; save hand corrections in corrections/ with `annotate`")
         });
         Ok(foreign.iter().map(said).chain(edited).collect())
     }
@@ -126,7 +126,9 @@ impl Ledger {
             // What cannot be removed stays known.
             if !is_ours || fs::remove_file(&path).is_err() {
                 kept.insert(name.clone(), hashes.iter().next_back().cloned().unwrap_or_default());
-                said.push(format!("{name} is of an earlier run and was changed since; it is kept"));
+                said.push(format!(
+                    "{name} is from an earlier run and was changed by hand; it is kept, but does not belong to this run"
+                ));
             }
         }
         (kept, said)

@@ -57,7 +57,7 @@ pub struct OverlayFolder {
 /// Overlay pictures that would be frames to the next command.
 #[derive(Debug, thiserror::Error)]
 #[error(
-    "{}: the overlay pictures would lie among the frames of {whose}, and the next command would take them for frames; give another folder",
+    "{}: the overlay pictures would lie among the frames of {whose}, and later commands would read them as frames; give another folder",
     folder.display()
 )]
 pub struct AmongFrames {
@@ -129,7 +129,8 @@ impl OverlayFolder {
         let taken = self.taken.into_inner().unwrap_or_else(PoisonError::into_inner);
         Ok(taken.first().map(|first| {
             let pictures = output::count(taken.len(), "overlay picture", "overlay pictures");
-            format!("{pictures} not written: files that no earlier command of ours wrote have the names, such as {first}; --force writes over them")
+            format!("{pictures} not written, because files of the same name exist that grimace did not write, such as {first}; --force \
+                 overwrites them")
         }))
     }
 }

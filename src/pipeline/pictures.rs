@@ -60,7 +60,7 @@ pub enum BatchError {
         source: std::io::Error,
     },
     /// No picture at all.
-    #[error("{}: no pictures here (extensions: {}), and no {MANIFEST_NAME}", path.display(), IMAGE_EXTENSIONS.join(" "))]
+    #[error("{}: this folder has no pictures (extensions: {}) and no {MANIFEST_NAME}", path.display(), IMAGE_EXTENSIONS.join(" "))]
     Empty {
         /// The folder.
         path: PathBuf,
@@ -214,6 +214,6 @@ mod tests {
             pictures_of(Path::new("nowhere.jpg")).unwrap_err().to_string().starts_with("nowhere.jpg: there is no such picture")
         );
         let folder = tempfile::tempdir().unwrap();
-        assert!(pictures_of(folder.path()).unwrap_err().to_string().contains("no pictures here"));
+        assert!(pictures_of(folder.path()).unwrap_err().to_string().contains("this folder has no pictures"));
     }
 }

@@ -47,7 +47,7 @@ pub struct RecognitionResults {
 pub fn left_out_said(labels: &[String]) -> Option<String> {
     let (are, ones) = if labels.len() == 1 { ("is", "a label") } else { ("are", "labels") };
     (!labels.is_empty())
-        .then(|| format!("{} {are} not among what is recognized: {ones} that one person shows", listed(labels, 6)))
+        .then(|| format!("{} {are} excluded from recognition: {ones} that only one person shows", listed(labels, 6)))
 }
 
 /// Recognizes every model with its person left out.
@@ -57,7 +57,7 @@ pub fn left_out_said(labels: &[String]) -> Option<String> {
 pub(super) fn recognize_left_out(models: &[LabelledModel], bench: &Workbench) -> Result<RecognitionResults, String> {
     if models.len() > MOST_SEQUENCES {
         return Err(format!(
-            "{} sequences are more than the {MOST_SEQUENCES} that are recognized with people left out",
+            "there are {} sequences; recognition of held-out people is computed for at most {MOST_SEQUENCES}",
             models.len()
         ));
     }

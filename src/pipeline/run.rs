@@ -152,13 +152,13 @@ pub enum RunError {
     #[error(transparent)]
     Dataset(#[from] crate::dataset::DatasetError),
     /// The output folder holds something else.
-    #[error("{} is not empty and holds no run of grimace; choose another folder, or --force to write into it", path.display())]
+    #[error("{} is not empty and is not the output folder of a run; choose another folder, or give --force to write into it", path.display())]
     ForeignFolder {
         /// The folder.
         path: PathBuf,
     },
     /// The output folder holds a run of another dataset or with other options.
-    #[error("{} holds a run with {what}; choose another folder, or --force to replace its results (unchanged tracks are kept)", path.display())]
+    #[error("{} holds a run with {what}; choose another folder, or give --force to replace its results (unchanged tracks are kept)", path.display())]
     OtherRun {
         /// The folder.
         path: PathBuf,
@@ -167,7 +167,8 @@ pub enum RunError {
     },
     /// The record of the earlier runs does not read.
     #[error(
-        "{}: damaged ({source}); it lists what this folder's runs wrote: restore it, choose another folder, or --force to write into this one",
+        "{}: damaged ({source}); it lists the files that runs wrote into this folder: restore it, choose another folder, or give --force \
+         to write into this one",
         path.display()
     )]
     DamagedRecord {
@@ -178,8 +179,8 @@ pub enum RunError {
     },
     /// The record of the earlier runs is of a later version.
     #[error(
-        "{}: schema version {found}; this program reads {}: a newer version of grimace wrote it, use that one, choose another folder, or \
-         --force to write into this one", path.display(), super::SCHEMA_VERSION
+        "{}: schema version {found}; this program reads {}: it comes from a newer version of grimace; use that version, choose another \
+         folder, or give --force to write into this one", path.display(), super::SCHEMA_VERSION
     )]
     NewerRecord {
         /// The record.
@@ -192,8 +193,8 @@ pub enum RunError {
     OverlayAmongFrames(#[from] AmongFrames),
     /// Something that no run made stands where a result must go.
     #[error(
-        "{}{more}: not written by a run into this folder, or changed since, and a result has that name; move it away, choose another folder, or \
-         --force to replace it",
+        "{}{more}: a result has this name, but no run wrote this file, or it was changed since; move it away, choose another folder, or \
+         give --force to replace it",
         path.display()
     )]
     Foreign {
@@ -224,7 +225,7 @@ pub enum RunError {
         reason: String,
     },
     /// A part of a run in a folder in which none was begun.
-    #[error("{}: no run was begun here; `grimace run DATASET -o OUT --plan` begins one", path.display())]
+    #[error("{}: no run was started in this folder; start one with `grimace run DATASET -o OUT --plan`", path.display())]
     NotBegun {
         /// The folder.
         path: PathBuf,
@@ -245,7 +246,7 @@ pub enum RunError {
     #[error(transparent)]
     Analysis(#[from] AnalysisError),
     /// The caller asked to stop.
-    #[error("interrupted; what is done is kept, run the same command again to go on")]
+    #[error("interrupted; finished sequences are kept; run the same command again to continue")]
     Interrupted,
 }
 
@@ -305,7 +306,7 @@ pub fn run(
         && !earlier.sequences.is_empty()
         && !earlier.sequences.iter().any(|s| planned.iter().any(|p| p.id == s.id))
     {
-        let what = format!("another dataset of the same name, `{name}`: none of its sequences is in this one");
+        let what = format!("another dataset of the same name, `{name}`, that has no sequence in common with this one");
         return Err(RunError::OtherRun { path: out.to_owned(), what });
     }
     let skipped: Vec<(String, String)> = opened.skipped.iter().map(|s| (s.id.to_string(), s.reason.clone())).collect();
@@ -339,7 +340,9 @@ pub fn run(
         if left > 0 {
             let pictures = count(left, "picture", "pictures");
             let folder = folder.display();
-            said.push(format!("{folder}: {pictures} of people who may not be shown, made before; remove what nobody is to see"));
+            said.push(format!(
+                "{folder}: {pictures} of people who may not be shown, from an earlier run; remove them if nobody may see them"
+            ));
         }
     }
     said.extend(unused_corrections(out, &planned.iter().map(|p| p.id.to_string()).collect()));

@@ -42,7 +42,7 @@ pub struct SequenceFailure {
 }
 
 /// How the reason of a failure begins that is the machine's.
-pub(super) const MACHINE: &str = "the machine failed, not the sequence";
+pub(super) const MACHINE: &str = "the computer failed, not the sequence";
 
 /// Whether a file could not be read for a reason that lies in the machine and not in the file: too many open files, no memory, a
 /// failing disk or server.
@@ -77,7 +77,7 @@ impl SequenceFailure {
             }
             let mut reason = message(&reason).into_owned();
             if machine {
-                reason = format!("{MACHINE}: {reason}; run again, or take the sequence out of the dataset to go on without it");
+                reason = format!("{MACHINE}: {reason}; run again, or remove the sequence from the dataset");
             }
             Self { stage, reason, fatal: machine || stage == Stage::Write }
         }
@@ -90,7 +90,7 @@ impl SequenceFailure {
 
     /// A file that is not what it was when its sequence was begun.
     pub(super) fn changed(path: &Path) -> Self {
-        let reason = format!("{}: changed while it was read; run again when it is whole", path.display());
+        let reason = format!("{}: the file changed while it was read; run again when it is complete", path.display());
         Self { stage: Stage::Dataset, reason, fatal: false }
     }
 }

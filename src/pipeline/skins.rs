@@ -94,7 +94,7 @@ pub(super) fn collect_skins(analysis: &mut Analysis, pictures: &Pictures, out: &
     }
     let warning = || {
         format!(
-            "no folds in common, so no representatives/*_skin.png (the reason is in the .json): {}",
+            "no representatives/*_skin.png was written, because the people have no folds in common (reason in the .json): {}",
             listed(&flat, MOST_NAMED)
         )
     };
@@ -133,8 +133,8 @@ mod tests {
         let hidden = [id(3), id(9)].into();
         let pictures = Pictures { hidden, ..Pictures::default() };
         let said = |found| too_few(&sequences, found, &pictures).to_string();
-        let expected = "no sequence has pictures that may be shown (4 driven by landmarks, 1 of people who may not be shown)";
+        let expected = "no sequence has pictures that may be shown (4 use landmarks only, 1 show people who may not be shown)";
         assert_eq!(said(0), expected);
-        assert_eq!(said(2), "2 of at least 5 people have pictures that show folds");
+        assert_eq!(said(2), "2 people have pictures that show folds; at least 5 are needed");
     }
 }

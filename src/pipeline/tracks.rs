@@ -86,7 +86,8 @@ fn load_all(
         };
         match result {
             Ok(model) if !seen.insert(model.model.id.to_string()) => {
-                let reason = format!("{}: a track of {} was read already", path.display(), model.model.id);
+                let reason =
+                    format!("{}: another track of {} was read before; remove or rename one", path.display(), model.model.id);
                 fail(model.model.id, Stage::Dataset, reason);
             }
             Ok(model) => models.push(model),
@@ -129,7 +130,7 @@ fn load(
     let info = read_track_info(path).map_err(SequenceFailure::at(Stage::Dataset))?;
     let id = info.as_ref().map_or_else(|| id_of(path), |i| i.id.clone());
     if id.to_string().contains(['/', '\\', '\0']) {
-        let reason = format!("{}: subject and sequence `{id}` cannot name a file", path.display());
+        let reason = format!("{}: subject and sequence `{id}` do not form a valid file name", path.display());
         return Err(SequenceFailure { stage: Stage::Dataset, reason, fatal: false });
     }
     let listed = dataset.and_then(|d| d.sequences.iter().find(|s| s.id == id));
@@ -156,7 +157,7 @@ fn load(
             return Err(SequenceFailure {
                 stage: Stage::Dataset,
                 reason: format!(
-                    "{}: the emotion is not known; give --dataset with a manifest that lists {id}, or keep the .json beside the track",
+                    "{}: the emotion is unknown; give --dataset with a manifest that lists {id}, or keep the .json beside the track",
                     path.display()
                 ),
                 fatal: false,

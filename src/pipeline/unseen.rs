@@ -40,15 +40,15 @@ pub struct Unseen {
 pub enum UnseenError {
     /// One picture.
     #[error(
-        "{}: a single picture shows no motion, and an expression is recognized by how the face moves from neutral to it: two frames are \
-         needed; give the folder of the frames, neutral first, or a video", path.display()
+        "{}: recognition needs the motion from a neutral frame to the expression, so a single picture is not enough; give the folder of \
+         the frames, neutral first, or a video", path.display()
     )]
     SinglePicture {
         /// The picture.
         path: PathBuf,
     },
     /// A folder of none of the kinds.
-    #[error("{}: neither tracks (.csv), nor the frames of a sequence, nor a dataset: {source}", path.display())]
+    #[error("{}: this is neither a track (.csv), nor the frames of a sequence, nor a dataset: {source}", path.display())]
     Neither {
         /// The folder.
         path: PathBuf,
@@ -95,7 +95,7 @@ impl Unseen {
         all.tracks = track_files(&tracks)?;
         // Before recordings are cut: what is found in them is filed by their names.
         let said = |double: &SequenceEntry, first: &SequenceEntry| {
-            format!("{} was given already, in {}; rename one of them", double.id, first.frames_path.display())
+            format!("{} is given twice, also in {}; rename one of them", double.id, first.frames_path.display())
         };
         all.pictures.failures.extend(take_doubles(&mut all.pictures.sequences, said));
         Ok(all)
@@ -312,7 +312,7 @@ mod tests {
         write(at, &["a/manifest.csv", "b/manifest.csv"], rows);
         let (_, ids, failed) = found(at, &["a", "a/../a", "b"]);
         assert_eq!((ids, failed.len()), (names(&["S1_talk"]), 1));
-        let said = format!("S1_talk was given already, in {}; rename one of them", at.join("a/talk").display());
+        let said = format!("S1_talk is given twice, also in {}; rename one of them", at.join("a/talk").display());
         assert!(failed[0].ends_with(&said), "{failed:?}");
         // What `segment` writes for an emotion that nobody said is none.
         assert_eq!(Unseen::of(&[at.join("a")]).unwrap().pictures.sequences[0].emotion, "");

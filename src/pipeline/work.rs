@@ -270,7 +270,8 @@ pub(super) fn plan(entry: &SequenceEntry, hashed: bool, bench: &Workbench) -> Re
         let source = LandmarkSource::new(entry, path, bench)?;
         let inputs = hashed.then(|| source.inputs(bench)).transpose()?;
         let missing = entry.missing_frames();
-        let remark = missing.map(|frames| format!("{} is not there; landmarks drive it, without images", frames.display()));
+        let remark =
+            missing.map(|frames| format!("the frames {} do not exist; the sequence uses its landmarks only", frames.display()));
         return Ok(Driven { source: Source::Landmarks(source), inputs, remark, found_error: None });
     }
     let frames = entry.frames().map_err(SequenceFailure::at(Stage::Dataset))?;

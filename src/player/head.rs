@@ -89,7 +89,10 @@ pub(super) fn payload(head: &Head, shown: &[Shown]) -> Result<Value, PlayerError
     let bank = head.bank;
     let failed = |reason: String| PlayerError::Head { name: head.label.to_owned(), reason };
     if bank.vertex_count() > MOST_VERTICES {
-        return Err(failed(format!("{} vertices; a page takes {MOST_VERTICES}", bank.vertex_count())));
+        return Err(failed(format!(
+            "it has {} vertices, more than the {MOST_VERTICES} that a page can show",
+            bank.vertex_count()
+        )));
     }
     let camera = Camera::new(bank);
     let scene = FaceScene::new(bank);

@@ -67,7 +67,7 @@ pub enum PlayerError {
         reason: String,
     },
     /// The page does not render (a programmer's error).
-    #[error("cannot make the page: {0}")]
+    #[error("cannot create the page: {0}")]
     Page(String),
 }
 

@@ -55,10 +55,10 @@ struct HeadFile {
 #[derive(Debug, thiserror::Error)]
 pub enum HeadFileError {
     /// Not the JSON of a head model.
-    #[error("the head model does not read: {0}")]
+    #[error("the head model cannot be read: {0}")]
     Json(#[from] serde_json::Error),
     /// Content that makes no head.
-    #[error("the head model does not read: {0}")]
+    #[error("the head model cannot be read: {0}")]
     Content(String),
 }
 
@@ -103,7 +103,7 @@ fn parse(text: &str) -> Result<LearnedHead, HeadFileError> {
     let count = file.mean.len();
     let vectors = |what: &str, rows: &[[f64; 3]]| {
         if rows.len() != count {
-            return Err(HeadFileError::Content(format!("{what} has {} nodes where the mean has {count}", rows.len())));
+            return Err(HeadFileError::Content(format!("{what} has {} nodes, but the mean has {count}", rows.len())));
         }
         Ok(rows.iter().map(|&v| Vector3::from(v)).collect::<Vec<_>>())
     };
@@ -147,7 +147,7 @@ mod tests {
     fn shapes_of_other_lengths_are_refused() {
         let text = "{\"schema_version\":1,\"units\":\"\",\"made_by\":\"\",\"command\":\"\",\"identity_modes\":1,\"blake3\":\"\",\
                     \"credit\":\"\",\"mean\":[[0,0,0]],\"identity\":[[[0,0,0],[1,1,1]]],\"expressions\":[]}";
-        assert!(parse(text).unwrap_err().to_string().contains("a mode has 2 nodes where the mean has 1"));
+        assert!(parse(text).unwrap_err().to_string().contains("a mode has 2 nodes, but the mean has 1"));
         assert!(parse(&text.replace("_version\":1", "_version\":7")).unwrap_err().to_string().contains("schema version 7"));
     }
 }

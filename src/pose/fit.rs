@@ -74,7 +74,7 @@ pub enum PoseError {
         found: usize,
     },
     /// No head explains the nodes.
-    #[error("frame {frame}: no pose of a head explains the nodes; are the marks those of a face?")]
+    #[error("frame {frame}: no pose of a head explains the nodes; check that the marks are those of a face")]
     NoHead {
         /// Frame number.
         frame: u32,
@@ -86,7 +86,7 @@ pub enum PoseError {
     #[error(transparent)]
     Model(#[from] ModelError),
     /// The track is of another wireframe.
-    #[error("frame {frame} has {found} nodes, the head model {expected}")]
+    #[error("frame {frame} has {found} nodes, but the head model has {expected}")]
     NodeCount {
         /// Frame number.
         frame: u32,

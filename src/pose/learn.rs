@@ -55,7 +55,7 @@ pub enum LearnHeadError {
         reason: String,
     },
     /// A shape of another mesh.
-    #[error("{name} has {found} vertices, the neutral mesh {expected}")]
+    #[error("{name} has {found} vertices, but the neutral mesh has {expected}")]
     Vertices {
         /// The shape.
         name: String,
@@ -65,7 +65,7 @@ pub enum LearnHeadError {
         expected: usize,
     },
     /// Too few modes.
-    #[error("the face model has {found} identity modes; {modes} were asked for")]
+    #[error("--modes {modes}: the face model has only {found} identity modes")]
     Modes {
         /// Modes there are.
         found: usize,

@@ -241,7 +241,7 @@ pub struct Segmentation {
 pub enum SegmentError {
     /// Nothing but motion.
     #[error(
-        "no neutral rest was found: no expression of the face lasts for {seconds:.1} s between frames {first} and {last}; name a neutral \
+        "found no neutral rest: the face keeps no expression for {seconds:.1} s between frames {first} and {last}; name a neutral \
          frame and mark it, or cut the recording where the person rests"
     )]
     NoRest {
@@ -253,7 +253,7 @@ pub enum SegmentError {
         last: u32,
     },
     /// Too few frames to speak of a rest.
-    #[error("{found} frames of {frames} can be used; too few for a rest and an expression")]
+    #[error("only {found} of {frames} frames are usable, too few for a rest and an expression")]
     TooFew {
         /// Frames that can be used.
         found: usize,

@@ -99,7 +99,7 @@ fn without_a_rest_it_is_said() {
         _ => 0.0,
     });
     let error = segment(&restless, FPS, &SegmentOptions::default()).unwrap_err();
-    assert!(error.to_string().contains("no neutral rest was found"), "{error}");
+    assert!(error.to_string().contains("found no neutral rest"), "{error}");
     let short = frames(10, |_, _| 0.0);
     assert_eq!(segment(&short, FPS, &SegmentOptions::default()), Err(SegmentError::TooFew { found: 10, frames: 10 }));
 }

@@ -66,7 +66,7 @@ impl BackwardVideo {
             }
             Ok(Next::End(count)) => {
                 let from = self.from;
-                let reason = format!("ends at frame {count}, before frame {from} that `first_frame` asks for");
+                let reason = format!("ends at frame {count}, but `first_frame` is {from}");
                 Some(Err(SequenceError::Video { path: self.path.clone(), reason }))
             }
             Err(error) => Some(Err(error)),

@@ -53,7 +53,7 @@ impl Clock {
         const SLOW: f64 = 1.0;
         if let Some(fps) = self.fps.filter(|fps| *fps < SLOW) {
             return Some(format!(
-                "the times say {}; if they are milliseconds, give seconds",
+                "the times give a rate of {}; if they are in milliseconds, convert them to seconds",
                 per_second((fps * 1e4).round() / 1e4)
             ));
         }
@@ -63,7 +63,7 @@ impl Clock {
         let mean = (self.fps? * 100.0).round() / 100.0;
         let ms = |seconds: f64| nine_digits((seconds * 1e3).round());
         Some(format!(
-            "the frames are {} to {} ms apart ({} in the mean); times are their own",
+            "the frames are {} to {} ms apart (mean rate: {}); every frame keeps its own time",
             ms(least),
             ms(most),
             per_second(mean)
@@ -226,7 +226,7 @@ mod tests {
         assert_eq!((clock.seconds(5), clock.seconds(12)), (Some(0.24), Some(0.8)));
         assert_eq!(
             clock.remark().unwrap(),
-            "the frames are 40 to 80 ms apart (15.63 frames per second in the mean); times are their own"
+            "the frames are 40 to 80 ms apart (mean rate: 15.63 frames per second); every frame keeps its own time"
         );
         assert!((uneven.end().unwrap() - 0.88).abs() < 1e-9);
         // The video is 0.78 s long: three frames share 0.14 s. Of 20 s the last frame would last 6.

@@ -69,8 +69,8 @@ impl Portrait {
                 some => format!("{some:.0} % of the pixels"),
             };
             format!(
-                "{what} are transparent, in part at least: the picture is laid on white, and so is what is made of it; for another background, save it \
-                 without transparency"
+                "{what} are transparent or partly transparent: the background becomes white, also in the results; for another \
+                 background, save the picture without transparency"
             )
         })
     }
@@ -340,7 +340,10 @@ mod tests {
         assert_eq!((picture.get_pixel(0, 0).0, picture.get_pixel(1, 0).0), ([100; 3], [255; 3]));
         assert_eq!((grey.as_raw().as_slice(), transparent), ([100, 255, 255, 255].as_slice(), 0.75));
         let said = Portrait::read(&path).unwrap().remark().unwrap();
-        assert!(said.starts_with("75 % of the pixels are transparent, in part at least: the picture is laid on white"), "{said}");
+        assert!(
+            said.starts_with("75 % of the pixels are transparent or partly transparent: the background becomes white"),
+            "{said}"
+        );
         // An alpha channel that hides nothing is none.
         std::fs::write(&path, png(RgbaImage::from_pixel(2, 1, image::Rgba([10, 20, 30, 255])))).unwrap();
         let opaque = Portrait::read(&path).unwrap();

@@ -68,7 +68,7 @@ pub enum DecodeError {
     },
     /// A picture of more pixels than the limit.
     #[error(
-        "the picture is {size}, {} megapixels; at most {} are read, --max-pixels raises that",
+        "the picture is {size}, {} megapixels, above the limit of {}; raise the limit with --max-pixels",
         megapixels(u64::from(size.width) * u64::from(size.height)), megapixels(*most)
     )]
     TooLarge {
@@ -139,8 +139,8 @@ impl GrayDecoder {
         let pictures = if cut == 1 { "1 picture has".to_owned() } else { format!("{cut} pictures have") };
         (cut > 0).then(|| {
             format!(
-                "{pictures} values of more than the {bits} bits that the first one uses, white here: save all with the same bits, or as 8-bit \
-                 pictures"
+                "{pictures} values of more than {bits} bits, the bit depth of the first picture; such values are read as white. Save all \
+                 pictures with the same bit depth, or as 8-bit pictures"
             )
         })
     }
@@ -250,12 +250,9 @@ mod tests {
         assert_eq!(decoder.remark(), None);
         // 5000 is beyond 12 bits: white, and said.
         assert_eq!(decoder.decode(&png_16(5000)).unwrap().as_raw(), &[255, 156, 0, 255]);
-        assert!(
-            decoder
-                .remark()
-                .unwrap()
-                .starts_with("1 picture has values of more than the 12 bits that the first one uses, white here")
-        );
+        assert!(decoder.remark().unwrap().starts_with(
+            "1 picture has values of more than 12 bits, the bit depth of the first picture; such values are read as white"
+        ));
     }
 
     #[test]

@@ -32,7 +32,7 @@ pub enum FilmError {
         tried: String,
     },
     /// Frames that would be shown for longer than films can say.
-    #[error("{}: a frame would be shown for {seconds:.0} s, and films show one for {LONGEST_FRAME_S} s at most", path.display())]
+    #[error("{}: a frame would last {seconds:.0} s, but a film can show a frame for at most {LONGEST_FRAME_S} s", path.display())]
     TooSlow {
         /// The file.
         path: PathBuf,
@@ -52,7 +52,7 @@ pub enum FilmError {
     #[error(
         "{}: {source}{}",
         path.display(),
-        if matches!(source, CompanionError::NotInstalled) { "; GIF and animated PNG are made without it" } else { "" }
+        if matches!(source, CompanionError::NotInstalled) { "; GIF and APNG do not need it" } else { "" }
     )]
     Program {
         /// The file.

@@ -117,7 +117,7 @@ impl Walk {
         }
         if walk.size.0 == 0 || walk.size.1 == 0 || walk.components.is_empty() {
             return match walk.end {
-                Some(_) => Err(damaged("it states no size")),
+                Some(_) => Err(damaged("it does not state its size")),
                 None => truncated("its data end before the size of the picture"),
             };
         }

@@ -157,8 +157,8 @@ pub enum SequenceError {
     },
     /// A video that is damaged in its middle: frames are missing, and those behind them would get wrong numbers.
     #[error(
-        "{}: damaged behind frame {last}: frames that are in the file cannot be decoded there, and those behind them would get wrong \
-         numbers; frames 1 to {last} can be used, or a copy that is whole",
+        "{}: damaged after frame {last}: the frames there cannot be decoded, and later frames would get wrong numbers; use frames 1 to \
+         {last}, or an undamaged copy",
         path.display()
     )]
     Damaged {
@@ -176,7 +176,7 @@ pub enum SequenceError {
         source: CompanionError,
     },
     /// A file that changed while it was being decoded.
-    #[error("{}: the file was changed while it was read; run again when it is whole", path.display())]
+    #[error("{}: the file changed while it was read; run again when it is complete", path.display())]
     Changed {
         /// The file.
         path: PathBuf,

@@ -326,7 +326,10 @@ mod tests {
         png.extend(b"\0\0\0\x00IDAT");
         png.extend(crc(b"IDAT").to_be_bytes());
         let message = decode(&png, Wanted::Grey).unwrap_err().to_string();
-        assert_eq!(message, "the picture is 32000x32000, 1024 megapixels; at most 128 are read, --max-pixels raises that");
+        assert_eq!(
+            message,
+            "the picture is 32000x32000, 1024 megapixels, above the limit of 128; raise the limit with --max-pixels"
+        );
         let pgm = b"P5 65535 65535 255\n".to_vec();
         assert!(matches!(decode(&[pgm, vec![0; 10]].concat(), Wanted::Grey), Err(DecodeError::Truncated { .. })));
     }

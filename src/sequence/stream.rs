@@ -54,7 +54,7 @@ impl Stream {
     pub(super) fn open(path: &Path, wanted: Wanted) -> Result<Self, SequenceError> {
         let unreadable = |e: std::io::Error| SequenceError::Decode { path: path.to_owned(), source: e.into() };
         if is_text(&mut crate::input::open_file(path).map_err(unreadable)?) {
-            let reason = "a text, such as a list of other files, and not a video".to_owned();
+            let reason = "this is a text file, such as a list of other files, not a video".to_owned();
             return Err(SequenceError::Video { path: path.to_owned(), reason });
         }
         // From the root on: what comes before a colon in a bare name would be a protocol to FFmpeg.

@@ -122,10 +122,10 @@ impl VideoReader {
     fn end(&mut self, count: u32) -> Option<SequenceError> {
         let error = |reason: String| Some(SequenceError::Video { path: self.path.clone(), reason });
         match self.last {
-            Some(last) => error(format!("ends at frame {count}, before frame {last} that `last_frame` asks for")),
+            Some(last) => error(format!("ends at frame {count}, but `last_frame` is {last}")),
             None if self.given == 0 && count > 0 => error(format!("has {count} frames; `first_frame` is {}", self.first)),
             None if self.breaks_off(count) => {
-                error(format!("breaks off at frame {count} of {}; the file is cut or damaged", self.stream.stated()))
+                error(format!("ends unexpectedly at frame {count} of {}; the file is truncated or damaged", self.stream.stated()))
             }
             None if self.given < 2 => {
                 error(format!("a sequence needs at least 2 frames, from neutral to apex; found {}", self.given))
@@ -150,7 +150,7 @@ impl VideoReader {
         let (stated, fps) = (self.stream.stated(), self.fps());
         let is_early = |end: f64| fps.is_some_and(|fps| end * fps < stated - 1.0);
         let lacks = f64::from(count) < stated && self.times.end().is_none_or(is_early) && counts_frames(&self.path);
-        lacks.then(|| format!("{count} of the {stated} frames that the file promises were found in it; it may be cut"))
+        lacks.then(|| format!("the file has only {count} of the {stated} frames that its header announces; it may be truncated"))
     }
 }
 

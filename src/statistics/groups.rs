@@ -37,7 +37,7 @@ pub fn missing_words_said(labels: &[SequenceLabels<'_>], columns: &[String]) -> 
         .map(|((column, value), n)| format!("`{value}` in the column `{column}` ({})", count(*n, "sequence", "sequences")))
         .collect();
     Some(format!(
-        "words for a missing value are read as none: {} (a group that is really called so needs a name of more letters, such as `{} group`)",
+        "words for a missing value are treated as missing: {} (if this is the name of a group, use a longer name, such as `{} group`)",
         listed(&list, 6),
         first.1
     ))
@@ -64,7 +64,7 @@ pub fn number_of(value: &str) -> Option<f64> {
 /// Why a value with a comma is no number.
 fn thousands_said(value: &str) -> &'static str {
     let point = value.replacen(',', ".", 1);
-    if point != value && number_of(&point).is_some() { "; the comma may part thousands, so write a point" } else { "" }
+    if point != value && number_of(&point).is_some() { "; the comma could separate thousands: write a decimal point" } else { "" }
 }
 
 /// What a person should know where values of columns of numbers are neither numbers nor words for a missing value.
@@ -80,7 +80,7 @@ pub fn no_numbers_said(labels: &[SequenceLabels<'_>], columns: &[String]) -> Opt
         format!("`{value}` in the column `{column}` ({}{})", count(who.len(), "person", "people"), thousands_said(value))
     };
     let list: Vec<String> = found.into_iter().map(said).collect();
-    (!list.is_empty()).then(|| format!("values that are no numbers are left out: {}", listed(&list, 6)))
+    (!list.is_empty()).then(|| format!("values that are not numbers are ignored: {}", listed(&list, 6)))
 }
 
 /// What a person should know where columns to group by, or of strata, hold measures and not groups: numbers throughout, of more than 6
@@ -99,8 +99,8 @@ pub fn measures_said(labels: &[SequenceLabels<'_>], columns: &[String]) -> Optio
     let found: Vec<String> = columns.iter().collect::<BTreeSet<_>>().into_iter().filter_map(measure).collect();
     let first = columns.iter().find(|column| measure(column).is_some())?;
     Some(format!(
-        "each number is a group of its own: {}; --covariate tests whether expressions go with numbers; for groups of several people, add a column \
-         of classes, such as `{first}_group` with `under 30` and `30 and over`, and name that one",
+        "each number forms its own group: {}; to test whether expressions change with numbers, use --covariate; for groups of several \
+         people, add a column of classes, such as `{first}_group` with `under 30` and `30 and over`, and group by it",
         listed(&found, 6)
     ))
 }
@@ -133,7 +133,7 @@ const EMOTION_COLUMN: &str = "emotion";
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum GroupError {
     /// A column that no sequence has.
-    #[error("no sequence has a column `{column}`; there is: {}", known.join(", "))]
+    #[error("no sequence has a column `{column}`; the columns are: {}", known.join(", "))]
     UnknownColumn {
         /// The column asked for.
         column: String,
@@ -141,21 +141,19 @@ pub enum GroupError {
         known: Vec<String>,
     },
     /// The emotion, by which everything is told apart in any case.
-    #[error("`{column}` is no column to group by: every emotion has its representative as it is, and groups are within emotions")]
+    #[error("cannot group by `{column}`: every emotion always has its own representative, and groups divide each emotion")]
     Emotion {
         /// The column asked for.
         column: String,
     },
     /// A column that tells sequences apart, given as one of numbers.
-    #[error(
-        "`{column}` tells sequences apart; --covariate takes a further column of the manifest, with a number of every person"
-    )]
+    #[error("`{column}` identifies sequences; --covariate needs another column of the manifest, with a number for every person")]
     NoNumbersOfPeople {
         /// The column asked for.
         column: String,
     },
     /// A column of numbers without a number.
-    #[error("no value of the column `{column}` is a number (such as {example}), and --covariate takes numbers; --by takes words")]
+    #[error("the column `{column}` has no numbers (a value is {example}), but --covariate needs numbers; use --by for words")]
     NoNumber {
         /// The column asked for.
         column: String,
@@ -421,7 +419,7 @@ mod tests {
         );
         let said = missing_words_said(&labels(&models), &["land".to_owned()]).unwrap();
         assert!(
-            said.starts_with("words for a missing value are read as none: `NA` in the column `land` (1 sequence); "),
+            said.starts_with("words for a missing value are treated as missing: `NA` in the column `land` (1 sequence); "),
             "{said}"
         );
         assert!(said.ends_with("such as `NA group`)"), "{said}");
@@ -440,7 +438,10 @@ mod tests {
         };
         let text = said(&["23", "31", "45.5", "NA", ""], &["Age", "Age"]).unwrap();
         assert!(
-            text.starts_with("each number is a group of its own: `Age` (3 numbers of 5 people); --covariate tests"),
+            text.starts_with(
+                "each number forms its own group: `Age` (3 numbers of 5 people); to test whether expressions change with \
+                 numbers, use --covariate"
+            ),
             "{text}"
         );
         assert!(text.contains("`Age_group` with `under 30`"), "{text}");
@@ -469,6 +470,6 @@ mod tests {
     #[test]
     fn a_column_that_no_sequence_has_is_an_error() {
         let error = group_models(&sample(), &["nationality".to_owned()]).unwrap_err();
-        assert_eq!(error.to_string(), "no sequence has a column `nationality`; there is: subject, sequence, age, sex");
+        assert_eq!(error.to_string(), "no sequence has a column `nationality`; the columns are: subject, sequence, age, sex");
     }
 }

@@ -350,7 +350,7 @@ pub struct Representative {
 #[derive(Debug, thiserror::Error)]
 pub enum StatisticsError {
     /// No model.
-    #[error("no model of `{emotion}` to take a median of")]
+    #[error("there is no model of `{emotion}` to compute a median from")]
     Empty {
         /// The class.
         emotion: String,
@@ -363,7 +363,7 @@ pub enum StatisticsError {
     },
     /// Whole models trimmed of too many.
     #[error(
-        "whole models are trimmed of {limit} sequences at most, and there are {found}; trim at frame level, or nothing (alpha 0)"
+        "trimming whole models supports at most {limit} sequences, but there are {found}; trim at frame level, or do not trim (alpha 0)"
     )]
     ModelTrimmingOfMany {
         /// Models.
@@ -372,13 +372,13 @@ pub enum StatisticsError {
         limit: usize,
     },
     /// Two models of one sequence.
-    #[error("two models of sequence {id}; every sequence counts once, so remove or rename one")]
+    #[error("there are two models of sequence {id}; remove or rename one")]
     DuplicateSequence {
         /// The sequence.
         id: SequenceId,
     },
     /// Models of different shape.
-    #[error("{id}: {found} {what} where the others have {expected}; normalize all sequences with the same options")]
+    #[error("{id}: it has {found} {what}, but the others have {expected}; normalize all sequences with the same options")]
     Shape {
         /// The odd one.
         id: SequenceId,
@@ -391,8 +391,8 @@ pub enum StatisticsError {
     },
     /// A neutral frame that is not the canonical one that normalized models share.
     #[error(
-        "{id}: node {node} of the neutral frame is {distance} face units from where the other models have it (at most {tolerance} is \
-         rounding); normalize all sequences with the same wireframe and options"
+        "{id}: node {node} of the neutral frame is {distance} face units from its place in the other models, more than rounding explains \
+         ({tolerance}); normalize all sequences with the same wireframe and options"
     )]
     Neutral {
         /// The odd one.
@@ -406,7 +406,7 @@ pub enum StatisticsError {
     },
     /// A displacement that no face makes.
     #[error(
-        "{id}: node {node} moves by {found} face units from frame {field} to {}; {limit:e} is more than any face moves, so the model is wrong",
+        "{id}: node {node} moves by {found} face units from frame {field} to {}; no face moves further than {limit:e}, so the model is wrong",
         field + 1
     )]
     Displacement {

@@ -57,13 +57,13 @@ pub const QUANTILES: [f64; 5] = [0.05, 0.25, 0.5, 0.75, 0.95];
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum VariationError {
     /// Too few to vary.
-    #[error("{found} {}; principal components need {LEAST_PEOPLE} people or more", if *found == 1 { "person" } else { "people" })]
+    #[error("found {found} {}; principal components need at least {LEAST_PEOPLE} people", if *found == 1 { "person" } else { "people" })]
     TooFewPeople {
         /// People.
         found: usize,
     },
     /// More than memory is planned for.
-    #[error("{found} sequences are more than the {MOST_SEQUENCES} of which principal components are taken")]
+    #[error("there are {found} sequences; principal components are computed for at most {MOST_SEQUENCES}")]
     TooMany {
         /// Sequences.
         found: usize,
@@ -403,7 +403,7 @@ mod tests {
         assert_eq!(variation(&[("a", 1.0, 0.0), ("b", 2.0, 0.0)]).unwrap_err(), VariationError::TooFewPeople { found: 2 });
         assert_eq!(
             variation(&[("a", 1.0, 0.0), ("a", 2.0, 0.0), ("a", 3.0, 0.0)]).unwrap_err().to_string(),
-            "1 person; principal components need 3 people or more"
+            "found 1 person; principal components need at least 3 people"
         );
         assert_eq!(variation(&[("a", 1.0, 0.5), ("b", 1.0, 0.5), ("c", 1.0, 0.5)]).unwrap_err(), VariationError::Equal);
     }

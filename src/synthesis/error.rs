@@ -57,7 +57,7 @@ pub enum BankError {
         reason: String,
     },
     /// A bank file that is damaged or of another version.
-    #[error("{} is no readable bank: {reason}", path.display())]
+    #[error("{} is not a readable bank: {reason}", path.display())]
     Format {
         /// The file.
         path: PathBuf,
@@ -65,13 +65,13 @@ pub enum BankError {
         reason: String,
     },
     /// A bank that would be written over what it is built from.
-    #[error("{}: the bank would be written over a file that it is built from; give it another name", path.display())]
+    #[error("{}: the bank would overwrite a file that it is built from; give it another name", path.display())]
     OverSource {
         /// The bank file to be.
         path: PathBuf,
     },
     /// Not a single member.
-    #[error("the bank has no member; at least one expression beside the neutral mesh is needed")]
+    #[error("the bank has no members; it needs at least one expression in addition to the neutral mesh")]
     NoMembers,
     /// Two members of one name.
     #[error("two members are named `{name}`; names must differ")]
@@ -80,7 +80,7 @@ pub enum BankError {
         name: String,
     },
     /// A member over another number of vertices.
-    #[error("member `{name}` has {found} vertices, the neutral mesh {expected}; all must share one topology")]
+    #[error("member `{name}` has {found} vertices, but the neutral mesh has {expected}; all meshes must share one topology")]
     VertexCount {
         /// The member.
         name: String,
@@ -90,7 +90,7 @@ pub enum BankError {
         expected: usize,
     },
     /// A member whose triangles differ from the neutral mesh.
-    #[error("member `{name}` differs from the neutral mesh in triangle {triangle}; all must share one topology")]
+    #[error("member `{name}` differs from the neutral mesh in triangle {triangle}; all meshes must share one topology")]
     Topology {
         /// The member.
         name: String,
@@ -108,7 +108,7 @@ pub enum BankError {
     /// A displacement that no face makes.
     #[error(
         "member `{name}`: vertex {vertex} is displaced by {length:.3e}, further than ten times the neutral mesh's diagonal ({limit:.3e}); \
-         is it in other units than the neutral mesh?"
+         check that it has the same units as the neutral mesh"
     )]
     Implausible {
         /// The member.
@@ -131,7 +131,9 @@ pub enum BankError {
         count: usize,
     },
     /// A feature point that MPEG-4 does not have.
-    #[error("feature point {fp} (vertex {vertex}) is none of the 84 of MPEG-4, such as 8.3; correct its name, or leave it out")]
+    #[error(
+        "feature point {fp} (vertex {vertex}) is not one of the 84 of MPEG-4, such as 8.3; correct its name, or leave it out"
+    )]
     NoSuchFeaturePoint {
         /// The feature point.
         fp: FeaturePoint,
@@ -139,7 +141,7 @@ pub enum BankError {
         vertex: u32,
     },
     /// A feature point given twice.
-    #[error("feature point {fp} is given twice")]
+    #[error("feature point {fp} appears twice; keep one")]
     DuplicateFeaturePoint {
         /// The feature point.
         fp: FeaturePoint,
@@ -148,7 +150,7 @@ pub enum BankError {
     #[error("the bank has no feature points; give them as a CSV file `fp,vertex` (--feature-points)")]
     NoFeaturePoints,
     /// A member or shape that is not there.
-    #[error("there is no `{name}`; there are {}", found.join(", "))]
+    #[error("there is no `{name}`; choose from {}", found.join(", "))]
     NoSuchMember {
         /// The name asked for.
         name: String,
@@ -159,7 +161,7 @@ pub enum BankError {
     #[error(
         "the source has no part `{name}` of its surface: {}",
         if found.is_empty() {
-            "it names none that begins at vertex 0, as `regions` of the manifest.json beside NumPy arrays does; leave --part out".to_owned()
+            "it has no named parts that begin at vertex 0 (`regions` in the manifest.json beside NumPy arrays); leave --part out".to_owned()
         } else {
             format!("there are {}", found.join(", "))
         }
@@ -206,7 +208,7 @@ pub enum SynthesisError {
     #[error(transparent)]
     Bank(#[from] BankError),
     /// A head and a portrait that cannot be put on each other.
-    #[error("the bank has {found} of the feature points of a portrait; {needed} are needed to put one on it")]
+    #[error("the bank has only {found} of the feature points of a portrait; it needs {needed} to show a portrait")]
     Portrait {
         /// Feature points shared.
         found: usize,
@@ -276,7 +278,7 @@ pub enum SynthesisError {
         reason: String,
     },
     /// None of the motion's feature points is in the bank.
-    #[error("the motion has no feature point in common with the bank, which has {}", found.join(", "))]
+    #[error("the motion has no feature points in common with the bank, which has {}", found.join(", "))]
     NothingInCommon {
         /// Feature points of the bank.
         found: Vec<String>,
@@ -292,6 +294,6 @@ pub enum SynthesisError {
         expected: &'static str,
     },
     /// A picture that cannot be encoded.
-    #[error("the picture cannot be made: {0}")]
+    #[error("cannot create the picture: {0}")]
     Picture(#[from] image::ImageError),
 }

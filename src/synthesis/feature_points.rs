@@ -71,7 +71,7 @@ pub fn read_landmark_vertices(path: &Path) -> Result<Vec<u32>, BankError> {
     let all: Option<Vec<u32>> = vertices.into_iter().collect();
     all.ok_or_else(|| BankError::Source {
         path: path.to_owned(),
-        reason: format!("{found} landmarks; all of 0 to 67 were expected"),
+        reason: format!("found {found} landmarks; all of 0 to 67 were expected"),
     })
 }
 

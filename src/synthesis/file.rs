@@ -117,7 +117,7 @@ fn float_bytes(values: &[[f32; 3]]) -> Cow<'_, [u8]> {
 pub(super) fn open(path: &Path) -> Result<Bank, BankError> {
     let error = |reason: String| BankError::Format { path: path.to_owned(), reason };
     if cfg!(target_endian = "big") {
-        return Err(error("bank files are little endian, this machine is not".to_owned()));
+        return Err(error("bank files are little endian, but this machine is not".to_owned()));
     }
     let file = crate::input::open_file(path).map_err(|e| error(e.to_string()))?;
     if file.metadata().is_ok_and(|m| m.len() < WORD as u64 || !m.is_file()) {
@@ -132,17 +132,18 @@ pub(super) fn open(path: &Path) -> Result<Bank, BankError> {
 
 /// Where the tensors begin, and the header.
 fn read_header(bytes: &[u8]) -> Result<(usize, Metadata), String> {
-    let none = "it is no bank: neither a safetensors file nor one that starts with GRIMBANK; make one with `grimace bank build`";
+    let none =
+        "it is not a bank: it is neither a safetensors file nor starts with GRIMBANK; make a bank with `grimace bank build`";
     let (word, rest) = bytes.split_first_chunk::<WORD>().ok_or(none)?;
     let length = usize::try_from(u64::from_le_bytes(*word)).ok().filter(|&n| n <= MOST_HEADER && n <= rest.len()).ok_or(none)?;
     let text = &rest[..length];
     if !text.starts_with(b"{") {
         return Err(none.to_owned());
     }
-    let metadata: Metadata = serde_json::from_slice(text).map_err(|e| format!("its header does not read: {e}"))?;
+    let metadata: Metadata = serde_json::from_slice(text).map_err(|e| format!("its header cannot be read: {e}"))?;
     let (found, expected) = (rest.len() - length, metadata.data_len());
     if found != expected {
-        return Err(format!("its tensors have {found} bytes where {expected} were expected; it was cut or damaged"));
+        return Err(format!("its tensors have {found} bytes, but {expected} were expected; the file is truncated or damaged"));
     }
     Ok((WORD + length, metadata))
 }
@@ -150,13 +151,12 @@ fn read_header(bytes: &[u8]) -> Result<(usize, Metadata), String> {
 fn read(map: Mmap) -> Result<Bank, String> {
     let (start, metadata) = read_header(&map)?;
     let text = metadata.metadata().as_ref().and_then(|entries| entries.get(ENTRY));
-    let text =
-        text.ok_or("its metadata has no entry `grimace`: it holds something else; make a bank with `grimace bank build`")?;
-    let described = |e: serde_json::Error| format!("its description does not read: {e}");
+    let text = text.ok_or("its metadata has no entry `grimace`, so it is not a bank; make one with `grimace bank build`")?;
+    let described = |e: serde_json::Error| format!("its description cannot be read: {e}");
     let version = serde_json::from_str::<serde_json::Value>(text).map_err(described)?.get("schema_version").cloned();
     if version != Some(BANK_VERSION.into()) {
         let found = version.map_or_else(|| "unknown".to_owned(), |v| crate::text::excerpt(&v.to_string()));
-        return Err(format!("it is of version {found}; this program reads versions 1 and {BANK_VERSION}"));
+        return Err(format!("it has version {found}, but this program reads versions 1 and {BANK_VERSION}"));
     }
     let description: Description = serde_json::from_str(text).map_err(described)?;
     // The bytes of a tensor of rows of three, checked: its type, its shape.
@@ -307,26 +307,26 @@ mod tests {
             })
         };
         says(b"hello", "shorter than any bank file");
-        says(b"hello world, hello", "it is no bank: neither a safetensors file nor one that starts with GRIMBANK");
-        says(&[0xFF; 64], "it is no bank");
-        says(&[&[0; 8][..], &[b'{'; 8]].concat(), "it is no bank");
-        says(&whole[..whole.len() - 1], "bytes where 252 were expected; it was cut or damaged");
-        says(&[&whole[..], &[0]].concat(), "it was cut or damaged");
-        says(&replaced("{", "["), "it is no bank");
-        says(&replaced("[4,3]", "[4,4]"), "its header does not read");
+        says(b"hello world, hello", "it is not a bank: it is neither a safetensors file nor starts with GRIMBANK");
+        says(&[0xFF; 64], "it is not a bank");
+        says(&[&[0; 8][..], &[b'{'; 8]].concat(), "it is not a bank");
+        says(&whole[..whole.len() - 1], "bytes, but 252 were expected; the file is truncated or damaged");
+        says(&[&whole[..], &[0]].concat(), "the file is truncated or damaged");
+        says(&replaced("{", "["), "it is not a bank");
+        says(&replaced("[4,3]", "[4,4]"), "its header cannot be read");
         // Sizes whose product or sum leaves 64 bits.
-        says(&replaced("[4,3]", "[9223372036854775807,3]"), "its header does not read");
-        says(&replaced("[0,48]", "[0,18446744073709551615]"), "its header does not read");
-        says(&replaced("[0,48]", "[4,48]"), "its header does not read");
+        says(&replaced("[4,3]", "[9223372036854775807,3]"), "its header cannot be read");
+        says(&replaced("[0,48]", "[0,18446744073709551615]"), "its header cannot be read");
+        says(&replaced("[0,48]", "[4,48]"), "its header cannot be read");
         says(&replaced("\"neutral\"", "\"nobody\""), "it has no tensor `neutral`");
         says(&replaced("\"F32\"", "\"I32\""), "its tensor `neutral` is I32 [4, 3]; F32 [any, 3] was expected");
         says(&replaced("[3,4,3]", "[4,3,3]"), "its tensor `displacements` is F32 [4, 3, 3]; F32 [3, 4, 3] was expected");
         says(&replaced("\"grimace\"", "\"another\""), "its metadata has no entry `grimace`");
         says(
             &replaced("schema_version\\\":2", "schema_version\\\":3"),
-            "it is of version 3; this program reads versions 1 and 2",
+            "it has version 3, but this program reads versions 1 and 2",
         );
-        says(&replaced("\\\"names\\\"", "\\\"nobody\\\""), "its description does not read");
+        says(&replaced("\\\"names\\\"", "\\\"nobody\\\""), "its description cannot be read");
         // 252 bytes: neutral 4 x 12, triangles 2 x 12, feature points 3 x 12, displacements 3 x 4 x 12.
         let (start, _) = read_header(&whole).unwrap();
         let with = |at: usize, value: [u8; 4]| {
@@ -352,7 +352,10 @@ mod tests {
         let bank = testing::bank();
         let head = BankHead { mesh: bank.mesh(), names: bank.names(), feature_points: bank.feature_points(), info: bank.info() };
         let error = write(&path, &head, |_| Ok(Cow::Owned(vec![[0.0; 3]; 5]))).unwrap_err();
-        assert_eq!(error.to_string(), "member `right` has 5 vertices, the neutral mesh 4; all must share one topology");
+        assert_eq!(
+            error.to_string(),
+            "member `right` has 5 vertices, but the neutral mesh has 4; all meshes must share one topology"
+        );
         assert!(!path.exists());
     }
 }

@@ -460,6 +460,6 @@ mod tests {
     fn a_bank_with_few_feature_points_says_so() {
         let (picture, nodes) = portrait();
         let error = HeadTexture::new(&testing::bank(), &picture, &nodes, &Tables::candide3()).unwrap_err();
-        assert_eq!(error.to_string(), "the bank has 3 of the feature points of a portrait; 8 are needed to put one on it");
+        assert_eq!(error.to_string(), "the bank has only 3 of the feature points of a portrait; it needs 8 to show a portrait");
     }
 }

@@ -142,7 +142,7 @@ mod tests {
         write_recipes(&path, &names, &recipes).unwrap();
         assert_eq!(read_recipes(&path, &names).unwrap(), recipes);
         std::fs::write(&path, "member,shape,weight\na,smile,1\n").unwrap();
-        assert_eq!(read_recipes(&path, &names).unwrap_err().to_string(), "there is no `smile`; there are right, up, out");
+        assert_eq!(read_recipes(&path, &names).unwrap_err().to_string(), "there is no `smile`; choose from right, up, out");
         std::fs::write(&path, "member,shape,weight\na,up,nan\n").unwrap();
         assert!(read_recipes(&path, &names).unwrap_err().to_string().contains("line 2: weight is `nan`"));
     }

@@ -225,10 +225,10 @@ mod tests {
             let error = read(text).unwrap_err().to_string();
             assert!(error.contains(part), "{error}");
         };
-        says("a,b\n1,2\n", "the header is `a,b`; expected were frame,fp,dx,dy,dz");
+        says("a,b\n1,2\n", "the header is `a,b`; expected frame,fp,dx,dy,dz");
         says("frame,fp,dx,dy\n0,8.4,1,x\n", "line 2: dy is `x`");
         says("frame,fp,dx,dy\n0,8.4,1,1\n0,8.4,1,1\n", "line 3: fp is `8.4`; one row for every feature point");
-        says("frame,fp,dx,dy\n0,2.1,1,1\n", "no feature point in common with the bank, which has 8.4, 8.3, 3.11");
+        says("frame,fp,dx,dy\n0,2.1,1,1\n", "no feature points in common with the bank, which has 8.4, 8.3, 3.11");
         // The tiny bank has no eyes to measure its size on.
         says("frame,node,x,y\n0,0,1,1\n", "3.7, 3.8, 3.11 and 3.12");
     }

@@ -78,10 +78,10 @@ pub fn read(map: Mmap) -> Result<Bank, String> {
     let layout = read_layout(&map)?;
     let section = |start: u64, length: u64| &map[start as usize..(start + length) as usize];
     let description: Description = serde_json::from_slice(section(layout.description, layout.description_length))
-        .map_err(|e| format!("its description does not read: {e}"))?;
+        .map_err(|e| format!("its description cannot be read: {e}"))?;
     let [vertices, triangles, members, feature_points] = layout.counts;
     if description.names.len() as u64 != members {
-        return Err(format!("it names {} members where {members} are stored", description.names.len()));
+        return Err(format!("it names {} members, but stores {members}", description.names.len()));
     }
     let positions = bytemuck::cast_slice(section(layout.positions, 12 * vertices)).to_vec();
     let corners = bytemuck::cast_slice(section(layout.triangles, 12 * triangles)).to_vec();
@@ -110,9 +110,13 @@ fn read_layout(bytes: &[u8]) -> Result<Layout, String> {
     }
     let words: [u64; 11] = std::array::from_fn(|k| long(16 + 8 * k));
     let layout = Layout::new([words[0], words[1], words[2], words[3]], words[5]).filter(|l| l.words() == words);
-    let layout = layout.ok_or("its header is damaged: counts and offsets do not fit together")?;
+    let layout = layout.ok_or("its header is damaged: counts and offsets contradict each other")?;
     if layout.length != bytes.len() as u64 {
-        return Err(format!("it has {} bytes where {} were expected; it was cut or damaged", bytes.len(), layout.length));
+        return Err(format!(
+            "it has {} bytes, but {} were expected; the file is truncated or damaged",
+            bytes.len(),
+            layout.length
+        ));
     }
     Ok(layout)
 }
@@ -161,10 +165,10 @@ mod tests {
         says(&WRITTEN[..100], "shorter than the header of 128 bytes");
         says(&with(8, 3), "version 3; this program reads versions 1 and 2");
         says(&with(12, 9), "byte order");
-        says(&with(16, 9), "counts and offsets do not fit");
-        says(&with(23, 255), "counts and offsets do not fit");
-        says(&WRITTEN[..WRITTEN.len() - 1], "it was cut or damaged");
-        says(&with(128, b'X'), "description does not read");
+        says(&with(16, 9), "counts and offsets contradict each other");
+        says(&with(23, 255), "counts and offsets contradict each other");
+        says(&WRITTEN[..WRITTEN.len() - 1], "the file is truncated or damaged");
+        says(&with(128, b'X'), "description cannot be read");
         let last = WRITTEN.len() - 4;
         says(
             &[&WRITTEN[..last], &f32::NAN.to_le_bytes()].concat(),

@@ -59,7 +59,7 @@ impl BankSource {
             return open_gltf(path, mesh);
         }
         if let Some(mesh) = mesh {
-            let reason = format!("`{mesh}` is asked for by name, but only a .glb or .gltf file has named meshes");
+            let reason = format!("--mesh {mesh} needs a .glb or .gltf file; other sources have no named meshes");
             return Err(BankError::Source { path: path.to_owned(), reason });
         }
         if path.join("neutral_vertices.npy").is_file() {

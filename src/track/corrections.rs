@@ -118,19 +118,22 @@ pub fn fitting_corrections(
     let is_known = |size: ImageSize| size.width > 0 && size.height > 0;
     if is_known(set_on) && is_known(size) && set_on != size {
         let count = corrections.values().map(std::collections::BTreeMap::len).sum::<usize>();
-        let all = format!("all {count} corrections: they were set on frames of {set_on}, which are {size} now");
+        let all = format!("all {count} corrections: they were set on frames of {set_on}, but the frames are {size} now");
         return (Corrections::new(), if count == 0 { Vec::new() } else { vec![all] });
     }
     let (mut fit, mut misfits) = (Corrections::new(), Vec::new());
     for (&frame, nodes) in corrections {
         let reason = match frames.iter().position(|f| f.number == frame) {
             None => Some("the sequence has no such frame"),
-            Some(0) => Some("it is the neutral frame, which is fitted to marks"),
+            Some(0) => Some("it is the neutral frame, which is fitted to marks; correct the marks instead"),
             Some(_) => None,
         };
         for (&node, place) in nodes {
             let reason = reason
-                .or_else(|| (!wireframe.live_nodes().contains(&node)).then_some("the wireframe has no such node that can be set"))
+                .or_else(|| {
+                    (!wireframe.live_nodes().contains(&node))
+                        .then_some("the wireframe has no such node, or it cannot be corrected")
+                })
                 .or_else(|| (is_known(size) && !size.contains(place)).then_some("it lies outside the image"));
             match reason {
                 Some(reason) => misfits.push(format!("frame {frame}, node {node}: {reason}")),
@@ -253,15 +256,15 @@ mod tests {
         assert_eq!(
             misfits,
             [
-                "frame 1, node 31: it is the neutral frame, which is fitted to marks",
+                "frame 1, node 31: it is the neutral frame, which is fitted to marks; correct the marks instead",
                 "frame 3, node 31: it lies outside the image",
-                "frame 3, node 500: the wireframe has no such node that can be set",
+                "frame 3, node 500: the wireframe has no such node, or it cannot be corrected",
                 "frame 9, node 31: the sequence has no such frame",
             ]
         );
         let (none, all) = fitting_corrections(&corrections(), size(80), size(160), &frames, &wireframe);
         assert!(
-            none.is_empty() && all == ["all 3 corrections: they were set on frames of 80x60, which are 160x60 now"],
+            none.is_empty() && all == ["all 3 corrections: they were set on frames of 80x60, but the frames are 160x60 now"],
             "{all:?}"
         );
     }

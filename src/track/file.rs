@@ -219,15 +219,14 @@ pub enum TrackFileError {
         reason: String,
     },
     /// What a run made of many tracks.
-    #[error("{}: a representative, and no track: it has no sequence of its own; tracks are in the folder tracks of a run", path.display())]
+    #[error("{}: this is a representative, not a track; tracks are in the folder tracks of a run", path.display())]
     Representative {
         /// The table.
         path: PathBuf,
     },
     /// A normalized model.
     #[error(
-        "{}: a normalized model, and no track: it is in face units, upright, without states of its nodes; tracks are in the folder tracks of a \
-         run",
+        "{}: this is a normalized model in face units, not a track; tracks are in the folder tracks of a run",
         path.display()
     )]
     Normalized {
@@ -235,7 +234,7 @@ pub enum TrackFileError {
         path: PathBuf,
     },
     /// A `.csv` that is not whole by the `.json` beside it.
-    #[error("{}: {reason}: the file was cut, or changed; track the sequence again", path.display())]
+    #[error("{}: {reason}: the file is truncated or was changed; track the sequence again", path.display())]
     Cut {
         /// The file.
         path: PathBuf,
@@ -251,7 +250,7 @@ pub enum TrackFileError {
         source: NotInPicture,
     },
     /// A `.json` of a later layout.
-    #[error("{}: schema version {found}; this program reads {TRACK_SCHEMA}; a newer version of grimace wrote it, use that one", path.display())]
+    #[error("{}: schema version {found}; this program reads {TRACK_SCHEMA}; it comes from a newer version of grimace; use that version", path.display())]
     Newer {
         /// The file.
         path: PathBuf,
@@ -398,7 +397,7 @@ pub fn parse_track_info(csv_path: &Path, bytes: &[u8]) -> Result<TrackInfo, Trac
     }
     let times = info.times.as_deref().unwrap_or_default();
     if let Some([before, after, ..]) = times.windows(2).find(|pair| pair[0] >= pair[1]) {
-        return refused(format!("`times` has {after} behind {before}; seconds that ascend were expected"));
+        return refused(format!("`times` has {after} after {before}; ascending seconds were expected"));
     }
     if info.times.is_some() && times.len() < info.summary.frames {
         return refused(times_said(times.len(), info.summary.frames));
@@ -407,7 +406,7 @@ pub fn parse_track_info(csv_path: &Path, bytes: &[u8]) -> Result<TrackInfo, Trac
 }
 
 fn times_said(found: usize, frames: usize) -> String {
-    format!("`times` has {}; one for each of {frames} frames was expected", count(found, "time", "times"))
+    format!("`times` has {}, but the track has {frames} frames; one time per frame was expected", count(found, "time", "times"))
 }
 
 /// Whether the `.json` beside a table is that of a representative: it lists the sequences that it was made of.
@@ -436,7 +435,7 @@ impl Beside {
         let cut = |reason: String| Err(TrackFileError::Cut { path: path.to_owned(), reason });
         for (what, number) in [("neutral", self.neutral_frame), ("apex", self.apex_frame)] {
             if let Some(number) = number.filter(|number| frames.iter().all(|frame| frame.number != *number)) {
-                return cut(format!("it has no frame {number}, the {what} frame by the .json beside it"));
+                return cut(format!("it has no frame {number}, which the .json beside it names as the {what} frame"));
             }
         }
         // Times are of all numbers from the first to the last, also where frames are missing.
@@ -448,7 +447,7 @@ impl Beside {
         let is_changed = || self.csv_blake3.as_ref().is_some_and(|hash| blake3::hash(bytes).to_hex().as_str() != hash);
         if !bytes.ends_with(b"\n") && is_changed() {
             return cut(
-                "its last line has no end, so that the last value may be short, and it is not as it was written".to_owned()
+                "its last line has no line end, so the last value may be incomplete, and the file was changed after it was written".to_owned()
             );
         }
         Ok(())
@@ -584,11 +583,13 @@ mod tests {
         // At the end of a frame.
         let text = String::from_utf8(whole.clone()).unwrap();
         let first = text.split_inclusive('\n').filter(|line| !line.starts_with("5,")).collect::<String>();
-        assert!(said(first.as_bytes()).unwrap_err().contains("it has no frame 5, the apex frame by the .json beside it"));
+        assert!(
+            said(first.as_bytes()).unwrap_err().contains("it has no frame 5, which the .json beside it names as the apex frame")
+        );
         // Within its last line; a value that somebody changed is theirs.
         let within = text.replace("0.75", "0.5");
         assert_eq!(said(within.as_bytes()), Ok(3));
-        assert!(said(within.trim_end().as_bytes()).unwrap_err().contains("the last value may be short"));
+        assert!(said(within.trim_end().as_bytes()).unwrap_err().contains("the last value may be incomplete"));
     }
 
     #[test]
@@ -635,7 +636,7 @@ mod tests {
             format!("frame,node,x,y\n{}", (0..108).map(row).collect::<String>())
         };
         let error = read(&table(|x, y| (x, y))).unwrap_err().to_string();
-        assert!(error.contains("t.csv: a normalized model, and no track"), "{error}");
+        assert!(error.contains("t.csv: this is a normalized model in face units, not a track"), "{error}");
         assert_eq!(read(&table(|x, y| (0.1 * x + 320.0, 240.0 - 0.1 * y))).unwrap().len(), 2);
     }
 

@@ -11,14 +11,14 @@ use crate::{geometry::Similarity, wireframe::Wireframe};
 pub enum NotInPicture {
     /// y points up.
     #[error(
-        "its nodes are those of a face in a mirror below it: y is counted from the top of the image, downwards; where it was counted from the \
-         bottom, write the image's height - 1 - y"
+        "its nodes form a face mirrored at a horizontal line: y must be counted downwards from the top of the image; if it was counted \
+         from the bottom, write the image's height - 1 - y"
     )]
     YUpwards,
     /// Left and right were exchanged.
     #[error(
-        "its nodes are those of the mirrored face: left and right are exchanged, which are the subject's own (the subject's left is on the right of \
-         the image); where the pictures were mirrored, write the image's width - 1 - x"
+        "its nodes form a mirrored face: left and right are swapped; they mean the subject's own sides (the subject's left is on the \
+         right of the image); if the pictures were mirrored, write the image's width - 1 - x"
     )]
     Mirrored,
 }

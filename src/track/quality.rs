@@ -268,7 +268,7 @@ fn judge(summary: &mut TrackSummary, frames: &[TrackedFrame], wireframe: &Wirefr
     if let Some(middle) = summary.expected_error_px.filter(|&e| e > MEDIAN_LIMIT * unit) {
         let percent = percent(middle);
         reasons.push(format!(
-            "at the apex half of the nodes are expected to be more than {middle:.1} px off ({percent:.1} % of the eye distance)"
+            "at the apex the median expected error of the nodes is {middle:.1} px ({percent:.1} % of the eye distance)"
         ));
     }
     let far: Vec<&NodeId> = live.iter().filter(|id| expected(id).is_some_and(|e| e > WORST_LIMIT * unit)).collect();
@@ -281,7 +281,7 @@ fn judge(summary: &mut TrackSummary, frames: &[TrackedFrame], wireframe: &Wirefr
         let list =
             worst.iter().take(WORST_REGIONS).map(|(count, region)| format!("{region} {count}")).collect::<Vec<_>>().join(", ");
         reasons.push(format!(
-            "at the apex {count} of {of} nodes are expected to be more than {limit:.1} px off ({share:.0} % of the eye distance): {list}"
+            "at the apex {count} of {of} nodes have an expected error above {limit:.1} px ({share:.0} % of the eye distance): {list}"
         ));
     }
     for region in MEASURED {
@@ -295,13 +295,13 @@ fn judge(summary: &mut TrackSummary, frames: &[TrackedFrame], wireframe: &Wirefr
         if both > REGION_LIMIT * unit {
             let (sits, moves) = (percent(mean(|e| e[0])), percent(mean(|e| e[1])));
             let hint = if sits > moves {
-                format!("; mark the {region} on the neutral frame, or leave all marks to be found")
+                format!("; mark the {region} in the neutral frame, or set no marks to have all found")
             } else {
                 String::new()
             };
             reasons.push(format!(
-                "{region}: expected to be {both:.1} px off at the apex ({:.1} % of the eye distance), where it sits on the face by {sits:.1} %, \
-                 how it moved by {moves:.1} %{hint}",
+                "{region}: the expected error at the apex is {both:.1} px ({:.1} % of the eye distance; its place on the face {sits:.1} \
+                 %, its motion {moves:.1} %){hint}",
                 percent(both)
             ));
         }
@@ -316,7 +316,7 @@ fn judge(summary: &mut TrackSummary, frames: &[TrackedFrame], wireframe: &Wirefr
     let (all_lost, all) = by_frame.iter().fold((0, 0), |(lost, of), &((l, o), _)| (lost + l, of + o));
     let before = reasons.len();
     if all_lost as f64 > LOST_LIMIT * all as f64 {
-        reasons.push(format!("{:.0} % of the nodes were lost, over all frames", 100.0 * all_lost as f64 / all as f64));
+        reasons.push(format!("{:.0} % of the nodes were lost in all frames together", 100.0 * all_lost as f64 / all as f64));
     }
     let worst_frame = by_frame.into_iter().max_by_key(|&((count, _), number)| (count, std::cmp::Reverse(number)));
     if let Some(((count, of), number)) = worst_frame.filter(|&((count, of), _)| count as f64 > FRAME_LOST_LIMIT * of as f64) {
@@ -324,14 +324,15 @@ fn judge(summary: &mut TrackSummary, frames: &[TrackedFrame], wireframe: &Wirefr
     }
     if let ([apex], true) = (later, reasons.len() > before && by_images(later)) {
         reasons.push(format!(
-            "there are two pictures alone, {} and {}, and they lie far apart for a tracker, which looks for small steps: landmarks in both, \
-             or a video of what is between, track better",
+            "there are only two pictures, {} and {}, and their difference is large for a tracker; landmarks in both, or a video of the \
+             motion between them, give better tracks",
             neutral.number, apex.number
         ));
     }
     if let Some(apex) = later.last().filter(|apex| !moves(neutral, apex, live, unit)) {
         reasons.push(format!(
-            "nothing moves: in frame {} no {} nodes are more than {:.1} px ({:.0} % of the eye distance) from where they were in frame {}",
+            "the face does not move: in frame {} fewer than {} nodes are more than {:.1} px ({:.0} % of the eye distance) from their \
+             place in frame {}",
             apex.number,
             STILL.0,
             STILL.1 * unit,
@@ -358,7 +359,7 @@ fn by_images(later: &[TrackedFrame]) -> bool {
 pub(crate) fn missing_said(numbers: impl Iterator<Item = u32>) -> Option<String> {
     let (first, last) = missing_frames(numbers.collect())?;
     Some(format!(
-        "frames {first} to {last} are missing: how the face moved meanwhile is not known, and the frames of its model are those nearest in number"
+        "frames {first} to {last} are missing: the motion between them is unknown, and the model uses the nearest frames"
     ))
 }
 
@@ -455,8 +456,7 @@ mod tests {
         };
         let still = summarize(&[frame(1, 0), frame(2, 0)], &w, &t);
         assert_eq!(still.verdict, Verdict::LookAgain);
-        let said =
-            "nothing moves: in frame 2 no 5 nodes are more than 0.6 px (1 % of the eye distance) from where they were in frame 1";
+        let said = "the face does not move: in frame 2 fewer than 5 nodes are more than 0.6 px (1 % of the eye distance) from their place in frame 1";
         assert_eq!(still.reasons, [said]);
         assert_eq!(summarize(&[frame(1, 0), frame(2, 4)], &w, &t).reasons, [said]);
         assert_eq!(summarize(&[frame(1, 0), frame(2, 6)], &w, &t).verdict, Verdict::Good);
@@ -477,7 +477,9 @@ mod tests {
         };
         let said = |frames: &[TrackedFrame]| {
             let reasons = summarize(frames, &w, &t).reasons;
-            reasons.iter().any(|r| r.starts_with("there are two pictures alone, 1 and 2, and they lie far apart"))
+            reasons
+                .iter()
+                .any(|r| r.starts_with("there are only two pictures, 1 and 2, and their difference is large for a tracker"))
         };
         let of = |lost, reason| [frame(1, 0, reason), frame(2, lost, reason)];
         // 104 live nodes: 11 are more than a tenth.
@@ -509,8 +511,8 @@ mod tests {
         assert_eq!(
             again.reasons,
             [
-                "brow: expected to be 3.2 px off at the apex (5.2 % of the eye distance), where it sits on the face by 4.9 %, how it moved \
-              by 1.6 %; mark the brow on the neutral frame, or leave all marks to be found"
+                "brow: the expected error at the apex is 3.2 px (5.2 % of the eye distance; its place on the face 4.9 %, its motion 1.6 \
+                 %); mark the brow in the neutral frame, or set no marks to have all found"
             ]
         );
     }
@@ -532,8 +534,10 @@ mod tests {
         let summary = summarize(&[neutral(), driven, lost], &w, &t);
         let with = w.live_nodes().iter().filter(|id| !without(id.index())).count();
         let share = 100.0 * 104.0 / (104 + with) as f64;
-        let expected =
-            [format!("{share:.0} % of the nodes were lost, over all frames"), "104 of 104 nodes were lost in frame 2".to_owned()];
+        let expected = [
+            format!("{share:.0} % of the nodes were lost in all frames together"),
+            "104 of 104 nodes were lost in frame 2".to_owned(),
+        ];
         assert_eq!(summary.reasons, expected);
     }
 }

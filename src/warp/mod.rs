@@ -92,7 +92,7 @@ const BESIDE_CORNER: f64 = 0.07;
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum WarpError {
     /// Another wireframe.
-    #[error("{found} nodes; a face is warped by Candide-3's {NODE_COUNT}")]
+    #[error("the model has {found} nodes, but warping a face needs the {NODE_COUNT} nodes of Candide-3")]
     NodeCount {
         /// Nodes given.
         found: usize,
@@ -101,11 +101,12 @@ pub enum WarpError {
     #[error("a node is not at a finite position")]
     NotFinite,
     /// No face: the eyes coincide.
-    #[error("the eyes of the face are at one place")]
+    #[error("both eyes of the face are at the same position")]
     NoEyes,
     /// The nodes do not lie like a face seen from the front.
     #[error(
-        "the edges of mouth and eyes cross: the nodes do not lie like a face seen from the front; look at the fit with `grimace fit --overlay` and mark more points"
+        "the edges of mouth and eyes cross: the nodes do not form a face seen from the front; check the fit with `grimace fit --overlay` \
+         and mark more points"
     )]
     Folded,
 }

@@ -273,7 +273,7 @@ pub fn parse_node_or_feature_point(text: &str, tables: &Tables, node_count: usiz
         Some(&[node]) if node.index() < node_count => Ok(node),
         Some(nodes) => {
             let list = nodes.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
-            Err(format!("feature point {fp} is not a single node but the middle of nodes {list}; mark one of these"))
+            Err(format!("feature point {fp} is the middle of nodes {list}, not a single node; mark one of these nodes"))
         }
         None => Err(format!("feature point {fp} has no node in Candide-3")),
     }

@@ -69,7 +69,7 @@ pub enum WfmErrorKind {
     #[error("has more than {MAX_BYTES} bytes; this is not a wireframe")]
     TooLarge,
     /// The file ends before section 4 does.
-    #[error("line {line}, {section}: the file ends where {expected} was expected; it is cut off or a count is too large")]
+    #[error("line {line}, {section}: the file ends where {expected} was expected; it is truncated or a count is too large")]
     Ends {
         /// Last line, from 1.
         line: usize,

@@ -133,7 +133,7 @@ fn a_cut_file_says_where_and_what_is_missing() {
     let cut = |lines: usize| SMALL.lines().take(lines).map(|l| format!("{l}\n")).collect::<String>();
     assert_eq!(
         message(&cut(4)),
-        "line 4, vertex list: the file ends where vertex 2 of 3, `x y z` was expected; it is cut off or a count is too large"
+        "line 4, vertex list: the file ends where vertex 2 of 3, `x y z` was expected; it is truncated or a count is too large"
     );
     assert!(message(&cut(6)).contains("face list: the file ends where the number of triangles"));
     assert!(message(&cut(13)).contains("animation units list: the file ends where the number of vertices of unit 0 of 3"));

@@ -6,13 +6,13 @@ use crate::common::{SEQUENCES, Work, assert_same_files};
 fn models_and_representatives_given_as_tracks_are_called_what_they_are() {
     let work = Work::with_sequences(&["S001_005", "S002_005"]);
     work.grimace("run faces -o R -q").exit(0);
-    let model = "S001_005.csv: a normalized model, and no track";
-    work.grimace("analyze R/models -o x").exit(1).says(&[model, "none of the 2 tracks can be used"]);
+    let model = "S001_005.csv: this is a normalized model in face units, not a track";
+    work.grimace("analyze R/models -o x").exit(1).says(&[model, "none of the 2 tracks is usable"]);
     work.grimace("features R/models/S001_005.csv -o x").exit(1).says(&[model]);
     work.grimace("recognize --with R R/models/S001_005.csv").exit(1).says(&[model]);
     work.grimace("features R/representatives/happiness.csv -o x")
         .exit(1)
-        .says(&["happiness.csv: a representative, and no track"]);
+        .says(&["happiness.csv: this is a representative, not a track"]);
 }
 
 #[test]
@@ -26,7 +26,7 @@ fn numbers_that_an_option_does_not_take_are_said_by_the_option() {
     refused("fap convert a.fap -o b.fap --fps 29.97", "expected a whole number from 1 to 32767");
     refused("clone -s a.fap -t a.jpg -o x --emphasis 1e300", "expected a number greater than 0, 100 at most");
     refused("track faces -o a.csv --fps 1e300", "expected a number from 0.1 to 1000 frames per second");
-    work.grimace("analyze a.csv -o x --profile greta --fps 30").exit(1).says(&["the greta profile takes 25 frames per second"]);
+    work.grimace("analyze a.csv -o x --profile greta --fps 30").exit(1).says(&["the greta profile needs 25 frames per second"]);
     refused("analyze a.csv -o x --alpha -0.1", "'--alpha <ALPHA>': expected a share of at least 0 and less than 0.5");
     refused("clone -s a.fap -t a.jpg -o x --emphasis -1", "'--emphasis <C>': expected a number greater than 0");
     refused("analyze a.csv -o x --seed -1", "'--seed <SEED>': expected a whole number of at least 0");
@@ -117,7 +117,7 @@ fn what_an_earlier_analysis_made_goes_and_nothing_else() {
     assert!(stale.iter().all(|name| work.path(&format!("again/{name}")).exists()));
     work.write("again/representatives/mine.txt", "mine").write("again/intervals.csv", "edited");
     let ran = work.grimace("analyze out/tracks -o again --alpha 0 --force").exit(0);
-    ran.says(&["intervals.csv: of an earlier `analyze` and changed since; it is kept"]);
+    ran.says(&["intervals.csv: this file of an earlier `analyze` was changed by hand and is kept"]);
     assert!(stale.iter().all(|name| !work.path(&format!("again/{name}")).exists()));
     work.grimace("figures again -o figures -q").exit(0);
     assert!(!work.read("figures/captions.md").contains("cohort"));
@@ -140,13 +140,13 @@ fn what_an_earlier_analysis_made_goes_and_nothing_else() {
         let text = work.read(&format!("{folder}/statistics.csv"));
         work.write(&format!("{folder}/statistics.csv"), text + "\n# checked");
         let ran = work.grimace(&format!("analyze out/tracks -o {folder} --force")).exit(1);
-        ran.says(&["statistics.csv: it is there already, and is not as an earlier `analyze` wrote it"]);
+        ran.says(&["statistics.csv: this file exists and differs from what an earlier `analyze` wrote"]);
         assert!(work.read(&format!("{folder}/statistics.csv")).ends_with("# checked"));
     }
     std::fs::write(work.path("foreign/statistics.csv"), &whole["statistics.csv"]).unwrap();
     work.grimace("analyze out/tracks -o foreign --by cohort --force").exit(0);
     work.write("foreign/comparisons.csv", "edited");
-    work.grimace("analyze out/tracks -o foreign --by cohort --force").exit(1).says(&["comparisons.csv: it is there already"]);
+    work.grimace("analyze out/tracks -o foreign --by cohort --force").exit(1).says(&["comparisons.csv: this file exists"]);
     assert_eq!(work.read("foreign/comparisons.csv"), "edited");
     // One that stopped in the middle has entered what it wrote: the next one knows it.
     work.write("stopped/fap", "no folder");
@@ -198,17 +198,17 @@ fn a_bad_track_costs_that_track() {
     work.write("out/tracks/alone_1.csv", &track);
     let ran = work.grimace("analyze out/tracks -o again").exit(3).prints(&["7 tracks, 6 failed"]);
     ran.says(&[
-        "S001_005.csv: frame 6 has 106 nodes where frame 1 has 113",
+        "S001_005.csv: frame 6 has 106 nodes, but frame 1 has 113",
         "`lucky` is not a node state; the states are marked,",
         "S002_005.csv, line 1: has no column `y`",
         "x is `NaN`; a finite number was expected",
         "S003_005.csv: is empty; a header line was expected",
-        "alone_1.csv: the emotion is not known; give --dataset",
+        "alone_1.csv: the emotion is unknown; give --dataset",
     ]);
     assert_eq!(work.rows("again/failures.csv").len(), 6);
     assert_eq!(work.rows("again/statistics.csv").len(), 1);
     let ran = work.grimace("analyze out/tracks/alone_1.csv -o none").exit(1);
-    ran.says(&["none of the 1 tracks can be used"]);
+    ran.says(&["none of the 1 tracks is usable"]);
 }
 
 #[test]
@@ -218,9 +218,9 @@ fn many_bad_tracks_are_summed_up_and_all_stand_in_a_table() {
         work.write(&format!("out/tracks/S1{k:02}_005.csv"), "frame,node,x\n1,0,3\n");
     }
     let named = "S101_005; S102_005; S103_005; S104_005; S105_005; S106_005; and 13 more";
-    let more = format!("19 more sequences failed in the same way as S100_005: {named}");
+    let more = format!("19 more sequences failed like S100_005: {named}");
     let ran = work.grimace("analyze out/tracks -o again").exit(3).prints(&["22 tracks, 20 failed"]);
-    let ran = ran.says(&["S100_005.csv, line 1: has no column `y`", &format!("{more}; their reasons are in again/failures.csv")]);
+    let ran = ran.says(&["S100_005.csv, line 1: has no column `y`", &format!("{more}; reasons: again/failures.csv")]);
     assert_eq!(ran.stderr.lines().count(), 2, "{}", ran.stderr);
     assert_eq!(work.rows("again/failures.csv").len(), 20);
     // Where nothing is written there is no table.
@@ -238,14 +238,14 @@ fn a_track_read_twice_counts_once() {
         work.write(&format!("copy/S009_005.{extension}"), work.read(&format!("out/tracks/S001_005.{extension}")));
     }
     let ran = work.grimace("analyze out/tracks copy -o twice").exit(3);
-    ran.says(&["S001_005", "was read already"]);
+    ran.says(&["S001_005", "was read before"]);
 }
 
 #[test]
 fn what_is_not_there_or_in_the_way_is_named() {
     let work = Work::after_run(&["S001_005"], "out");
     work.grimace("analyze nowhere -o again").exit(1).says(&["nowhere", "No such file"]);
-    work.write("none/a.txt", "x").grimace("analyze none -o again").exit(1).says(&["no .csv file in none"]);
+    work.write("none/a.txt", "x").grimace("analyze none -o again").exit(1).says(&["found no tracks (.csv) in none"]);
     work.write("full/a.txt", "x").grimace("analyze out/tracks -o full").exit(1).says(&["full is not empty", "--force"]);
     work.write("file", "x").grimace("analyze out/tracks -o file/results").exit(1).says(&["cannot write file/results"]);
     work.grimace("analyze out/tracks -o again --dataset nowhere").exit(1).says(&["nowhere: there is no such dataset"]);

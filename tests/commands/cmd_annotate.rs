@@ -83,7 +83,7 @@ fn another_address_needs_a_flag_and_warns() {
     );
     assert!(ran.stdout.contains("open http://127.0.0.1:"), "{}", ran.stdout);
     let warning = work.read("warning.txt");
-    assert!(warning.starts_with("warning: the page is served on 0.0.0.0: whoever can reach this address"), "{warning}");
+    assert!(warning.starts_with("warning: the page is served on 0.0.0.0: anyone who can reach this address"), "{warning}");
 }
 
 #[test]
@@ -345,9 +345,7 @@ fn any_frame_may_be_neutral_or_apex() {
     let server = Server::start(&work, "faces");
     let opened = open(&server, "S001_005");
     assert_eq!((&opened["neutral"], &opened["apex"]), (&json!(1), &json!(5)));
-    assert!(
-        opened["problem"].as_str().unwrap().starts_with("first_frame is 0 in the manifest, and there are frames 1 to 6 only")
-    );
+    assert!(opened["problem"].as_str().unwrap().starts_with("first_frame is 0 in the manifest, but the frames are 1 to 6"));
     let refused = save(&server, "S001_005", &opened["version"], &true_marks("S001/005"));
     assert!(refused.status == 422 && refused.text().contains("first_frame is 0"), "nothing is marked on another frame");
     server.send("PUT", "api/sequences/S001_005/range", &json!({"version": opened["version"], "neutral": 1, "apex": 5})).ok();
@@ -502,15 +500,11 @@ fn a_found_face_is_proposed_with_its_expected_errors_and_accepted_by_a_limit() {
     work.write("faces/manifest.csv", manifest);
     // Nothing is as sure as that: all is left to look at.
     let server = Server::start(&work, "faces --accept 0.001");
-    assert_eq!(server.lines[0], "0 sequences accepted with the marks that were found");
-    assert!(
-        server.lines[1].contains("to look at: A_found: half of the points are expected to be more than"),
-        "{:?}",
-        server.lines
-    );
+    assert_eq!(server.lines[0], "accepted the found marks of 0 sequences");
+    assert!(server.lines[1].contains("not accepted: A_found: the median expected error of the points is"), "{:?}", server.lines);
     drop(server);
     let server = Server::start(&work, "faces --accept 5 --all");
-    assert_eq!(server.lines[0], "1 sequence accepted with the marks that were found");
+    assert_eq!(server.lines[0], "accepted the found marks of 1 sequence");
     assert!(open(&server, "A_found")["marks"].as_array().unwrap().len() > 30);
     // A mark set by hand wins.
     assert_eq!(open(&server, "A_hand")["marks"].as_array().unwrap().len(), 1);
@@ -524,8 +518,10 @@ fn a_found_face_is_proposed_with_its_expected_errors_and_accepted_by_a_limit() {
     fs::remove_dir_all(work.path("faces/A")).unwrap();
     work.grimace("annotate faces --accept 0.001 --no-page")
         .exit(3)
-        .prints(&["to look at: A_found: half", "1 of 1 sequence left"]);
-    work.grimace("annotate faces --accept 5 --no-page").exit(0).prints(&["1 sequence accepted", "0 of 1 sequence left to mark"]);
+        .prints(&["not accepted: A_found: the median", "1 of 1 sequence left"]);
+    work.grimace("annotate faces --accept 5 --no-page")
+        .exit(0)
+        .prints(&["accepted the found marks of 1 sequence", "0 of 1 sequence left to mark"]);
     work.grimace("annotate faces --accept 5 --no-page").exit(0).prints(&["nothing is left to mark"]);
     work.grimace("annotate faces --no-page").exit(2);
 }
@@ -560,7 +556,7 @@ fn the_face_of_one_picture_is_proposed_and_accepted() {
     assert!(!work.path("anna.csv").exists());
     drop(server);
     let server = Server::start(&work, "anna.jpg --accept 5");
-    assert_eq!(server.lines[0], "1 sequence accepted with the marks that were found");
+    assert_eq!(server.lines[0], "accepted the found marks of 1 sequence");
     assert_eq!(work.header("anna.csv"), "node,x,y,kind,expected_error");
     let opened = open(&server, "anna_picture");
     assert_eq!(opened["marks"].as_array().unwrap().len(), work.rows("anna.csv").len());
@@ -570,7 +566,12 @@ fn the_face_of_one_picture_is_proposed_and_accepted() {
     for text in ["", "eggs\nmilk\n"] {
         work.write("anna.csv", text);
         let ran = work.grimace("annotate anna.jpg --accept 5 --no-page").exit(3);
-        ran.prints(&["0 sequences accepted", "to look at: anna_picture: ", "anna.csv", "correct the file or move it away"]);
+        ran.prints(&[
+            "accepted the found marks of 0 sequences",
+            "not accepted: anna_picture: ",
+            "anna.csv",
+            "correct the file or move it away",
+        ]);
         assert_eq!(work.read("anna.csv"), text);
     }
 }
@@ -639,11 +640,9 @@ fn the_page_shows_the_fit_that_the_commands_make() {
         ["node", "20", "23", "53", "56", "31", "64", "10", "15", "17", "48", "50"].contains(&line.split(',').next().unwrap())
     };
     work.write("marks.csv", all.lines().filter(is_of_eleven).collect::<Vec<_>>().join("\n"));
-    work.grimace("fit anna.jpg -c marks.csv -o read.csv")
-        .exit(0)
-        .prints(&["11 marks", "nodes without a mark were read in the picture"]);
+    work.grimace("fit anna.jpg -c marks.csv -o read.csv").exit(0).prints(&["11 marks", "nodes without a mark in the picture"]);
     let alone = work.grimace("fit anna.jpg -c marks.csv -o alone.csv --read-unmarked off").exit(0);
-    assert!(!alone.stdout.contains("were read"), "{}", alone.stdout);
+    assert!(!alone.stdout.contains("without a mark"), "{}", alone.stdout);
 
     let server = Server::start(&work, "anna.jpg");
     let id = "anna_picture";
@@ -794,12 +793,12 @@ fn tracks_that_do_not_belong_are_named_and_left_out() {
     let server = Server::start(&work, "faces --tracks results");
     let list = server.get("api/sequences").ok();
     assert_eq!(list["sequences"].as_array().unwrap().len(), 1);
-    assert!(list["failures"][0].as_str().unwrap().contains("the track has 50 nodes, the wireframe 113"), "{list}");
+    assert!(list["failures"][0].as_str().unwrap().contains("the track has 50 nodes, but the wireframe has 113"), "{list}");
     drop(server);
     // Frames that are others now.
     fs::remove_file(work.path("results/tracks/S001_005.csv")).unwrap();
     fs::remove_file(work.path("faces/S002/007/S002_007_00000003.png")).unwrap();
-    work.grimace("annotate faces --tracks results --no-open").exit(1).says(&["was made from other frames"]);
+    work.grimace("annotate faces --tracks results --no-open").exit(1).says(&["was made from different frames"]);
 }
 
 #[test]
@@ -873,9 +872,9 @@ fn what_can_not_be_annotated_is_said() {
     marked
         .grimace("annotate --tracks results --no-open")
         .exit(1)
-        .says(&["is called `faces`", "grimace annotate DATASET --tracks"]);
+        .says(&["the dataset of this run, `faces`, is neither", "grimace annotate DATASET --tracks"]);
     let server = Server::start(&marked, "elsewhere --tracks results");
-    assert_eq!(server.lines[0], "1 track, the one that lost most first");
+    assert_eq!(server.lines[0], "1 track, sorted by lost nodes, worst first");
 }
 
 /// How often a server is killed in the middle of its work; `GRIMACE_KILLS=200` for the whole campaign.

@@ -14,17 +14,17 @@ fn portrait() -> Work {
 #[test]
 fn two_outputs_of_one_name_are_refused() {
     let work = portrait();
-    let both = |first: &str, second: &str| format!("both {first} and {second} name this file");
+    let both = |first: &str, second: &str| format!("{first} and {second} name the same file");
     let fit = "fit P01.jpg -c marks.csv";
     work.grimace(&format!("{fit} -o f.png --overlay ./f.png")).exit(1).says(&[&both("--output", "--overlay")]);
     for picture in ["ov.jpg", "ov.gif", "f.csv"] {
-        let said = format!("--overlay {picture}: the picture is a .png file; name one, or a folder");
+        let said = format!("--overlay {picture}: the picture must be a .png file; name one, or a folder");
         work.grimace(&format!("{fit} -o f.csv --overlay {picture}")).exit(1).says(&[&said]);
     }
     let mix = "bank mix candide --performance 20";
     work.grimace(&format!("{mix} --members 8 -o a.bank --unseen a.bank")).exit(1).says(&[&both("--output", "--unseen")]);
     work.grimace(&format!("{mix} -o b.bank --save-weights ./b.bank")).exit(1).says(&[&both("--output", "--save-weights")]);
-    work.grimace("bank info candide --picture bank.jpg").exit(1).says(&["--picture bank.jpg: the picture is a .png file"]);
+    work.grimace("bank info candide --picture bank.jpg").exit(1).says(&["--picture bank.jpg: the picture must be a .png file"]);
     assert_eq!(work.files(".").keys().collect::<Vec<_>>(), ["P01.jpg", "marks.csv", "smile.fap"]);
 }
 
@@ -32,7 +32,7 @@ fn two_outputs_of_one_name_are_refused() {
 fn force_does_not_write_over_what_a_command_reads() {
     let work = portrait();
     let before = work.files(".");
-    let over = |what: &str| format!("would be written over {what}; give it another name");
+    let over = |what: &str| format!("would overwrite {what}; give it another name");
     work.grimace("fit P01.jpg -c marks.csv -o marks.csv --force").exit(1).says(&["--output", &over("--correspondences")]);
     work.grimace("play smile.fap -o smile.fap --force").exit(1).says(&["--output", &over("a motion")]);
     work.grimace("play smile.fap --portrait P01.jpg -o ./P01.jpg --force").exit(1).says(&["--output", &over("--portrait")]);
@@ -43,7 +43,7 @@ fn force_does_not_write_over_what_a_command_reads() {
     let again = "-t P01.jpg -c marks.csv -o clone --force";
     work.grimace(&format!("clone -s clone/clone.fap {again}")).exit(1).says(&["clone.fap", &over("--source")]);
     let track = before.keys().find(|name| name.starts_with("clone/track/") && name.ends_with(".csv")).unwrap();
-    work.grimace(&format!("clone -s {track} {again}")).exit(1).says(&["makes this folder anew, and --source lies in it"]);
+    work.grimace(&format!("clone -s {track} {again}")).exit(1).says(&["would replace this folder, but --source lies in it"]);
     work.grimace("features clone/track -o clone/track --force").exit(1).says(&[&over("the track")]);
     crate::common::assert_same_files(&before, &work.files("."));
 }
@@ -62,7 +62,7 @@ fn a_track_goes_over_no_frame_and_no_pictures_among_frames() {
         // One that is left out is a frame, too.
         work.grimace(&format!("track {frames} --last-frame 2 -o {frames}/S1_001_0000000{frame}.jpg --force"))
             .exit(1)
-            .says(&["--output would be written over a frame of the sequence"]);
+            .says(&["--output would overwrite a frame of the sequence"]);
     }
     work.grimace(&format!("track {frames} -o t.csv --overlay {frames}"))
         .exit(1)

@@ -42,7 +42,7 @@ fn a_folder_becomes_a_bank_that_says_what_is_in_it() {
     ]);
     assert_eq!(work.read("fp.csv"), "fp,vertex\n8.3,5\n8.4,3\n2.1,1\n");
     assert!(work.bytes("face.png").starts_with(b"\x89PNG"));
-    work.grimace("bank build meshes -o face.bank").exit(1).says(&["face.bank is there already; --force"]);
+    work.grimace("bank build meshes -o face.bank").exit(1).says(&["face.bank exists; give --force"]);
     let first = work.bytes("face.bank");
     work.grimace("bank build meshes -o face.bank --unit cm --credit me --force").exit(0);
     assert_eq!(work.bytes("face.bank"), first);
@@ -69,10 +69,10 @@ fn no_file_that_a_bank_is_built_from_is_written_over() {
     meshes(&work);
     let before = work.files("meshes");
     for file in ["neutral.obj", "smile.obj", "feature_points.csv"] {
-        let over = format!("{file}: --output would be written over a file of SOURCE; give it another name");
+        let over = format!("{file}: --output would overwrite a file of SOURCE; give it another name");
         work.grimace(&format!("bank build meshes -o meshes/{file} --force")).exit(1).says(&[&over]);
         let save = format!("bank build meshes -o face.bank --save-feature-points meshes/{file} --force");
-        work.grimace(&save).exit(1).says(&["--save-feature-points would be written over a file of SOURCE"]);
+        work.grimace(&save).exit(1).says(&["--save-feature-points would overwrite a file of SOURCE"]);
     }
     crate::common::assert_same_files(&before, &work.files("meshes"));
     // A bank may stand beside its meshes, and be made again.
@@ -82,10 +82,10 @@ fn no_file_that_a_bank_is_built_from_is_written_over() {
     // A .gltf file with its buffers beside it; arrays with what describes them.
     work.write("a.gltf", r#"{"asset":{"version":"2.0"},"buffers":[{"byteLength":4,"uri":"a%62.bin"}]}"#).write("ab.bin", "1234");
     for file in ["a.gltf", "ab.bin"] {
-        work.grimace(&format!("bank build a.gltf -o {file} --force")).exit(1).says(&["would be written over"]);
+        work.grimace(&format!("bank build a.gltf -o {file} --force")).exit(1).says(&["would overwrite"]);
     }
     work.write("arrays/neutral_vertices.npy", "x").write("arrays/manifest.json", "{}");
-    work.grimace("bank build arrays -o arrays/manifest.json --force").exit(1).says(&["would be written over a file of SOURCE"]);
+    work.grimace("bank build arrays -o arrays/manifest.json --force").exit(1).says(&["would overwrite a file of SOURCE"]);
 }
 
 #[test]
@@ -104,7 +104,7 @@ fn feature_points_that_mpeg4_does_not_have_are_refused() {
     work.write("odd.bank", bytes);
     work.grimace("bank info odd.bank")
         .exit(1)
-        .says(&["odd.bank is no readable bank: feature point 77.3 (vertex 5) is none of the 84"]);
+        .says(&["odd.bank is not a readable bank: feature point 77.3 (vertex 5) is not one of the 84"]);
 }
 
 #[test]
@@ -131,7 +131,9 @@ fn arrays_and_gltf_are_sources_too() {
     work.grimace("bank build out/animation.glb --feature-points fp.csv -o x.bank --mesh Nose")
         .exit(1)
         .says(&["`Nose`", "(2 targets)"]);
-    work.grimace("bank build meshes -o x.bank --mesh Nose").exit(1).says(&["only a .glb or .gltf file has named meshes"]);
+    work.grimace("bank build meshes -o x.bank --mesh Nose")
+        .exit(1)
+        .says(&["needs a .glb or .gltf file; other sources have no named meshes"]);
     work.grimace("bank info again.bank").exit(0).prints(&["smile", "open", "unit            metre"]);
 }
 
@@ -147,8 +149,8 @@ fn shapes_mix_to_members() {
     work.write("bad.csv", "member,shape,weight\nlaugh,frown,1\n");
     work.grimace("bank mix shapes.bank --weights bad.csv -o b.bank")
         .exit(1)
-        .says(&["there is no `frown`; there are open, smile"]);
-    work.grimace("bank mix shapes.bank --performance 20 -o b.bank").exit(1).says(&["no ARKit names", "--expressions"]);
+        .says(&["there is no `frown`; choose from open, smile"]);
+    work.grimace("bank mix shapes.bank --performance 20 -o b.bank").exit(1).says(&["do not have ARKit names", "--expressions"]);
     work.grimace("bank mix shapes.bank -o b.bank").exit(2);
     let seeded = "bank mix shapes.bank --performance 40 --expressions mix.csv --members 6 --unseen rest.bank";
     work.grimace(&format!("{seeded} --seed 4 -o p.bank")).exit(0).prints(&["6 members", "34 members"]);
@@ -161,9 +163,9 @@ fn a_bank_file_of_version_1_is_read_with_a_warning_and_converted() {
     work.write("old.bank", fs::read(root().join("fuzz/seeds/bank/version-1.bank")).unwrap());
     let ran = work.grimace("bank info old.bank").exit(0);
     let ran = ran.prints(&["vertices        4", "members         1", "mapped", "smile                    0.5000"]);
-    ran.says(&["warning: old.bank: a bank file of version 1; `grimace bank convert old.bank -o NEW.bank`"]);
+    ran.says(&["warning: old.bank: this bank file is of version 1; `grimace bank convert old.bank -o NEW.bank`"]);
     work.grimace("bank convert old.bank -o new.bank").exit(0).prints(&["1 member, 4 vertices, written to new.bank"]);
-    work.grimace("bank convert old.bank -o new.bank").exit(1).says(&["new.bank is there already; --force"]);
+    work.grimace("bank convert old.bank -o new.bank").exit(1).says(&["new.bank exists; give --force"]);
     let ran = work.grimace("bank info new.bank").exit(0);
     let ran = ran.prints(&["vertices        4", "members         1", "mapped", "smile                    0.5000"]);
     assert!(!ran.stderr.contains("warning"), "{}", ran.stderr);
@@ -201,7 +203,7 @@ fn bad_sources_are_named_and_leave_no_file() {
     work.write("meshes/smile.obj", smile.replace("f 1 2 5 4", "f 1 2 4"));
     says(&["member `smile` differs from the neutral mesh in triangle"]);
     work.write("meshes/smile.obj", format!("{smile}v 1 1 1\n"));
-    says(&["member `smile` has 10 vertices, the neutral mesh 9"]);
+    says(&["member `smile` has 10 vertices, but the neutral mesh has 9"]);
     work.write("meshes/smile.obj", smile.replacen("v 0 -1 0", "v nan -1 0", 1));
     says(&["smile.obj", "vertex 1 is at (NaN, -1, 0)"]);
     work.write("meshes/smile.obj", &smile[..40]);
@@ -210,13 +212,13 @@ fn bad_sources_are_named_and_leave_no_file() {
     work.write("meshes/feature_points.csv", "fp,vertex\n8.3,9\n");
     says(&["feature point 8.3 is at vertex 9, but the mesh has 9 vertices"]);
     work.write("meshes/feature_points.csv", "fp,vertex\n8.3,1\n8.3,2\n");
-    says(&["feature point 8.3 is given twice"]);
+    says(&["feature point 8.3 appears twice"]);
     std::fs::remove_file(work.path("meshes/feature_points.csv")).unwrap();
     says(&["no feature points", "--feature-points"]);
     work.write("meshes/feature_points.csv", "fp,vertex\n8.3,1\n");
     work.grimace("bank build meshes -o face.bank --part nose")
         .exit(1)
-        .says(&["the source has no part `nose` of its surface: it names none"]);
+        .says(&["the source has no part `nose` of its surface: it has no named parts"]);
     for name in ["smile", "open"] {
         std::fs::remove_file(work.path(&format!("meshes/{name}.obj"))).unwrap();
     }
@@ -231,6 +233,6 @@ fn damaged_arrays_gltf_and_banks_are_errors() {
     work.write("a.glb", b"glTF\x02\x00\x00\x00\xff\xff\xff\xff");
     work.grimace("bank build a.glb -o a.bank").exit(1).says(&["a.glb", "no valid glTF"]);
     work.write("a.bank", b"GRIMBANK");
-    work.grimace("bank info a.bank").exit(1).says(&["a.bank is no readable bank", "shorter than the header"]);
+    work.grimace("bank info a.bank").exit(1).says(&["a.bank is not a readable bank", "shorter than the header"]);
     work.grimace("bank info gone.bank").exit(1).says(&["gone.bank"]);
 }

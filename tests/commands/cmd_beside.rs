@@ -39,11 +39,11 @@ fn shifted_marks_are_not_good_and_right_ones_are() {
     assert_eq!((verdict("right")["verdict"].as_str(), verdict("right")["reasons"].as_str()), ("good", ""));
     // The eyes of the portrait are 107 px apart: 30 px are 0.28 of that.
     move_marks(&work, MARKS, |_, x, y| (x + 30.0, y));
-    let said = "the marks lie 30 px (0.28 of the eye distance) beside the face that is found in the picture: are they of this frame, \
-                and of this person?";
+    let said = "the marks lie 30 px (0.28 of the eye distance) from the face found in the picture; check that they belong to this frame \
+         and this person";
     work.grimace("check faces").exit(3).prints(&[&format!("look again: P01_001: {said}")]);
     work.grimace("check faces --check-marks off").exit(0);
-    work.grimace("run faces -o beside").exit(0).prints(&["marks of 1 of 1 sequences do not lie where the face is read", said]);
+    work.grimace("run faces -o beside").exit(0).prints(&["the marks of 1 of 1 sequences do not fit the face found", said]);
     assert_eq!((verdict("beside")["verdict"].as_str(), verdict("beside")["reasons"].as_str()), ("look again", said));
     assert!(work.read("beside/report.html").contains("0.28 of the eye distance"));
     // Run again, and analysed anew from the tracks, it is still known.
@@ -61,13 +61,13 @@ fn fit_and_track_say_which_marks_lie_beside_what() {
     assert!(!quiet.stdout.contains("note"), "{}", quiet.stdout);
     // The left mouth corner 30 px further out and 20 px up, on the cheek.
     move_marks(&work, "cheek.csv", |node, x, y| if node == 31 { (x + 30.0, y - 20.0) } else { (x, y) });
-    let said = "marks lie beside where the picture shows what they mark: left mouth corner";
+    let said = "some marks do not lie on their features in the picture: left mouth corner";
     work.grimace(&format!("fit {first} -c cheek.csv -o fit.csv")).exit(0).prints(&["note: ", said]);
     work.grimace("track faces/P01/001 -c cheek.csv -o track.csv").exit(0).prints(&[said, "verdict: look again"]);
     // A file of coordinates in a picture three quarters as large.
     move_marks(&work, "other_size.csv", |_, x, y| (0.75 * x, 0.75 * y));
     let scaled = work.grimace(&format!("fit {first} -c other_size.csv -o scaled.csv")).exit(0);
-    scaled.prints(&["beside the face that is found in the picture and are of one 0.7", "are they of a picture of this size?"]);
+    scaled.prints(&["from the face found in the picture and fit a face 0.7", "check that they belong to a picture of this size"]);
     let off = work.grimace(&format!("fit {first} -c cheek.csv -o off.csv --check-marks off")).exit(0);
     assert!(!off.stdout.contains(said), "{}", off.stdout);
     // Where no face is found nothing is said.
@@ -83,10 +83,10 @@ fn marks_of_a_picture_of_another_size_are_said_where_the_face_is_lost_and_of_por
     let work = smiling();
     move_marks(&work, "half.csv", |_, x, y| (0.5 * x, 0.5 * y));
     move_marks(&work, "shares.csv", |_, x, y| (x / 440.0, y / 560.0));
-    let asks = "are they of a picture of this size?";
+    let asks = "check that they belong to a picture of this size";
     // At a place without texture nothing can be tracked.
     let lost = work.grimace("track faces/P01/001 -c shares.csv -o track.csv").exit(1);
-    lost.says(&["the face is lost: the marks lie", "are of one 0.00 times as large", asks]);
+    lost.says(&["the face is lost: the marks lie", "fit a face 0.00 times as large", asks]);
     let unchecked = work.grimace("track faces/P01/001 -c shares.csv -o track.csv --check-marks off").exit(1);
     assert!(!unchecked.stderr.contains("the marks lie"), "{}", unchecked.stderr);
     let portrait = root().join("fixtures/portraits/P01.jpg").display().to_string();

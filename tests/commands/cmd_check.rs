@@ -24,10 +24,9 @@ fn what_a_check_finds_is_what_a_run_says() {
     work.write(pictures("faces/S002/007").last().unwrap(), "no picture");
     let before = work.files("faces");
     let checked = work.grimace("check faces -o check.csv -j 1").exit(3);
+    let checked = checked.prints(&["6 sequences of 3 people: 1 good, 0 need a look, 5 would fail", "next: grimace run faces"]);
     let checked =
-        checked.prints(&["6 sequences of 3 people: 1 good, 0 to look at again, 5 would fail", "next: grimace run faces"]);
-    let checked =
-        checked.prints(&["cohort: 2 groups, A (2 people); B (1 person); nothing to test", "happiness and joy (if they mean"]);
+        checked.prints(&["cohort: 2 groups, A (2 people); B (1 person); not tested", "happiness and joy (if they mean"]);
     assert!(checked.stdout.contains("would fail at dataset: S003_007: "), "{}", checked.stdout);
     assert_same_files(&before, &work.files("faces"));
     assert_eq!(checked.stdout, work.grimace("check faces -o again.csv -j 3").exit(3).stdout.replace("again.csv", "check.csv"));
@@ -55,22 +54,22 @@ fn what_a_check_finds_is_what_a_run_says() {
     work.write("out/corrections/S9_1.csv", "frame,node,x,y\n");
     let quiet = work.grimace("check faces --results out -q").exit(3);
     assert!(quiet.stdout.is_empty() && quiet.stderr.is_empty(), "{quiet:?}");
-    work.grimace("check faces --results out").exit(3).prints(&["note: S9_1.csv in corrections/ is of no sequence of this run"]);
+    work.grimace("check faces --results out").exit(3).prints(&["note: S9_1.csv in corrections/ is not applied"]);
 }
 
 #[test]
 fn what_is_no_dataset_is_refused() {
     let work = Work::with_sequences(&["S001_005", "S002_005"]);
     work.grimace("check none").exit(1).says(&["none"]);
-    work.grimace("check faces --by size").exit(1).says(&["no sequence has a column `size`; there is: subject, sequence"]);
+    work.grimace("check faces --by size").exit(1).says(&["no sequence has a column `size`; the columns are: subject, sequence"]);
     work.grimace("check faces --marks 3 --by").exit(2);
     work.grimace("check faces -o faces/manifest.csv --force")
         .exit(1)
-        .says(&["faces/manifest.csv: --output would be written over a file that is no table of this command"]);
-    work.grimace("check faces/manifest.csv -o faces/manifest.csv --force").exit(1).says(&["would be written over the dataset"]);
+        .says(&["faces/manifest.csv: --output would overwrite a file that this command did not write"]);
+    work.grimace("check faces/manifest.csv -o faces/manifest.csv --force").exit(1).says(&["would overwrite the dataset"]);
     work.grimace("check faces/manifest.csv -o faces/S001/005/correspondences.csv --force")
         .exit(1)
-        .says(&["would be written over a file that is no table"]);
+        .says(&["would overwrite a file that this command did not write"]);
     work.grimace("check faces --results none").exit(1).says(&["--results none: there is no such folder"]);
     // Nothing is wrong, and the groups are named as in the files of a run.
     let ran = work.grimace("check faces --by cohort").exit(0).prints(&["happiness (2); happiness_cohort-A (2)"]);
@@ -98,9 +97,11 @@ fn notes_are_no_verdict_and_numbers_no_groups() {
     work.write("faces/S002/005/notes.heic", "");
     let checked = work.grimace("check faces -o check.csv --covariate age").exit(3);
     let checked = checked
-        .prints(&["3 good, 0 to look at again, 1 would fail", "columns of numbers (--covariate):\n  age: 4 numbers of 4 people"]);
-    let checked = checked.prints(&["too short for a rest and an expression: 6 frames, 25 at least", "note: S002_005: "]);
-    let checked = checked.prints(&["whole recordings, of which `run` makes a sequence for each expression that it finds"]);
+        .prints(&["3 good, 0 need a look, 1 would fail", "columns of numbers (--covariate):\n  age: 4 numbers of 4 people"]);
+    let checked =
+        checked.prints(&["too short for a rest and an expression: 6 frames; at least 25 are needed", "note: S002_005: "]);
+    let checked = checked
+        .prints(&["whole recordings are not searched here; `run` makes a sequence of each expression that it finds in them"]);
     assert!(!checked.stdout.contains("a single sequence"), "{}", checked.stdout);
     let rows = work.rows("check.csv");
     let of = |column: &str| rows.iter().map(|row| row[column].clone()).collect::<Vec<_>>();
@@ -108,6 +109,6 @@ fn notes_are_no_verdict_and_numbers_no_groups() {
     assert_eq!(of("marks"), ["file", "file", "", ""]);
     assert_eq!(of("source"), ["images", "images", "recording", "recording"]);
     assert!(rows[0]["notes"].is_empty() && rows[1]["notes"].contains("notes.heic"), "{rows:?}");
-    work.grimace("check faces --covariate cohort").exit(1).says(&["no value of the column `cohort` is a number"]);
+    work.grimace("check faces --covariate cohort").exit(1).says(&["the column `cohort` has no numbers"]);
     work.grimace("check faces --strata cohort").exit(2);
 }

@@ -92,8 +92,8 @@ fn a_clone_is_the_same_to_the_byte_and_is_not_written_over() {
     clone(&work, "--source S001_005.csv -o a").exit(0);
     clone(&work, "--source S001_005.csv -o b").exit(0);
     crate::common::assert_same_files(&work.files("a"), &work.files("b"));
-    clone(&work, "--source S001_005.csv -o a").exit(0).prints(&["a holds this clone already", "nothing written"]);
-    clone(&work, "--source S001_005.csv -o a --fps 50").exit(1).says(&["clone.json is there already; --force writes over it"]);
+    clone(&work, "--source S001_005.csv -o a").exit(0).prints(&["a already holds this clone", "nothing written"]);
+    clone(&work, "--source S001_005.csv -o a --fps 50").exit(1).says(&["clone.json exists; give --force to overwrite it"]);
     clone(&work, "--source S001_005.csv -o a --fps 50 --force").exit(0);
     assert_eq!(work.files("a/frames").len(), 11);
     clone(&work, "--source S001_005.csv -o a --force").exit(0);
@@ -110,7 +110,7 @@ fn a_clone_is_the_same_to_the_byte_and_is_not_written_over() {
     work.write("a/frames/mine.png", "mine");
     work.write("a/frames/target_00000011.png", "retouched");
     let ran = clone(&work, "--source S001_005.csv -o a --force").exit(0);
-    ran.says(&["a/frames/target_00000011.png: of an earlier clone and changed since; it is kept"]);
+    ran.says(&["a/frames/target_00000011.png: this file of an earlier clone was changed by hand and is kept"]);
     assert_eq!(work.files("a/frames").len(), 8);
     work.write("b2/frames/target_00000002.png", "mine");
     clone(&work, "--source S001_005.csv -o b2").exit(1).says(&["b2 is not empty", "--force to write into it"]);
@@ -135,7 +135,7 @@ fn films_and_tracks_of_an_earlier_clone_go_with_its_frames() {
     work.write("a/clone.apng", "cut");
     work.write("a/clone.gif", "of version 0.1.0");
     let ran = clone(&work, "--source S001_005.csv -o a --force").exit(0);
-    ran.says(&["a/clone.apng: of an earlier clone", "a/clone.gif: of an earlier clone"]);
+    ran.says(&["a/clone.apng: this file of an earlier clone", "a/clone.gif: this file of an earlier clone"]);
     assert_eq!((work.read("a/clone.apng").as_str(), work.read("a/clone.gif").as_str()), ("cut", "of version 0.1.0"));
 }
 
@@ -169,9 +169,9 @@ fn duration_rate_loop_and_emphasis_do_what_they_say() {
     assert!(lids(5).unwrap() > lids(25).unwrap() + 300.0, "{:?} {:?}", lids(5), lids(25));
     let ratio = smile("half/clone.fap") / smile("full/clone.fap");
     assert!((ratio - 0.5).abs() < 0.02, "half the emphasis is half the smile: {ratio}");
-    let said = ["FAP files have whole frame rates: clone.fap is at 30 frames per second, the clone at 29.97"];
+    let said = ["FAP files need a whole frame rate: clone.fap has 30 frames per second, the clone 29.97"];
     clone(&work, &format!("{source} -o rate --fps 29.97 --duration 0.1")).exit(0).says(&said);
-    clone(&work, &format!("{source} -o long --duration 1e9")).exit(1).says(&["frames were asked for; at most 20000"]);
+    clone(&work, &format!("{source} -o long --duration 1e9")).exit(1).says(&["frames, more than 20000"]);
 }
 
 fn fap_file(mask: &[usize], values: &str) -> String {
@@ -197,7 +197,7 @@ fn faps_close_the_eyes_and_those_that_can_not_be_shown_are_named() {
     };
     assert!(gap("2") < 0.25 * gap("1"), "the lids close: {} of {}", gap("2"), gap("1"));
     work.write("tongue.fap", fap_file(&[44], "500"));
-    clone(&work, "--source tongue.fap -o tongue").exit(1).says(&["tongue.fap: none of its FAPs (44) shows"]);
+    clone(&work, "--source tongue.fap -o tongue").exit(1).says(&["tongue.fap: none of its FAPs (44) can be shown"]);
 }
 
 #[test]
@@ -247,7 +247,7 @@ fn of_faps_only_those_that_the_file_sets_are_called_cut() {
     let work = work();
     // A jaw that falls by nine times the way from nose to mouth takes the lips along: as far as skin goes.
     work.write("jaw.fap", fap_file(&[3], "9000"));
-    clone(&work, "--source jaw.fap -o jaw").exit(0).says(&["less is shown of FAP 3 ("]);
+    clone(&work, "--source jaw.fap -o jaw").exit(0).says(&["reduced FAP 3 ("]);
     let info: serde_json::Value = serde_json::from_str(&work.read("jaw/clone.json")).unwrap();
     let cut: Vec<_> = info["faps_cut"].as_array().unwrap().iter().map(|cut| cut["fap"].as_u64().unwrap()).collect();
     assert_eq!(cut, [3], "{info}");
@@ -303,11 +303,7 @@ fn a_fap_file_of_hours_is_refused_at_once() {
     let flags = (1..=68).map(|k| if k == 3 { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
     let frames: String = (0..20_001).map(|k| format!("{flags}\n{k} 100\n")).collect();
     work.write("long.fap", format!("2.1 long 25 20001\n{frames}"));
-    clone(&work, "--source long.fap -o out").exit(1).says(&[
-        "long",
-        "20001 frames; at most 20000 are shown",
-        "fap convert --fps",
-    ]);
+    clone(&work, "--source long.fap -o out").exit(1).says(&["long", "it has 20001 frames, more than 20000", "fap convert --fps"]);
 }
 
 #[test]
@@ -315,7 +311,7 @@ fn marks_of_a_file_are_not_asked_for_without_one() {
     let work = work();
     work.grimace("clone --source S001_005.csv --target target.png --marks default -o out")
         .exit(1)
-        .says(&["target.png: --marks says which landmarks of a file are taken", "--correspondences"]);
+        .says(&["target.png: --marks selects landmarks of a file, but no file is given", "--correspondences"]);
 }
 
 #[test]
@@ -329,7 +325,7 @@ fn another_face_has_teeth_of_its_own_unless_the_sources_are_asked_for() {
     assert_eq!(apex("auto"), apex("drawn"));
     assert_ne!(apex("auto"), apex("source"), "the lips of the smile are apart");
     let none = "--source S001_005.csv -o none --teeth source";
-    clone(&work, none).exit(1).says(&["--teeth source needs the pictures of the source: give --source-frames"]);
+    clone(&work, none).exit(1).says(&["--teeth source needs the frames of the source: give --source-frames"]);
 }
 
 #[test]
@@ -377,9 +373,9 @@ fn an_interrupted_batch_goes_on_where_it_stopped() {
     crate::common::assert_same_files(&files, &work.files("batch"));
     batch().exit(0).prints(&["0 of 2 clones written to batch; 2 unchanged"]);
     // What differs is not written over: another option, and a frame that somebody changed.
-    clone(&work, "--source S001_005.csv still.fap -o batch --emphasis 0.5").exit(1).says(&["clone.json is there already"]);
+    clone(&work, "--source S001_005.csv still.fap -o batch --emphasis 0.5").exit(1).says(&["clone.json exists"]);
     work.write("batch/target_still/frames/target_00000001.png", "mine");
-    let there = ["target_still/clone.json is there already; --force", "batch/sheet.png is there already; --force"];
+    let there = ["target_still/clone.json exists; give --force", "batch/sheet.png exists; give --force"];
     batch().exit(3).says(&there);
 }
 
@@ -388,7 +384,7 @@ fn targets_without_marks_turned_away_or_of_another_size_are_named() {
     let work = work();
     work.grimace("clone --source S001_005.csv --target target.png target.png -c marks.csv -o out")
         .exit(1)
-        .says(&["or none to have marks found"]);
+        .says(&["or none to find the marks"]);
     work.write("empty.csv", "node,x,y\n");
     let with = |marks: &str| work.grimace(&format!("clone --source S001_005.csv --target target.png -c {marks} -o out"));
     with("empty.csv").exit(1).says(&["empty.csv", "at least 3"]);
@@ -419,7 +415,7 @@ fn targets_without_marks_turned_away_or_of_another_size_are_named() {
     with("short.csv").exit(1).says(&["2 landmarks; the points 0 to 67"]);
     work.grimace("clone --source S001_005.csv --target target.png target.png -c marks.csv -o out")
         .exit(1)
-        .says(&["2 targets and 1 files of correspondences"]);
+        .says(&["2 targets but 1 files of --correspondences"]);
 }
 
 /// The marks of `marks.csv` times a factor.
@@ -459,7 +455,7 @@ fn tiny_and_huge_pictures_work_or_say_what_is_missing() {
     work.write("wide.png", png(wide));
     work.grimace("clone --source S001_005.csv --target wide.png -c marks.csv -o wide")
         .exit(1)
-        .says(&["16400x40; at most 16384 px"]);
+        .says(&["16400x40, larger than 16384 px"]);
 }
 
 /// A JPEG whose EXIF data says that it lies on its side (orientation 6: turn it clockwise to see it upright).
@@ -507,14 +503,16 @@ fn sixteen_bit_transparent_and_rotated_pictures_are_the_same_face() {
 fn sources_that_do_not_fit_are_named() {
     let work = work();
     work.write("other.csv", "frame,node,x,y\n0,0,1,1\n0,1,2,2\n1,0,1,1\n1,1,2,2\n");
-    clone(&work, "--source other.csv -o out").exit(1).says(&["other.csv has 2 nodes, the wireframe 113"]);
+    clone(&work, "--source other.csv -o out").exit(1).says(&["other.csv has 2 nodes, but the wireframe has 113"]);
     work.write("smile.fap", std::fs::read(crate::common::root().join("fixtures/golden/fap/happiness.fap")).unwrap());
     clone(&work, "--source smile.fap --head -o nod").exit(0).says(&["smile.fap: --head has no effect: only tracks"]);
     let track = clone(&work, "--source S001_005.csv --head -o turn").exit(0);
     assert!(!track.stderr.contains("--head"), "{}", track.stderr);
     // With y counted from below, and of a mirrored picture.
     let text = String::from_utf8(work.bytes("S001_005.csv")).unwrap();
-    for (name, column, says) in [("below.csv", 3, "y is counted from the top"), ("side.csv", 2, "left and right are exchanged")] {
+    for (name, column, says) in
+        [("below.csv", 3, "y must be counted downwards from the top"), ("side.csv", 2, "left and right are swapped")]
+    {
         let flipped = text.lines().enumerate().map(|(line, row)| {
             let mut cells: Vec<String> = row.split(',').map(str::to_owned).collect();
             if line > 0 {
@@ -526,9 +524,11 @@ fn sources_that_do_not_fit_are_named() {
         clone(&work, &format!("--source {name} -o out")).exit(1).says(&[name, says]);
     }
     clone(&work, "--source below.csv side.csv -o out").exit(1).says(&["no source could be read: below.csv: ", "; side.csv: "]);
-    clone(&work, "--source target.png -o out").exit(1).says(&["target.png: is neither a track or model (.csv) nor a FAP file"]);
+    clone(&work, "--source target.png -o out")
+        .exit(1)
+        .says(&["target.png: this is neither a track or model (.csv) nor a FAP file"]);
     clone(&work, "--source gone.csv -o out").exit(1).says(&["gone.csv"]);
-    clone(&work, "--source S001_005.csv --wrinkles -o out").exit(1).says(&["--wrinkles needs the pictures of the source"]);
+    clone(&work, "--source S001_005.csv --wrinkles -o out").exit(1).says(&["--wrinkles needs the frames of the source"]);
     work.grimace("analyze S001_005.csv -o analysed -q").exit(0);
     clone(&work, "--source analysed/representatives/happiness.csv --source-frames faces/S001/005 --wrinkles -o out")
         .exit(1)
@@ -539,9 +539,9 @@ fn sources_that_do_not_fit_are_named() {
     }
     clone(&work, "--source S001_005.csv --source-frames small --wrinkles -o out")
         .exit(1)
-        .says(&["small: frame 1 is 40x40, but the track S001_005 was made from frames of"]);
+        .says(&["small: frame 1 is 40x40, but the frames of the track S001_005 are"]);
     // Another person's frames, of the same size and number; and the right ones in another folder.
-    let other = "other: S002_005_00000001.png is none of the files that the track S001_005 was made from (S001_005_00000001.png and others)";
+    let other = "other: S002_005_00000001.png is not one of the files that the track S001_005 was made from (S001_005_00000001.png and others)";
     std::fs::rename(work.path("faces/S002/005"), work.path("other")).unwrap();
     clone(&work, "--source S001_005.csv --source-frames other --wrinkles -o out").exit(1).says(&[other]);
     for (name, bytes) in work.files("faces/S001/005") {
@@ -552,7 +552,7 @@ fn sources_that_do_not_fit_are_named() {
         work.write(&format!("namesake/{}", name.replace("S002", "S001")), bytes);
     }
     clone(&work, "--source S001_005.csv --source-frames namesake --wrinkles -o out").exit(1).says(&[
-        "namesake: called as what the track S001_005 was made from, but another person's, or changed since; give the folder",
+        "namesake: the files have the same names as those that the track S001_005 was made from, but another content; give the folder",
     ]);
     // A folder that has more pictures is no other one.
     work.write("moved/S001_005_00000007.png", work.bytes("target.png"));
@@ -560,7 +560,7 @@ fn sources_that_do_not_fit_are_named() {
     std::fs::remove_file(work.path("faces/S001/005/S001_005_00000003.png")).unwrap();
     clone(&work, "--source S001_005.csv --source-frames faces/S001/005 --wrinkles -o out")
         .exit(1)
-        .says(&["has 5 of the 6 frames of the track S001_005"]);
+        .says(&["has only 5 of the 6 frames of the track S001_005"]);
 }
 
 #[test]
@@ -627,7 +627,7 @@ fn sheets_for_graders_hide_what_is_meant_and_grades_are_summed_up() {
     }
     work.grimace("evaluate clone --sheets P01.jpg P02.jpg --sources happiness.csv surprise.csv -o sheets").exit(0).prints(&[
         "2 sheets",
-        "without key.csv",
+        "without seeing key.csv",
         "5: passes as a photograph",
     ]);
     let sheet = picture(&work, "sheets/P01.png");

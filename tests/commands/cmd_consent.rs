@@ -73,6 +73,6 @@ fn a_clone_does_not_show_the_pictures_of_who_does_not_want_it() {
         let target = "--target faces/S002/005/S002_005_00000001.png --correspondences faces/S002/005/correspondences.csv";
         work.grimace(&format!("clone --source out/tracks/S001_005.csv {target} -o clone {more} -q"))
     };
-    clone("--source-frames faces/S001/005").exit(1).says(&["`publish`", "may not be shown"]);
+    clone("--source-frames faces/S001/005").exit(1).says(&["`publish`", "forbids showing pictures of this person"]);
     clone("").exit(0);
 }

@@ -111,13 +111,13 @@ fn a_run_writes_pose_action_units_and_faps_of_every_frame() {
     work.write("again/A_1.json", "mine");
     work.grimace("features out/tracks -o again --force")
         .exit(1)
-        .says(&["A_1.json: it is there already, and is not as an earlier `features`"]);
+        .says(&["A_1.json: this file exists and differs from what an earlier `features`"]);
     assert_eq!(work.read("again/A_1.json"), "mine");
     work.write("file", "").grimace("features out/tracks -o file --force").exit(1).says(&["file: this is a file"]);
     work.grimace("features out/tracks -o two --units AU12,4").exit(0);
     let header = work.header("two/A_1.csv");
     assert!(header.contains("AU12_r") && header.contains("AU04_e") && !header.contains("AU01_r"), "{header}");
-    work.grimace("features out/tracks -o none --units AU12,AU3").exit(2).says(&["`AU3` is no action unit", "AU45"]);
+    work.grimace("features out/tracks -o none --units AU12,AU3").exit(2).says(&["`AU3` is not an action unit", "AU45"]);
 }
 
 #[test]
@@ -172,7 +172,7 @@ fn what_is_no_track_or_no_face_is_refused_by_name() {
     work.grimace("features nothing -o out").exit(1).says(&["nothing"]);
     work.write("joy.csv", "frame,node,x,y\n0,0,1,1\n1,0,2,2\n")
         .write("joy.json", "{\"emotion\": \"joy\", \"sequences\": [\"A_1\"]}");
-    work.grimace("features joy.csv -o out").exit(1).says(&["joy.csv: a representative, and no track"]);
+    work.grimace("features joy.csv -o out").exit(1).says(&["joy.csv: this is a representative, not a track"]);
     // A table of OpenFace without its landmarks.
     work.write("heads/manifest.csv", "subject,sequence,emotion,frames\nA,1,anger,A.csv\n");
     work.write("heads/A.csv", "frame,confidence,success,AU12_r\n1,0.9,1,0.5\n2,0.9,1,2.5\n");
@@ -211,11 +211,11 @@ fn a_frame_without_a_pose_costs_that_frame() {
     let verdicts = work.rows("out/verdicts.csv");
     for verdict in &verdicts {
         let said = if verdict["subject"] == "lost" {
-            "in 1 of 4 frames, frame 3 the first"
+            "in 1 of 4 frames, first in frame 3"
         } else {
-            "in 1 of 3 frames, frame 2 the first"
+            "in 1 of 3 frames, first in frame 2"
         };
-        assert!(verdict["reasons"].contains(&format!("no pose was found {said}")), "{verdict:?}");
+        assert!(verdict["reasons"].contains(&format!("found no head pose {said}")), "{verdict:?}");
     }
 }
 
@@ -253,8 +253,8 @@ fn blendshapes_of_mediapipe_stand_beside_the_action_units() {
     // Who was not measured by them has our columns only.
     assert!(!work.rows("compared/B_1.csv")[0].contains_key("mediapipe_mouthSmileLeft"));
     let said = work.grimace("features out/tracks -o more --blendshapes theirs/A_1.json").exit(1);
-    assert!(said.stderr.contains("for 2 tracks give a folder"), "{}", said.stderr);
+    assert!(said.stderr.contains("for 2 tracks, give a folder"), "{}", said.stderr);
     work.write("short.json", format!("[{}]", result(0.0)));
     let said = work.grimace("features out/tracks/A_1.csv -o more --blendshapes short.json").exit(1);
-    assert!(said.stderr.contains("1 results without frame numbers where the track has 3 frames"), "{}", said.stderr);
+    assert!(said.stderr.contains("1 results without frame numbers, but the track has 3 frames"), "{}", said.stderr);
 }

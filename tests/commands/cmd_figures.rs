@@ -52,11 +52,11 @@ fn a_run_gives_figures_as_svg_and_pdf_with_captions() {
     // The same input gives the same bytes; nothing is written over.
     work.grimace("figures results -o again -q").exit(0).prints(&[]);
     assert!(work.files("figures") == work.files("again"), "the same bytes");
-    work.grimace("figures results -o figures").exit(1).says(&["figures is not empty; --force"]);
+    work.grimace("figures results -o figures").exit(1).says(&["figures is not empty; choose another folder, or give --force"]);
     work.grimace("figures results -o figures --force -q").exit(0);
     let mine = work.path("figures/captions.csv");
     std::fs::write(&mine, "mine").unwrap();
-    let foreign = "captions.csv: it is there already, and is not as an earlier `figures` wrote it";
+    let foreign = "captions.csv: this file exists and differs from what an earlier `figures` wrote";
     work.grimace("figures results -o figures --force -q").exit(1).says(&[foreign]);
     assert_eq!(std::fs::read(&mine).unwrap(), b"mine");
     std::fs::remove_file(&mine).unwrap();
@@ -70,7 +70,7 @@ fn a_run_gives_figures_as_svg_and_pdf_with_captions() {
     work.write("results/run.journal", "representatives/happiness.csv\t\n");
     let record = work.read("results/run.json");
     work.write("results/run.json", record.replacen("\"complete\": true", "\"complete\": false", 1));
-    work.grimace("figures results -o half -q").exit(0).says(&["note: results: the run is not finished (run.journal is there)"]);
+    work.grimace("figures results -o half -q").exit(0).says(&["note: results: the run is not finished (run.journal exists)"]);
     // A journal that a whole run left behind is not.
     work.write("results/run.json", record);
     let whole = work.grimace("figures results -o whole -q").exit(0);
@@ -82,8 +82,8 @@ fn a_run_gives_figures_as_svg_and_pdf_with_captions() {
         std::fs::remove_file(work.path(&format!("results/{name}"))).unwrap();
     }
     work.grimace("figures results -o fewer -q").exit(0).says(&[
-        "note: results: bands.csv is not there: the courses of FAPs are left out",
-        "note: results: trimming.csv is not there",
+        "note: results: bands.csv is missing: the figures of FAPs over time are left out",
+        "note: results: trimming.csv is missing",
         "note: results: features/ has no table of 1 of 6 sequences",
     ]);
     // Records that are cut or of a later version are named as such.
@@ -120,7 +120,7 @@ fn a_run_gives_figures_as_svg_and_pdf_with_captions() {
         ("0", "`fps` is 0"),
         ("1e9", "`fps` is 1000000000"),
         ("25, \"times\": [0, 1]", "`times` has 2 times"),
-        ("25, \"times\": [0, 2, 1, 3, 4, 5]", "`times` has 1 behind 2"),
+        ("25, \"times\": [0, 2, 1, 3, 4, 5]", "`times` has 1 after 2"),
     ] {
         work.write("results/tracks/S001_005.json", format!("{} {fps}{}", &info[..number], &info[end..]));
         work.grimace("features results/tracks/S001_005.csv -o f").exit(1).says(&[
@@ -137,7 +137,7 @@ fn a_run_gives_figures_as_svg_and_pdf_with_captions() {
 #[test]
 fn what_is_no_run_is_said() {
     let work = Work::new();
-    work.grimace("figures nothing -o figures").exit(1).says(&["nothing: there is no representative in it"]);
+    work.grimace("figures nothing -o figures").exit(1).says(&["nothing: this folder has no representatives"]);
     assert!(!work.path("figures").exists());
     work.write("bad/representatives/anger.csv", "frame,node,x,y\n0,0,1,1\n1,0,1,1\n")
         .write("bad/representatives/anger.json", "{");

@@ -78,7 +78,7 @@ fn nodes_set_by_hand_are_hard_positions() {
     let file = |first: &str| format!("node,x,y,kind\n{first}\n{}\n", marks.join("\n"));
     // 8.4 is the right mouth corner, node 64, which is marked already.
     work.write("hard.csv", file("8.4,60,120,hard"));
-    work.grimace("fit neutral.png -c hard.csv -o fit.csv").exit(1).says(&["hard.csv, line 8: node 64 stands in line 2 already"]);
+    work.grimace("fit neutral.png -c hard.csv -o fit.csv").exit(1).says(&["hard.csv, line 8: node 64 is already in line 2"]);
     work.write("hard.csv", file("5,101.25,92.5,hard"));
     work.grimace("fit neutral.png -c hard.csv -o fit.csv").exit(0).prints(&["12 marks (1 hard)"]);
     let rows = work.rows("fit.csv");
@@ -89,8 +89,8 @@ fn nodes_set_by_hand_are_hard_positions() {
 fn results_are_not_written_over_without_force() {
     let work = work();
     work.write("fit.csv", "mine").write("fit.png", "mine");
-    work.grimace("fit neutral.png -c marks.csv -o fit.csv").exit(1).says(&["fit.csv is there already", "--force"]);
-    work.grimace("fit neutral.png -c marks.csv -o new.csv --overlay fit.png").exit(1).says(&["fit.png is there already"]);
+    work.grimace("fit neutral.png -c marks.csv -o fit.csv").exit(1).says(&["fit.csv exists", "--force"]);
+    work.grimace("fit neutral.png -c marks.csv -o new.csv --overlay fit.png").exit(1).says(&["fit.png exists"]);
     assert!(!work.path("new.csv").exists());
     // A folder, as of the other commands: the picture has the image's name.
     work.grimace("fit neutral.png -c marks.csv -o new.csv --overlay pictures").exit(0);
@@ -126,7 +126,7 @@ fn marks_that_do_not_make_a_fit_are_refused() {
     refused("node,x,y\n20,80,60\n53,120,inf\n10,100,90\n", &["line 3", "y is `inf`"]);
     refused("node;x;y\n20;80,5;60\n", &["1 correspondences; at least 3"]);
     refused("node;x;z\n20;80;60\n", &["has no column `y`; found `node`, `x`, `z`"]);
-    refused("node,x,y\n20,80\n", &["line 2", "the row has 2 fields where the header has 3"]);
+    refused("node,x,y\n20,80\n", &["line 2", "the row has 2 fields, but the header has 3"]);
     refused("", &["is empty; a header line was expected"]);
     // The subject's left eye is at the right of the image: these are exchanged, and the chin is above.
     refused(
@@ -160,7 +160,7 @@ fn exchanged_left_and_right_are_refused() {
         None => String::new(),
     });
     work.write("bad.csv", swapped.collect::<String>());
-    work.grimace("fit neutral.png -c bad.csv -o fit.csv").exit(1).says(&["the marks fit the mirrored face", "the subject's own"]);
+    work.grimace("fit neutral.png -c bad.csv -o fit.csv").exit(1).says(&["the marks fit a mirrored face", "the subject's own"]);
 }
 
 #[test]
@@ -171,7 +171,7 @@ fn exchanged_corners_of_an_eye_are_refused_by_name() {
     let swapped = marks.replace("\n20,", "\n@,").replace("\n23,", "\n20,").replace("\n@,", "\n23,");
     assert_ne!(swapped, marks);
     work.write("bad.csv", swapped);
-    work.grimace("fit neutral.png -c bad.csv -o fit.csv").exit(1).says(&["the marks of nodes 20 and 23 are exchanged"]);
+    work.grimace("fit neutral.png -c bad.csv -o fit.csv").exit(1).says(&["the marks of nodes 20 and 23 are swapped"]);
     assert!(!work.path("fit.csv").exists());
 }
 
@@ -208,7 +208,7 @@ fn a_wireframe_of_one_s_own_is_used_and_one_cut_in_the_middle_refused() {
     work.grimace("fit neutral.png -c marks.csv -o own.csv --wireframe own.wfm").exit(0);
     assert_eq!(work.read("own.csv"), work.read("built-in.csv"));
     let ran = work.grimace("fit neutral.png -c marks.csv -o fit.csv --wireframe half.wfm").exit(1);
-    ran.says(&["half.wfm: line", "units list", "cut off or a count is too large"]);
+    ran.says(&["half.wfm: line", "units list", "truncated or a count is too large"]);
     let ran = work.grimace("fit neutral.png -c marks.csv -o fit.csv --wireframe torn.wfm").exit(1);
     ran.says(&["torn.wfm: line", "units list: found", "was expected"]);
     work.grimace("fit neutral.png -c marks.csv -o fit.csv --wireframe none.wfm").exit(1).says(&["none.wfm: cannot be read"]);
@@ -248,13 +248,15 @@ fn only_regular_files_are_written_and_links_stay_links() {
     assert!(std::fs::symlink_metadata(work.path("link.csv")).unwrap().is_symlink());
     assert!(work.read("real.csv").starts_with("node,x,y"));
     fit("pipe").exit(1).says(&["cannot write pipe: it is a pipe"]);
-    fit("dead.csv").exit(1).says(&["dead.csv: it is a link to a file that is not there"]);
+    fit("dead.csv").exit(1).says(&["dead.csv: it is a link to a file that does not exist"]);
     fit("/dev/null").exit(1).says(&["cannot write /dev/null: it is a device"]);
     // Standard output of the tests is a pipe, and none of these is a link to remove.
     if std::path::Path::new("/dev/stdout").exists() {
-        fit("/dev/stdout").exit(1).says(&["cannot write /dev/stdout: it is a pipe, and only regular files are written"]);
+        fit("/dev/stdout")
+            .exit(1)
+            .says(&["cannot write /dev/stdout: it is a pipe, but results are written to regular files only"]);
     }
-    fit("-").exit(1).says(&["-: files are written, and nothing to standard output; for a file of that name give ./-"]);
+    fit("-").exit(1).says(&["-: this command cannot write to standard output; for a file of that name give ./-"]);
     fit("./-").exit(0);
     assert!(!work.path("nowhere").exists() && !work.path("pipe").is_file());
     work.grimace("run faces -o out -j 100000").exit(2).says(&["expected a whole number from 0 to 1024"]);
@@ -309,14 +311,14 @@ fn of_several_faces_it_is_said_which_was_taken() {
         both.save(work.path(name)).unwrap();
     }
     left.save(work.path("one.png")).unwrap();
-    let said = "2 faces were found, and the largest was taken";
+    let said = "found 2 faces; the largest is used";
     work.grimace("fit both.png -o both.csv").exit(0).says(&[&format!("both.png: {said}"), "grimace annotate"]);
     let alone = work.grimace("fit one.png -o one.csv").exit(0);
-    assert!(!alone.stderr.contains("faces were found"));
+    assert!(!alone.stderr.contains("faces; the largest"));
     // A run says it of the sequence, and that nothing moves where one picture is repeated.
     work.write("faces/manifest.csv", "subject,sequence,emotion,frames\nA,1,joy,both\n");
     work.grimace("run faces -o out").exit(0).prints(&[&format!("A_1: {said}")]);
     let verdict = &work.rows("out/verdicts.csv")[0];
     assert_eq!(verdict["verdict"], "look again");
-    assert!(verdict["reasons"].contains("nothing moves: in frame 2 no 5 nodes are more than"), "{verdict:?}");
+    assert!(verdict["reasons"].contains("the face does not move: in frame 2 fewer than 5 nodes are more than"), "{verdict:?}");
 }

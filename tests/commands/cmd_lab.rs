@@ -29,7 +29,7 @@ fn run(folder: &Path, args: &str) -> Ran {
 fn the_lab_is_found_beside_the_command_then_on_path() {
     let folder = tempfile::tempdir().unwrap();
     let absent = run(folder.path(), "simulate -o faces").exit(1);
-    absent.says(&["`grimace simulate` is a command of grimace-lab", "cargo install --path crates/lab"]);
+    absent.says(&["`grimace simulate` needs the program grimace-lab", "cargo install --path crates/lab"]);
     script(&folder.path().join("path"), "path");
     // Arguments and exit status are the lab's, help included.
     run(folder.path(), "simulate -o faces --help -x").exit(3).prints(&["path <simulate> <-o> <faces> <--help> <-x>"]);

@@ -46,13 +46,13 @@ fn pictures_need_no_opencv_and_videos_say_what_is_missing() {
     // In a run it is not the sequence's fault.
     let manifest = format!("subject,sequence,emotion,frames,correspondences\nS001,1,happiness,../face.avi,../{MARKS}\n");
     work.write("films/manifest.csv", &manifest);
-    alone(&work, "run films -o out").exit(1).says(&["the machine failed, not the sequence", "this needs grimace-opencv"]);
-    let checked = alone(&work, "check films").exit(3).prints(&["`run` would stop at track: S001_1: the machine failed"]);
+    alone(&work, "run films -o out").exit(1).says(&["the computer failed, not the sequence", "this needs grimace-opencv"]);
+    let checked = alone(&work, "check films").exit(3).prints(&["`run` would stop at track: S001_1: the computer failed"]);
     assert!(!checked.stdout.contains("next:"), "{}", checked.stdout);
     // A frame that the video does not have, as far as its header says.
     let manifest = manifest.replace("frames,", "frames,last_frame,").replace("face.avi,", "face.avi,500,");
     work.write("films/manifest.csv", manifest);
-    work.grimace("check films").exit(3).prints(&["`last_frame` is 500, and the header of the video states 6 frames", "next:"]);
+    work.grimace("check films").exit(3).prints(&["`last_frame` is 500, but the header of the video states 6 frames", "next:"]);
 }
 
 #[test]
@@ -108,11 +108,11 @@ fn a_decoder_that_breaks_down_or_is_none_costs_its_video() {
     let huge = r#"printf '\001\377\377\377\377\377\377\000\000\377\377\000\000\003'"#;
     let cases = [
         ("exit 0".to_owned(), "grimace-opencv ended before its work was done"),
-        ("echo hello world, I am another program".to_owned(), "is of another version than this program"),
-        (r#"printf '\000\027\000\000\000{"hello":{"version":9}}'; cat"#.to_owned(), "is of another version than this program"),
+        ("echo hello world, I am another program".to_owned(), "has another version than this program"),
+        (r#"printf '\000\027\000\000\000{"hello":{"version":9}}'; cat"#.to_owned(), "has another version than this program"),
         (format!("{hello}; kill -SEGV $$"), "grimace-opencv ended before its work was done (signal: 11"),
         (format!("{hello}; {video}; kill -SEGV $$"), "grimace-opencv ended before its work was done (signal: 11"),
-        (format!("{hello}; {video}; {huge}; cat"), "gave an answer that is not understood: a picture of 65535x65535"),
+        (format!("{hello}; {video}; {huge}; cat"), "gave an unknown answer: a picture of 65535x65535"),
     ];
     for (text, said) in cases {
         script(&work.path("bin"), &text);
@@ -130,14 +130,14 @@ fn lists_of_files_are_no_videos_and_colons_no_protocols() {
     work.write("list.mp4", "ffconcat version 1.0\nfile real.avi\n");
     work.grimace(&format!("track list.mp4 -c {MARKS} -o S001_1.csv"))
         .exit(1)
-        .says(&["list.mp4: ", "a text, such as a list of other files"]);
+        .says(&["list.mp4: ", "this is a text file, such as a list of other files"]);
     #[cfg(unix)]
     {
         fs::rename(work.path("real.avi"), work.path("10:20.avi")).unwrap();
         work.grimace(&format!("track 10:20.avi -c {MARKS} -o S001_1.csv")).exit(0);
         work.grimace(&format!("track 10:20.avi -c {MARKS} -o S001_2.csv --first-frame 41 --last-frame 1"))
             .exit(1)
-            .says(&["before frame 41 that `first_frame` asks for"]);
+            .says(&["but `first_frame` is 41"]);
     }
 }
 

@@ -51,7 +51,7 @@ fn a_page_plays_tracks_and_fap_files_on_the_shipped_face_and_on_portraits() {
     // The same input gives the same bytes, and nothing is written over.
     work.grimace("play S001_005.csv jaw.fap -o again.html -q").exit(0).prints(&[]);
     assert_eq!(html, work.read("again.html"));
-    work.grimace("play jaw.fap -o page.html").exit(1).says(&["page.html is there already; --force writes over it"]);
+    work.grimace("play jaw.fap -o page.html").exit(1).says(&["page.html exists; give --force to overwrite it"]);
 
     let portraits = "faces/S001/005/S001_005_00000001.png faces/S002/005/S002_005_00000001.png";
     let marks = "faces/S001/005/correspondences.csv faces/S002/005/correspondences.csv";
@@ -59,12 +59,12 @@ fn a_page_plays_tracks_and_fap_files_on_the_shipped_face_and_on_portraits() {
     work.grimace(&format!("play jaw.fap still.fap --portrait {portraits} -c {marks} -o both.html"))
         .exit(0)
         .prints(&["2 motions on 2 faces"])
-        .says(&["note: still.fap: nothing moves in the whole motion"]);
+        .says(&["note: still.fap: the motion contains no movement"]);
     let both = data(&work.read("both.html"));
     assert_eq!(both["faces"][1]["label"], "S002_005_00000001");
     work.grimace(&format!("play jaw.fap --portrait {portraits} -c faces/S001/005/correspondences.csv -o c.html"))
         .exit(1)
-        .says(&["2 portraits and 1 files of correspondences"]);
+        .says(&["2 portraits but 1 files of --correspondences"]);
 }
 
 #[test]
@@ -94,7 +94,7 @@ fn a_page_plays_on_the_dense_head() {
     work.write("side.fap", format!("2.1 side 25 2\n{mask}\n0 0\n{mask}\n1 300\n"));
     work.grimace("play side.fap --bank head -o side.html -q").exit(0).says(&[
         "warning: side.fap: on the head head, no mixture of the bank's members",
-        "the face rests in the one frame that moves",
+        "the face rests in the only frame with motion",
     ]);
     // A bank whose size cannot be measured.
     work.write("meshes/neutral.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
@@ -103,10 +103,7 @@ fn a_page_plays_on_the_dense_head() {
     work.grimace("bank build meshes -o one.bank").exit(0);
     let ran = work.grimace("play jaw.fap --bank one.bank -o x.html").exit(1);
     assert!(!ran.stderr.contains("--scale"), "{}", ran.stderr);
-    ran.says(&[
-        "jaw.fap: the bank's facial animation units cannot be measured",
-        "give another --bank, one that has them, or none",
-    ]);
+    ran.says(&["jaw.fap: the bank's facial animation units cannot be measured", "give another --bank that has them, or none"]);
     work.grimace("synthesize -m jaw.fap --bank one.bank -o x").exit(1).says(&["give --scale, the bank's units per face unit"]);
 }
 
@@ -116,7 +113,7 @@ fn what_does_not_play_is_said() {
     work.write("notes.txt", "x").write("bad.fap", "no fap");
     work.grimace("play notes.txt -o a.html")
         .exit(1)
-        .says(&["notes.txt: is neither a track or model (.csv) nor a FAP file (.fap)"]);
+        .says(&["notes.txt: this is neither a track or model (.csv) nor a FAP file (.fap)"]);
     work.grimace("play bad.fap -o a.html").exit(1).says(&["bad.fap"]);
     work.grimace("play missing.csv -o a.html").exit(1).says(&["missing.csv"]);
     work.grimace("play -o a.html").exit(2);

@@ -141,7 +141,7 @@ fn bad_landmark_files_cost_their_sequence_and_say_why() {
         ("commas", good.replacen("\n1,", "\n1,3,5,", 1), Some("decimal commas")),
         ("lost", open_face(&[(1, 0.0, 0.1), (2, 5.0, 0.2)]), Some("lost in all 2 frames")),
         ("end", open_face(&[(1, 0.0, 0.9), (2, 5.0, 0.2)]), Some("frame 2, the apex frame")),
-        ("gap", own(&[(1, 0.0), (2, 1.0), (900, 8.0)]), Some("only 3 have landmarks")),
+        ("gap", own(&[(1, 0.0), (2, 1.0), (900, 8.0)]), Some("only 3 of 900 frames")),
         ("empty", String::new(), Some("is empty")),
     ];
     for (name, text, _) in &files {
@@ -174,7 +174,10 @@ fn groups_are_tested_with_everything_a_reviewer_asks_for() {
     let rows: Vec<(&str, f64, &str)> = rows.iter().map(|(s, x, m)| (s.as_str(), *x, *m)).collect();
     people(&work, ",place", &rows);
     let ran = work.grimace("run people -o out --resample linear --by place --permutations 999 --bootstrap 200").exit(0);
-    ran.prints(&["not tested: happiness: island and north (a group of 1 cannot be tested)", "compared with nobody"]);
+    ran.prints(&[
+        "not tested: happiness: island and north (a group of 1 is too small for a test)",
+        "not compared with other groups",
+    ]);
     let comparisons = work.rows("out/comparisons.csv");
     // Island, north, south: three pairs; `unknown` is none.
     assert_eq!(comparisons.len(), 3);
@@ -184,7 +187,7 @@ fn groups_are_tested_with_everything_a_reviewer_asks_for() {
     assert!(number("effect") > 3.0 * number("effect_by_chance"));
     assert_eq!((tested["subjects_a"].as_str(), tested["exhaustive"].as_str()), ("14", "false"));
     let island = comparisons.iter().find(|r| r["group_a"] == "island").unwrap();
-    assert_eq!((island["p"].as_str(), island["not_tested"].as_str()), ("", "a group of 1 cannot be tested"));
+    assert_eq!((island["p"].as_str(), island["not_tested"].as_str()), ("", "a group of 1 is too small for a test"));
     // The corners of the mouth differ; the chin, whose landmark moves in nobody, does so by what the springs hand on only.
     let nodes = work.rows("out/comparison_nodes.csv");
     let value = |node: &str, column: &str| nodes.iter().find(|r| r["node"] == node).unwrap()[column].parse::<f64>().unwrap();
@@ -264,9 +267,10 @@ fn designs_that_allow_no_test_say_why_and_no_table_has_a_nan() {
     let rows: Vec<(&str, f64, &str)> = rows.iter().map(|(s, x, m)| (s.as_str(), *x, m.as_str())).collect();
     people(&work, ",place,site,age,one", &rows);
     let run = "run people --resample linear --by place --permutations 199 --bootstrap 20";
-    for (folder, strata, expected) in
-        [("site", "site", "groups and strata coincide"), ("age", "age", "1 of the people have no value in `age`, p03 among them")]
-    {
+    for (folder, strata, expected) in [
+        ("site", "site", "groups and strata coincide"),
+        ("age", "age", "1 of the people have no value in `age`, for example p03"),
+    ] {
         work.grimace(&format!("{run} -o {folder} --strata {strata}")).exit(0);
         for table in ["comparisons", "group_tests", "amplitude_comparisons"] {
             let why = reason(folder, table);
@@ -282,8 +286,8 @@ fn designs_that_allow_no_test_say_why_and_no_table_has_a_nan() {
     // One person alone; and people who all smile alike.
     people(&work, ",place", &[("a", 5.0, ",north")]);
     let alone = work.grimace("run people -o alone --resample linear").exit(0);
-    alone.prints(&["no amplitudes, as there is one person only: happiness"]);
-    assert_eq!(work.rows("alone/variation.csv")[0]["not_made"], "1 person; principal components need 3 people or more");
+    alone.prints(&["no amplitudes, because there is only one person: happiness"]);
+    assert_eq!(work.rows("alone/variation.csv")[0]["not_made"], "found 1 person; principal components need at least 3 people");
     assert!(
         work.rows("alone/amplitudes.csv").iter().all(|r| r["amplitude"].is_empty() && r["no_amplitude"].contains("one person"))
     );
@@ -311,7 +315,7 @@ fn spellings_are_one_group_near_twins_are_named_and_people_count_once() {
     let more: String = (2..8).map(|k| format!("a,{k},Happiness,a.csv,FEMALE\n")).collect();
     work.write("people/manifest.csv", manifest + &more);
     let ran = work.grimace("run people -o out --resample linear --by gender").exit(0);
-    ran.prints(&["kept apart, though one may be misspelt: gender female and femele", "each person counts as one"]);
+    ran.prints(&["one may be misspelt; they are kept separate: gender female and femele", "every person has equal weight"]);
     let statistics = work.rows("out/statistics.csv");
     let of = |gender: &str| statistics.iter().filter(|r| r["gender"].eq_ignore_ascii_case(gender)).collect::<Vec<_>>();
     assert_eq!(of("female").len(), 1);
@@ -329,7 +333,7 @@ fn words_for_one_emotion_are_kept_apart_and_said_once() {
     people(&work, "", &[one, other]);
     let manifest = work.read("people/manifest.csv");
     work.write("people/manifest.csv", manifest.clone() + "a,2,Joy,a.csv\na,3,surprise,a.csv\nb,3,surprised,b.csv\n");
-    let said = "words for the same: happiness and joy; surprise and surprised (if they mean the same, give them one label)";
+    let said = "each is treated as a separate emotion: happiness and joy; surprise and surprised (if they mean the same, give them one label)";
     let ran = work.grimace("run people -o out --resample linear").exit(0).prints(&[said]);
     assert!(!ran.stdout.contains("misspelt"));
     assert_eq!(work.rows("out/statistics.csv").len(), 4);
@@ -339,7 +343,8 @@ fn words_for_one_emotion_are_kept_apart_and_said_once() {
 fn ages_as_groups_are_said() {
     let work = Work::new();
     people(&work, ",age", &[("a", 5.0, ",23"), ("b", 6.0, ",31"), ("c", 7.0, ",45.5"), ("d", 8.0, ",23")]);
-    let said = "each number is a group of its own: `age` (3 numbers of 4 people); --covariate tests whether expressions go with numbers; for groups of several people, add a column of classes, such as `age_group`";
+    let said = "each number forms its own group: `age` (3 numbers of 4 people); to test whether expressions change with numbers, use \
+         --covariate; for groups of several people, add a column of classes, such as `age_group`";
     work.grimace("run people -o out --resample linear --by age").exit(0).prints(&[said]);
     let ran = work.grimace("analyze out/tracks -o again --resample linear --force").exit(0);
     assert!(!ran.stdout.contains("each number"));
@@ -355,8 +360,8 @@ fn a_smile_that_grows_with_age_is_found_and_shown() {
     people(&work, ",age,site", &rows.iter().map(|(s, x, m)| (s.as_str(), *x, *m)).collect::<Vec<_>>());
     let ran = work.grimace("run people -o out --resample linear --covariate age").exit(0);
     ran.prints(&[
-        "change with a number, after correction for all that was tested: happiness with age (",
-        "1 person without a number is left out",
+        "change with a numeric column, after correction for all tests: happiness with age (",
+        "1 person without a number is excluded",
     ]);
     let rows = work.rows("out/covariates.csv");
     let row = &rows[0];
@@ -375,10 +380,10 @@ fn a_smile_that_grows_with_age_is_found_and_shown() {
     assert_eq!(work.rows("again/covariates.csv")[0]["permutations"], "36");
     let few =
         work.grimace("analyze out/tracks -o few --resample linear --covariate age --permutations 99 --test-people 5").exit(0);
-    few.prints(&["of many people a draw was tested by numbers, more by --test-people: happiness (5 of 6)"]);
+    few.prints(&["tests of numeric columns used a random draw of people (increase it with --test-people): happiness (5 of 6)"]);
     work.grimace("run people -o none --resample linear --covariate site")
         .exit(1)
-        .says(&["no value of the column `site` is a number ("]);
+        .says(&["the column `site` has no numbers (a value is "]);
     work.grimace("run people -o none --resample linear --covariate ages").exit(1).says(&["no sequence has a column `ages`"]);
 }
 
@@ -396,7 +401,7 @@ fn numbers_of_like_names_have_files_of_their_own_that_are_not_written_over() {
         let mut command = work.command();
         command.args(["run", "people", "-o", "out", "--resample", "linear", "--covariate", &columns]).output().unwrap().into()
     };
-    run().exit(0).prints(&["values that are no numbers are left out: `3O` in the column", "(1 person)"]);
+    run().exit(0).prints(&["values that are not numbers are ignored: `3O` in the column", "(1 person)"]);
     let tests = work.rows("out/covariates.csv");
     let models: Vec<&str> = tests.iter().map(|r| r["models"].as_str()).collect();
     assert_eq!((models.len(), &models[..2]), (3, ["covariates/happiness_a-b", "covariates/happiness_a-b~2"].as_slice()));
@@ -405,7 +410,7 @@ fn numbers_of_like_names_have_files_of_their_own_that_are_not_written_over() {
     work.write(&format!("out/{}_low.csv", models[0]), "mine");
     run().exit(1).says(&["covariates/happiness_a-b_low.csv"]);
     assert_eq!(work.read(&format!("out/{}_low.csv", models[0])), "mine");
-    work.grimace("run people -o none --resample linear --covariate subject").exit(1).says(&["`subject` tells sequences apart"]);
+    work.grimace("run people -o none --resample linear --covariate subject").exit(1).says(&["`subject` identifies sequences"]);
 }
 
 #[test]
@@ -420,7 +425,7 @@ fn words_for_missing_values_make_no_group() {
     people(&work, ",age,site", &rows);
     let ran = work.grimace("run people -o out --resample linear --by age --permutations 99 --bootstrap 0").exit(0);
     ran.prints(&[
-        "read as none: `NA` in the column `age` (1 sequence); `na` in the column `age` (1 sequence)",
+        "treated as missing: `NA` in the column `age` (1 sequence); `na` in the column `age` (1 sequence)",
         "such as `NA group`",
     ]);
     let groups: Vec<String> =
@@ -461,10 +466,10 @@ fn people_are_counted_not_sequences_and_a_majority_of_one_is_named() {
     work.write("people/manifest.csv", &manifest);
     let ran = work.grimace("run people -o out --resample linear").exit(0);
     ran.prints(&[
-        "fewer than 5 people say little about anybody else: alone (1); pair (2)",
-        "hardly anybody else's: pair (Q, 55 %)",
-        "alpha 0.1 trims nothing of fewer than 10 sequences: alone (6)",
-        "alpha 0.1 trims nothing where the farthest sequence weighs more than 0.1 of all people: many (10)",
+        "fewer than 5 people allow few conclusions about other people: alone (1); pair (2)",
+        "dominates representative and dispersion: pair (Q, 55 %)",
+        "nothing was trimmed, because alpha 0.1 needs at least 10 sequences: alone (6)",
+        "nothing was trimmed, because the farthest sequence has more than 0.1 (alpha) of the weight of all people: many (10)",
     ]);
     assert!(work.read("out/report.html").contains("fewer than 5 people"));
     work.grimace("figures out -o figures -q").exit(0);
@@ -519,7 +524,10 @@ fn a_columnar_file_gives_the_statistics_of_the_tracks() {
     let json: serde_json::Value = serde_json::from_str(&work.read("streamed/representatives/happiness.json")).unwrap();
     assert!(json["trimming_certificate"]["decided_exactly"].is_u64());
     work.grimace("analyze --models many.parquet -o b --memory 16MB --by subject").exit(1).says(&["more than the 16 MB"]);
-    work.write("bad.parquet", "PAR1 no").grimace("analyze --models bad.parquet -o c").exit(1).says(&["is no Parquet file"]);
+    work.write("bad.parquet", "PAR1 no")
+        .grimace("analyze --models bad.parquet -o c")
+        .exit(1)
+        .says(&["is not a readable Parquet file"]);
 }
 
 #[test]
@@ -527,7 +535,9 @@ fn a_run_in_parts_gives_the_bytes_of_a_plain_run() {
     let work = Work::with_faces();
     let options = "--by cohort --permutations 99 --bootstrap 50";
     work.grimace(&format!("run faces -o plain {options}")).exit(0);
-    work.grimace(&format!("run faces -o parts --part 1/3 {options}")).exit(1).says(&["no run was begun here", "--plan"]);
+    work.grimace(&format!("run faces -o parts --part 1/3 {options}"))
+        .exit(1)
+        .says(&["no run was started in this folder", "--plan"]);
     let plan = work.grimace(&format!("run faces -o parts --plan {options}")).exit(0);
     plan.prints(&[r#"{"sequences":6,"emotions":[["happiness",3],["surprise",3]]}"#]);
     for part in ["2/4", "1/4", "4/4", "3/4"] {
@@ -549,7 +559,7 @@ fn a_run_in_parts_gives_the_bytes_of_a_plain_run() {
 fn recognition_leaves_one_subject_out() {
     let work = Work::after_run(&SEQUENCES, "out");
     let ran = work.grimace("evaluate recognition out/tracks -o recognition").exit(0);
-    ran.prints(&["6 of 6 sequences of 3 subjects judged", "guessing, mean over labels 50.0 %"]);
+    ran.prints(&["evaluated 6 of 6 sequences of 3 subjects", "chance, mean over labels 50.0 %"]);
     let confusion = work.rows("recognition/confusion.csv");
     assert_eq!(confusion.len(), 2);
     let count = |row: usize, name: &str| confusion[row][name].parse::<usize>().unwrap();
@@ -560,7 +570,7 @@ fn recognition_leaves_one_subject_out() {
     work.grimace("evaluate recognition out/tracks -o by-cohort --label cohort").exit(0);
     work.grimace("evaluate recognition out/tracks -o none --label nation").exit(1).says(&["no sequence has a column `nation`"]);
     let one = "evaluate recognition out/tracks/S001_005.csv out/tracks/S002_005.csv -o one";
-    work.grimace(one).exit(1).says(&["1 label; recognition needs sequences of at least two"]);
+    work.grimace(one).exit(1).says(&["found 1 label; recognition needs sequences of at least two labels"]);
 }
 
 #[test]
@@ -592,7 +602,7 @@ fn the_smiles_of_ninety_real_people_are_smiles() {
     let comparisons = work.rows("ethnicity/comparisons.csv");
     // Five values, one of them of a single person: 10 pairs, 4 of them without a test.
     assert_eq!(comparisons.len(), 10);
-    assert_eq!(comparisons.iter().filter(|r| r["not_tested"] == "a group of 1 cannot be tested").count(), 4);
+    assert_eq!(comparisons.iter().filter(|r| r["not_tested"] == "a group of 1 is too small for a test").count(), 4);
     for row in comparisons.iter().filter(|r| !r["p"].is_empty()) {
         assert!(row["p_holm"].parse::<f64>().unwrap() >= row["p"].parse::<f64>().unwrap());
     }

@@ -73,7 +73,7 @@ fn a_prior_is_learned_and_written_with_its_origin_the_same_each_time() {
     assert_eq!(prior["mean"].as_array().unwrap().len(), 113);
     assert_eq!(prior["modes"].as_array().unwrap().len(), 3);
     // Written once; a second time only with --force.
-    learn("a/p.json").failure().stderr(contains("--force writes over it"));
+    learn("a/p.json").failure().stderr(contains("give --force to overwrite it"));
 }
 
 #[test]
@@ -123,11 +123,11 @@ fn what_makes_no_prior_is_refused_with_the_reason() {
     error(&["nine.csv", "--state", "sad"], "no row has the state `sad`; there are neutral, smiling");
     error(&["points.csv"], "1 points in columns x0,y0,...; 68 were expected");
     error(&["nan.csv"], "nan.csv, line 8");
-    error(&["twice.csv"], "P4 stands in line 10 already");
+    error(&["twice.csv"], "P4 is already in line 10");
     error(&["none.csv"], "cannot be read");
     write(&folder, "many.csv", &people(12));
-    error(&["many.csv", "--modes", "12"], "12 modes from 12 faces; 1 to 11 can be learned");
-    error(&["many.csv", "many.csv"], "P0 stands in many.csv and in many.csv; a face counts once");
+    error(&["many.csv", "--modes", "12"], "cannot learn 12 modes from 12 faces; choose 1 to 11");
+    error(&["many.csv", "many.csv"], "P0 is in many.csv and in many.csv; each face must appear once");
     let of_one = landmarks(4);
     let mut values: Vec<&str> = of_one.split(',').collect();
     // The row starts with a comma: x48 is the value behind 96 others.
@@ -177,7 +177,7 @@ fn the_prior_of_a_fit_is_chosen_by_word_or_file() {
         let arguments = ["fit", "face.png", "-c", "marks.csv", "-o", "x.csv", "--prior", prior];
         grimace(&folder, &arguments).failure().code(2).stderr(contains(text));
     };
-    refused("face", "neither none, candide, faces nor auto, nor a prior file");
+    refused("face", "expected none, candide, faces, auto or a prior file");
     refused("marks.csv", "a prior file as written by `grimace prior` was expected");
     write(&folder, "old.json", "{\"schema_version\": 9}");
     refused("old.json", "schema version 9; this program reads 1");
@@ -212,7 +212,7 @@ fn a_run_remembers_the_content_of_its_prior_file() {
     run("copy.json").success();
     assert_eq!(json(&folder.path().join("out/run.json")), record);
     grimace(&folder, &["prior", "people.csv", "-o", "p.json", "--modes", "2", "--force"]).success();
-    run("p.json").failure().stderr(contains("other options (fit prior: a file there, a file with another content now);"));
+    run("p.json").failure().stderr(contains("other options (fit prior: previously a file, now a file with another content);"));
     grimace(&folder, &["run", "data", "-o", "out", "--prior", "p.json", "--force"]).success();
     assert_ne!(json(&folder.path().join("out/run.json"))["sequences"][0]["inputs_blake3"], inputs);
 }

@@ -13,7 +13,7 @@ fn pictures_are_recognized_as_their_tracks_are() {
     work.write("faces/manifest.csv", "subject,sequence\nS001,005\nS001,007\nS009,001\n");
     let ran = work.grimace("recognize --with R faces -o unlabelled.csv -j 1").exit(3);
     let ran = ran.prints(&["2 sequences recognized"]).says(&["failed: S009_001 at dataset: "]);
-    assert!(ran.stderr.contains("2 of the sequences are of people that were learned from"), "{}", ran.stderr);
+    assert!(ran.stderr.contains("2 of the sequences show people of the training data"), "{}", ran.stderr);
     let unlabelled = work.read("tracks.csv").replace("005,happiness,", "005,,").replace("007,surprise,", "007,,");
     assert_eq!(work.read("unlabelled.csv"), unlabelled);
     // With emotions they are in the table; a folder of frames is a sequence of its own.
@@ -26,9 +26,9 @@ fn pictures_are_recognized_as_their_tracks_are() {
     let run_json = work.read("R/run.json");
     work.write("R/run.json", run_json.replace("\"even_light\"", "\"light\""));
     let ran = work.grimace("recognize --with R R/tracks/S001_005.csv").exit(0);
-    ran.says(&["the run.json of R says what this version does not know: track.light; that is as usual"]);
+    ran.says(&["the run.json of R has settings that this version does not know: track.light; the defaults are used instead"]);
     work.write("R/run.json", run_json.replace("\"wireframe_blake3\": null", "\"wireframe_blake3\": \"0a1b\""));
-    let other = "R holds a run with another wireframe (that of a file there, Candide-3 now)";
+    let other = "R holds a run with another wireframe (previously a file, now Candide-3)";
     work.grimace("recognize --with R R/tracks/S001_005.csv").exit(1).says(&[other]);
     work.write("R/run.json", run_json);
     // What is recognized is left as it was.
@@ -40,25 +40,25 @@ fn pictures_are_recognized_as_their_tracks_are() {
 fn what_shows_no_motion_is_refused() {
     let work = Work::after_run(&SEQUENCES, "R");
     let portrait = root().join("fixtures/portraits/P01.jpg");
-    let said = "P01.jpg: a single picture shows no motion, and an expression is recognized by how the face moves from neutral to it: two frames";
+    let said = "P01.jpg: recognition needs the motion from a neutral frame to the expression, so a single picture is not enough";
     work.grimace(&format!("recognize --with R {}", portrait.display())).exit(1).says(&[said]);
     work.write("one/a_1.jpg", std::fs::read(&portrait).unwrap());
     work.grimace("recognize --with R one").exit(1).says(&["failed: ", "_one at ", "at least 2 are needed"]);
     std::fs::create_dir(work.path("empty")).unwrap();
     work.grimace("recognize --with R empty")
         .exit(1)
-        .says(&["empty: neither tracks (.csv), nor the frames of a sequence, nor a dataset: "]);
+        .says(&["empty: this is neither a track (.csv), nor the frames of a sequence, nor a dataset: "]);
     work.grimace("recognize --with R none").exit(1).says(&["none: "]);
     work.grimace("recognize --with R faces/S001/005 -o faces/S001/005/correspondences.csv --force")
         .exit(1)
-        .says(&["would be written over"]);
+        .says(&["would overwrite"]);
     // Nor are files beside a manifest, and those of the results that are learned from.
     work.grimace("recognize --with R faces/manifest.csv -o faces/S001/005/correspondences.csv --force")
         .exit(1)
-        .says(&["would be written over a file that is no table"]);
+        .says(&["would overwrite a file that this command did not write"]);
     work.grimace("recognize --with R R/tracks/S001_005.csv -o R/run.json --force")
         .exit(1)
-        .says(&["would be written over a file that is no table"]);
+        .says(&["would overwrite a file that this command did not write"]);
     // That nothing can be learned is known before anything is tracked.
     work.write("few/S001_005.csv", work.bytes("R/tracks/S001_005.csv"));
     work.write("few/S001_005.json", work.bytes("R/tracks/S001_005.json"));
@@ -73,6 +73,9 @@ fn what_is_good_is_recognized_beside_what_is_not() {
     let rows = "subject,sequence,emotion,frames,segment\nS009,talk,unlabelled,../faces/S001/005,auto\n";
     work.write("a/manifest.csv", rows).write("b/manifest.csv", rows);
     let ran = work.grimace("recognize --with R R a a b -o all.csv").exit(3).prints(&["6 sequences recognized"]);
-    ran.says(&["too short for a rest and an expression: 6 frames, 25 at least", "S009_talk was given already, in a/"]);
+    ran.says(&[
+        "too short for a rest and an expression: 6 frames; at least 25 are needed",
+        "S009_talk is given twice, also in a/",
+    ]);
     assert_eq!(work.rows("all.csv").iter().map(|row| row["id"].clone()).collect::<Vec<_>>(), SEQUENCES);
 }

@@ -147,7 +147,7 @@ fn a_second_run_over_the_same_dataset_writes_nothing() {
     work.grimace("run faces -o out").exit(0);
     date_back(&work, "out");
     let before = work.files("out");
-    work.grimace("run faces -o out").exit(0).prints(&["nothing changed since the last run: 6 sequences, nothing written"]);
+    work.grimace("run faces -o out").exit(0).prints(&["nothing changed since the last run: 6 sequences; nothing written"]);
     assert_eq!(written(&work, "out"), BTreeSet::new());
     // Another date of the frames is no change of content.
     date_back(&work, "faces");
@@ -176,7 +176,7 @@ fn a_track_that_was_damaged_or_removed_is_made_again() {
     let before = work.files("out");
     work.replace("out/tracks/S001_005.csv", "tracked", "fitted");
     fs::remove_file(work.path("out/models/S002_005.csv")).unwrap();
-    let said = "note: tracks/S001_005.csv was changed since it was written and is made again";
+    let said = "note: tracks/S001_005.csv was changed by hand and is overwritten";
     work.grimace("run faces -o out").exit(0).prints(&["1 tracked, 1 unchanged", said]);
     // The record differs by that note alone.
     let (mut before, mut after) = (before, work.files("out"));
@@ -247,7 +247,7 @@ fn another_dataset_of_the_same_name_does_not_replace_results() {
     // The same name, but other people.
     work.write("faces/manifest.csv", rows("S001")).grimace("run faces -o both").exit(0);
     work.write("faces/manifest.csv", rows("S002"));
-    work.grimace("run faces -o both").exit(1).says(&["none of its sequences is in this one"]);
+    work.grimace("run faces -o both").exit(1).says(&["that has no sequence in common with this one"]);
     // Forced, nothing of the first is left.
     work.grimace("run faces -o both --force").exit(0);
     work.grimace("run faces -o fresh").exit(0);
@@ -302,9 +302,15 @@ fn a_result_that_was_changed_is_not_replaced_without_force() {
     let work = Work::after_run(&["S001_005", "S002_005"], "out");
     let table = work.bytes("out/statistics.csv");
     work.write("out/statistics.csv", "my notes");
-    work.grimace("run faces -o out").exit(1).says(&["statistics.csv: not written by a run into this folder, or changed since"]);
+    work.grimace("run faces -o out")
+        .exit(1)
+        .says(&["statistics.csv: a result has this name, but no run wrote this file, or it was \
+         changed since"]);
     assert_eq!(work.read("out/statistics.csv"), "my notes");
-    work.grimace("run faces -o out --force").exit(0).prints(&["note: statistics.csv was there"]);
+    work.grimace("run faces -o out --force")
+        .exit(0)
+        .prints(&["note: statistics.csv was not written by a run into this folder, or was \
+         changed since; it was replaced"]);
     assert_eq!(work.bytes("out/statistics.csv"), table);
     // A result that is gone is made again.
     fs::remove_file(work.path("out/statistics.csv")).unwrap();
@@ -321,9 +327,12 @@ fn what_no_run_made_is_not_replaced_without_force() {
     work.write("faces/manifest.csv", &manifest).write("out/models/S002_005.csv", "mine");
     work.grimace("run faces -o out")
         .exit(1)
-        .says(&["S002_005.csv: not written by a run into this folder, or changed since", "--force"]);
+        .says(&["S002_005.csv: a result has this name, but no run wrote this file, or it was changed since", "--force"]);
     assert_eq!(work.read("out/models/S002_005.csv"), "mine");
-    work.grimace("run faces -o out --force").exit(0).prints(&["note: models/S002_005.csv was there"]);
+    work.grimace("run faces -o out --force")
+        .exit(0)
+        .prints(&["note: models/S002_005.csv was not written by a run into this folder, or \
+         was changed since; it was replaced"]);
     work.write("out/run.json", "{}");
     work.grimace("run faces -o out").exit(1).says(&["run.json: damaged", "--force"]);
 }
@@ -351,7 +360,7 @@ fn corrections_by_hand_are_applied_after_every_new_tracking_and_kept() {
     assert_eq!(work.bytes("fresh/tracks/S001_005.csv"), work.bytes("out/tracks/S001_005.csv"));
     // A frame that is gone: said, and kept.
     work.write("out/corrections/S001_005.csv", format!("{file}99,31,1,1\n"));
-    let said = "corrections/S001_005.csv does not fit any more and is kept: frame 99, node 31";
+    let said = "corrections/S001_005.csv no longer fits the track and is kept, but not applied: frame 99, node 31";
     work.grimace("run faces -o out --window 0.2").exit(0).prints(&[said]);
     assert_eq!(state(), corrected);
     assert_eq!(work.read("out/corrections/S001_005.csv"), format!("{file}99,31,1,1\n"));
@@ -380,11 +389,11 @@ fn other_options_are_refused_without_force_and_the_difference_is_named() {
     let work = Work::after_run(&["S001_005", "S002_005"], "out");
     let before = work.files("out");
     work.grimace("run faces -o out --alpha 0.2").exit(1).says(&["statistics", "0.1", "0.2", "--force"]);
-    work.grimace("run faces -o out --by sex").exit(1).says(&["by: none there", "sex now", "--force"]);
+    work.grimace("run faces -o out --by sex").exit(1).says(&["by: previously none", "now sex", "--force"]);
     work.grimace("run faces -o out --window 0.2").exit(1).says(&["window", "0.2", "--force"]);
     // Of files it is said which, not their hashes.
     let (picture, marks) = ("faces/S001/005/S001_005_00000001.png", "faces/S001/005/correspondences.csv");
-    let portrait = format!("other options (portrait: the shipped one there, {picture} now); choose another folder");
+    let portrait = format!("other options (portrait: previously the built-in one, now {picture}); choose another folder");
     work.grimace(&format!("run faces -o out --portrait {picture} -c {marks}")).exit(1).says(&[&portrait]);
     assert_same_files(&before, &work.files("out"));
     // With --force tracks that do not depend on the option are kept.
@@ -407,7 +416,7 @@ fn options_of_any_digits_are_recognized_in_the_next_run() {
 fn a_folder_with_something_else_in_it_is_refused() {
     let work = Work::with_sequences(&["S001_005"]);
     work.write("out/holiday.txt", "sun");
-    work.grimace("run faces -o out").exit(1).says(&["out is not empty", "another folder, or --force"]);
+    work.grimace("run faces -o out").exit(1).says(&["out is not empty", "another folder, or give --force"]);
     assert_eq!(work.files("out").len(), 1);
     work.grimace("run faces -o out --force").exit(0);
     assert_eq!(work.read("out/holiday.txt"), "sun");
@@ -501,7 +510,7 @@ fn overlays_show_the_neutral_and_the_apex_frame() {
     // A file of somebody else with such a name stays; what is not of the sequence any more goes.
     work.write("others/S001_005_00000001_overlay.png", "mine");
     let ran = work.grimace("run faces -o out --overlay others").exit(0);
-    ran.prints(&["1 overlay picture not written: files that no earlier command of ours wrote have the names"]);
+    ran.prints(&["1 overlay picture not written, because files of the same name exist that grimace did not write"]);
     assert_eq!(work.read("others/S001_005_00000001_overlay.png"), "mine");
     let manifest = work.read("faces/manifest.csv");
     work.write(
@@ -564,7 +573,7 @@ fn an_interrupted_run_leaves_whole_files_and_the_next_one_finishes_it() {
     for signal in ["-INT", "-TERM"] {
         let out = format!("out{signal}");
         let ran = interrupt(&work, &out, signal, 5).exit(1);
-        ran.says(&["interrupted; what is done is kept, run the same command again to go on"]);
+        ran.says(&["interrupted; finished sequences are kept; run the same command again to continue"]);
         let files = work.files(&out);
         assert!(leftovers(&files).is_empty(), "{:?}", leftovers(&files));
         let done = files.keys().filter(|name| name.starts_with("tracks/") && name.ends_with(".json")).count();

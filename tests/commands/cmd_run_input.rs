@@ -36,7 +36,7 @@ fn a_row_may_run_over_lines_and_a_bad_one_keeps_its_name() {
     work.grimace("run faces -o out").exit(3).prints(&["2 sequences: 1 tracked, 0 unchanged, 1 failed"]);
     let failures = work.rows("out/failures.csv");
     assert_eq!((failures.len(), failures[0]["id"].as_str()), (1, "S002_005"));
-    assert!(failures[0]["reason"].ends_with("line 5: the row has 3 fields where the header has 4"), "{failures:?}");
+    assert!(failures[0]["reason"].ends_with("line 5: the row has 3 fields, but the header has 4"), "{failures:?}");
     assert!(work.read("out/tracks/S001_005.json").contains("\"note\": \"a b\""));
 }
 
@@ -58,7 +58,7 @@ fn names_are_the_same_however_their_accents_are_written() {
     std::fs::remove_file(work.path("faces/manifest.csv")).unwrap();
     work.write("people.csv", "subject,sex,emotion\nAndr\u{e9},m,\nZo\u{eb},f,\n");
     let ran = work.grimace("init faces --people people.csv").exit(0);
-    let ran = ran.prints(&["note: not taken from people.csv: `emotion`, which every sequence has of its own"]);
+    let ran = ran.prints(&["note: columns not taken from people.csv: `emotion`, which the manifest sets for each sequence"]);
     assert!(!ran.stdout.contains("not in the table of people"), "{}", ran.stdout);
     let rows = work.rows("faces/manifest.csv");
     assert_eq!((rows[0]["subject"].as_str(), rows[0]["sequence"].as_str()), ("Andr\u{e9}", "f\u{ea}te"));
@@ -72,7 +72,7 @@ fn names_are_the_same_however_their_accents_are_written() {
 fn a_link_to_nowhere_is_named() {
     let work = with_manifest(PLAIN);
     std::os::unix::fs::symlink(work.path("nowhere"), work.path("link")).unwrap();
-    work.grimace("run faces -o link").exit(1).says(&["cannot write link: it is a link to a folder that is not there"]);
+    work.grimace("run faces -o link").exit(1).says(&["cannot write link: it is a link to a folder that does not exist"]);
     work.grimace("annotate faces/none.gif").exit(1);
     work.write("a.gif", "GIF89a\u{1}");
     work.grimace("annotate a.gif").exit(1).says(&["a.gif: is a GIF picture"]);
@@ -125,16 +125,25 @@ fn a_manifest_that_is_none_is_refused_as_a_whole() {
     // Taken for a column to group by, the marks would only be missed one sequence after the other.
     refused(
         b"subject,sequence,emotion,correspondence\nS001,005,happiness,a.csv\n",
-        &["the column `correspondence` is not known; if it is `correspondences`, name it so"],
+        &["the column `correspondence` is unknown; if it is the column `correspondences`, rename it to that"],
     );
-    refused(b"subject,sequence,emotion,First frame\nS001,005,happiness,1\n", &["if it is `first_frame`, name it so"]);
+    refused(
+        b"subject,sequence,emotion,First frame\nS001,005,happiness,1\n",
+        &["if it is the column `first_frame`, rename it to that"],
+    );
     // Consent, and what would silently count for nothing.
     refused(
         b"subject,sequence,emotion,publsh\nS001,005,happiness,no\n",
-        &["the column `publsh`", "if it is `publish`, name it so"],
+        &["the column `publsh`", "if it is the column `publish`, rename it to that"],
     );
-    refused(b"subject,sequence,emotion,FPS\nS001,005,happiness,50\n", &["the column `FPS`", "if it is `fps`, name it so"]);
-    refused(b"subject,sequence,emotion,Segment\nS001,005,happiness,auto\n", &["if it is `segment`, name it so"]);
+    refused(
+        b"subject,sequence,emotion,FPS\nS001,005,happiness,50\n",
+        &["the column `FPS`", "if it is the column `fps`, rename it to that"],
+    );
+    refused(
+        b"subject,sequence,emotion,Segment\nS001,005,happiness,auto\n",
+        &["if it is the column `segment`, rename it to that"],
+    );
     refused(b"sequence\n005\n", &["has no column `subject`, `emotion`"]);
     refused(b"subject;sequence;emoton\nS001;005;happiness\n", &["found `subject`, `sequence`, `emoton`"]);
     refused(b"subject\tsequence\temotion\nS001\t005\thappiness\n", &["columns are separated by commas"]);
@@ -147,9 +156,9 @@ fn a_manifest_that_is_none_is_refused_as_a_whole() {
 #[test]
 fn a_bad_row_costs_its_sequence_and_names_its_line() {
     let rows: [(&[u8], &[&str]); 9] = [
-        (b"S001,005,joy", &["line 4", "subject `S001`, sequence `005` stands in line 2 already"]),
+        (b"S001,005,joy", &["line 4", "subject `S001`, sequence `005` is already in line 2"]),
         (b"S009,005,", &["line 4", "emotion is empty"]),
-        (b"S009,005", &["line 4", "the row has 2 fields where the header has 3"]),
+        (b"S009,005", &["line 4", "the row has 2 fields, but the header has 3"]),
         (b"S009,\"005,joy", &["line 4", "a quotation mark is not closed"]),
         (
             b"Zo\xE9,005,joy",
@@ -174,12 +183,9 @@ fn a_bad_row_costs_its_sequence_and_names_its_line() {
 fn values_of_optional_columns_are_checked() {
     let header = "subject,sequence,emotion,first_frame,last_frame,fps,correspondences";
     for (row, texts) in [
-        (
-            "5,5,,",
-            &["line 3", "first_frame is 5 and last_frame is 5; neutral and apex frame must be two different ones"] as &[&str],
-        ),
+        ("5,5,,", &["line 3", "first_frame is 5 and last_frame is 5; neutral and apex frame must differ"] as &[&str]),
         ("one,,,", &["line 3", "first_frame is `one`; a whole number of 0 or more was expected"]),
-        (",99,,", &["last_frame is 99, but the folder has 6 frames from 1 to 6"]),
+        (",99,,", &["last_frame is 99, but the folder has no such frame; it has 6 frames from 1 to 6"]),
         (",,-25,", &["line 3", "fps is `-25`; a number of frames per second from 0.1 to 1000 was expected"]),
         (",,25000,", &["fps is `25000`"]),
         (",,0.04,", &["fps is `0.04`; a number of frames per second from 0.1 to 1000 was expected"]),
@@ -201,7 +207,7 @@ fn a_dataset_that_is_none_is_refused() {
     work.grimace("run nowhere -o out").exit(1).says(&["nowhere: there is no such dataset; give a folder with manifest.csv"]);
     std::fs::remove_file(work.path("faces/manifest.csv")).unwrap();
     let ran = work.grimace("run faces -o out").exit(1);
-    ran.says(&["faces: the emotions are not known; `grimace init faces` writes manifest.csv", "S001,005,happiness"]);
+    ran.says(&["faces: the emotions are unknown; run `grimace init faces`, which writes manifest.csv", "S001,005,happiness"]);
     std::fs::create_dir(work.path("empty")).unwrap();
     work.grimace("run empty -o out").exit(1).says(&["empty: no sequences found", "Cohn-Kanade"]);
     assert!(work.files("out").is_empty());
@@ -239,11 +245,11 @@ fn a_sequence_that_is_played_backwards_is_one_to_look_at_again() {
         work.grimace(&format!("run faces -o {out}")).exit(0);
         work.rows(&format!("{out}/verdicts.csv"))[0]["reasons"].clone()
     };
-    let said = "it seems to go from an expression back to neutral";
+    let said = "the sequence seems to go from an expression back to neutral";
     assert!(!verdict((1, frames.len()), "there").contains(said));
     let back = verdict((frames.len(), 1), "back");
     assert!(
-        back.contains(said) && back.contains("if frame 1 is the neutral one, make it first_frame and frame 6 last_frame"),
+        back.contains(said) && back.contains("if frame 1 is neutral, set it as first_frame and frame 6 as last_frame"),
         "{back}"
     );
 }
@@ -333,7 +339,7 @@ fn landmarks_of_a_manifest_serve_as_marks() {
     work.write("faces/S001/005/landmarks68.csv", format!("frame{header}\n2{points}\n"));
     work.grimace("run faces -o out")
         .exit(3)
-        .says(&["S001_005", "landmarks68.csv: frame 1 has no landmarks; there are 1 frames from 2 to 2"]);
+        .says(&["S001_005", "landmarks68.csv: frame 1 has no landmarks; 1 frames from 2 to 2 have them"]);
 }
 
 #[test]

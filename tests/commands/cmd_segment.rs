@@ -124,10 +124,7 @@ fn labels_that_a_person_wrote_stay_when_a_recording_is_cut_again() {
         edited += &format!("{line},{}\n", if k == 0 { "publish" } else { "no" });
     }
     work.write("segments.csv", &edited);
-    segment("").says(&[
-        "labels kept from the table that was there: of 1 sequence",
-        "columns kept from the table that was there: publish",
-    ]);
+    segment("").says(&["labels kept from the old table: 1 sequence", "columns kept from the old table: publish"]);
     assert_eq!(work.read("segments.csv"), edited);
     // Frames that were changed on the page are found again; the label stays.
     let first = work.rows("segments.csv")[0]["first_frame"].clone();
@@ -135,11 +132,11 @@ fn labels_that_a_person_wrote_stay_when_a_recording_is_cut_again() {
     assert_ne!(moved, edited);
     work.write("segments.csv", format!("{moved}P7,talk-09,fear,talk,900,910,,25,1,yes\n"));
     segment("").says(&[
-        "the table that was there had other frames: talk-01 (happiness, frames ",
-        "in the table that was there, and not found now: talk-09 (fear, frames 900 to 910)",
+        "the old table had other frames: talk-01 (happiness, frames ",
+        "in the old table, but not found now: talk-09 (fear, frames 900 to 910)",
     ]);
     assert_eq!(work.read("segments.csv"), edited);
-    segment("--emotion joy").says(&["the table that was there had other labels: talk-01 (happiness, now joy)"]);
+    segment("--emotion joy").says(&["the old table had other labels: talk-01 (happiness, now joy)"]);
     assert_eq!(work.rows("segments.csv")[0]["emotion"], "joy");
     // A recording of which a later version knows more leaves the table as it is.
     let (table, known) = (work.read("segments.csv"), work.read("segments/talk.json"));
@@ -147,13 +144,13 @@ fn labels_that_a_person_wrote_stay_when_a_recording_is_cut_again() {
     work.write("segments/talk.json", known.replacen("\"schema_version\": 2", "\"schema_version\": 9", 1));
     work.grimace("segment dark talk -o segments.csv --no-faces --force")
         .exit(1)
-        .says(&["talk.json: schema version 9", "give the table of `segment` another name"]);
+        .says(&["talk.json: schema version 9", "give another name for the table of `segment`"]);
     assert_eq!(work.read("segments.csv"), table);
     work.write("segments/talk.json", known);
     work.write("segments.csv", format!("{edited}P7,talk-02\n"));
     work.grimace("segment talk -o segments.csv --no-faces --force")
         .exit(1)
-        .says(&["line 3", "would be lost: mend it, or move it away"]);
+        .says(&["line 3", "would be lost: repair it, or move it away"]);
 }
 
 #[test]
@@ -175,12 +172,12 @@ fn corrected_marks_stay_and_pictures_come_and_go() {
     // Corrected marks are worth more than a picture; another option cuts it anew.
     segment("").exit(0);
     assert!(!picture.exists() && work.read("segments/talk-01.csv") == corrected);
-    segment("--shortest 0.21").exit(0).prints(&["talk-01.csv had been edited: they are kept as talk-01_edited.csv"]);
+    segment("--shortest 0.21").exit(0).prints(&["talk-01.csv were edited; they are kept as talk-01_edited.csv"]);
     assert!(picture.is_file());
     assert_eq!((work.read("segments/talk-01_edited.csv"), work.read("segments/talk-01.csv")), (corrected, marks));
     // What is not proposed any more leaves nothing behind.
     segment("--high 60").exit(1).prints(&["0 sequences proposed", "no expression was found"]);
-    segment("--high 60 -q").exit(1).says(&["failed: talk: no expression was found"]);
+    segment("--high 60 -q").exit(1).says(&["failed: talk: found no expression"]);
     assert!(!picture.exists() && !work.path("segments/talk-01.csv").exists());
 }
 
@@ -219,7 +216,7 @@ fn a_recording_in_a_manifest_is_cut_by_run() {
     let failures = work.rows("out/failures.csv");
     assert_eq!(failures.len(), 1, "{failures:?}");
     assert_eq!((failures[0]["id"].as_str(), failures[0]["stage"].as_str()), ("P2_still", "dataset"));
-    assert!(failures[0]["reason"].ends_with("no sequence can be proposed: no expression was found"), "{failures:?}");
+    assert!(failures[0]["reason"].ends_with("found no sequence: no expression was found"), "{failures:?}");
     work.grimace("run data -o out").exit(3).prints(&["nothing changed"]);
     work.write("alone.csv", "subject,sequence,emotion,frames,segment\nP2,still,happiness,data/still,auto\n");
     work.grimace("run alone.csv -o nothing").exit(1).says(&["none of the 1 sequences", "no expression was found"]);
@@ -228,7 +225,7 @@ fn a_recording_in_a_manifest_is_cut_by_run() {
     work.write("data/doubles.csv", format!("subject,sequence,emotion,frames,segment,first_frame,last_frame\n{rows}"));
     work.grimace("run data/doubles.csv -o out --force").exit(3);
     let reasons: Vec<String> = work.rows("out/failures.csv").iter().map(|r| r["reason"].clone()).collect();
-    assert!(reasons.iter().any(|r| r.contains("would be called P1_talk-01, and P1_talk-01 is there already")), "{reasons:?}");
+    assert!(reasons.iter().any(|r| r.contains("would be named P1_talk-01, but P1_talk-01 exists already")), "{reasons:?}");
     assert!(reasons.iter().any(|r| r.contains("leave them empty")), "{reasons:?}");
     // A table of segments is a manifest for `locate`, too.
     work.grimace("locate some.csv -o points.csv").exit(0).prints(&["1 picture, 1 face"]);
@@ -245,7 +242,7 @@ fn a_recording_keeps_the_times_of_its_frames() {
     let length = times[times.len() - 1] + 60;
     work.write("talk.mkv", matroska(&frames, &times, None, length as f64));
     let ran = work.grimace("segment talk.mkv -o segments.csv --subject P1 --emotion happiness").exit(0);
-    ran.prints(&["talk.mkv: 1 sequence proposed", "the frames are 40 to 60 ms apart (19.95 frames per second in the mean)"]);
+    ran.prints(&["talk.mkv: 1 sequence proposed", "the frames are 40 to 60 ms apart (mean rate: 19.95 frames per second)"]);
     let rows = work.rows("segments.csv");
     assert!(rows.len() == 1 && is_apex(number(&rows[0], "last_frame"), 1), "{rows:?}");
     assert_eq!(rows[0]["fps"], "", "the video tells it better");
@@ -298,9 +295,11 @@ fn what_is_no_recording_is_said() {
     record(&work, "short", &expression("005")[..12]);
     work.grimace("segment short -o a.csv").exit(1).says(&["short", "too short for a rest and an expression"]);
     record(&work, "one", &expression("005")[..1]);
-    work.grimace("segment one -o a.csv").exit(1).says(&["too short for a rest", "1 frame, 25 at least at 25 frames per second"]);
-    work.grimace("segment one -o a.csv --fps 1").exit(1).says(&["1 frame, 2 at least at 1 frame per second"]);
-    work.grimace("segment one -o a.csv --high 0.5 --low 2").exit(1).says(&["--low is at most --high"]);
+    work.grimace("segment one -o a.csv")
+        .exit(1)
+        .says(&["too short for a rest", "1 frame; at least 25 are needed at 25 frames per second"]);
+    work.grimace("segment one -o a.csv --fps 1").exit(1).says(&["1 frame; at least 2 are needed at 1 frame per second"]);
+    work.grimace("segment one -o a.csv --high 0.5 --low 2").exit(1).says(&["give a smaller --low"]);
     work.grimace("segment nothing -o a.csv").exit(1).says(&["nothing: there is no such folder"]);
     work.grimace("segment short other/short -o a.csv").exit(1);
     work.grimace("segment short -o short.csv").exit(1).says(&["among the frames of the recording"]);
@@ -308,7 +307,7 @@ fn what_is_no_recording_is_said() {
     work.grimace("segment short -o full.csv").exit(1).says(&["holds other files"]);
     work.grimace("segment short -o a.csv --subject A/B").exit(1).says(&["path separator"]);
     work.grimace("segment short -o a.csv --emotion a/b").exit(1).says(&["emotion"]);
-    work.grimace("segment short -o segments").exit(1).says(&["the table is a .csv"]);
+    work.grimace("segment short -o segments").exit(1).says(&["the table must end in .csv"]);
     work.grimace("segment short -o a.csv --correspondences c.csv").exit(2).says(&["--neutral-frame"]);
     work.write("c.csv", "node,x,y\n20,1,1\n23,2,2\n56,3,1\n");
     work.grimace("segment short -o a.csv -c c.csv --neutral-frame 99").exit(1).says(&["frame 99", "frames 1 to 12"]);
@@ -340,9 +339,9 @@ fn a_person_who_is_cut_to_is_another_one_and_frames_beside_a_gap_are_kept() {
     record_before_a_wall(&work, "talk", &frames);
     let said = [
         "a face in 79 of 87 frames",
-        "frame 28: no face is found from here on",
+        "frame 28: from here no face is found",
         "frame 36: a face is found again",
-        "frame 62: the face of another person begins, as behind a cut",
+        "frame 62: the face of another person appears, as after a cut",
     ];
     work.grimace("segment talk -o segments.csv --no-faces").exit(1).prints(&said);
     let rows = work.rows("segments/talk_frames.csv");
@@ -359,7 +358,7 @@ fn of_two_people_one_is_followed_and_that_is_said() {
     let work = Work::new();
     let frames = vec![vec![("P01.jpg", 10, 1.0), ("P10.jpg", 250, 0.9)]; 40];
     record_before_a_wall(&work, "two", &frames);
-    let said = "frame 1: 2 faces were found, and the one that is largest on the whole is followed";
+    let said = "frame 1: found 2 faces; the largest on average is followed";
     let ran = work.grimace("segment two -o segments.csv --no-faces");
     ran.exit(1).prints(&[said, "a face in 40 of 40 frames"]);
     assert!(work.rows("segments/two_frames.csv").iter().all(|row| row["stretch"] == "1"));

@@ -30,7 +30,7 @@ fn a_run_collects_the_skin_of_a_class_and_a_clone_puts_it_on() {
     work.write("faces/manifest.csv", rows);
     work.grimace("run faces -o out -q").exit(0);
     let why = json(&work, "out/representatives/surprise.json")["no_skin"].clone();
-    assert_eq!(why, "2 of at least 5 people have pictures that show folds");
+    assert_eq!(why, "2 people have pictures that show folds; at least 5 are needed");
     let skin = work.bytes("out/representatives/happiness_skin.png");
     let about = json(&work, "out/representatives/happiness.json");
     assert_eq!((&about["skin_people"], &about["no_skin"]), (&Value::from(5), &Value::Null));
@@ -58,7 +58,7 @@ fn a_run_collects_the_skin_of_a_class_and_a_clone_puts_it_on() {
     assert_ne!(last("fap"), last("fap_with"));
     work.grimace(&format!("clone --source out/fap/happiness.fap {target} -o x --skin out/fap/happiness.fap"))
         .exit(1)
-        .says(&["is no representative"]);
+        .says(&["this is not a representative"]);
 
     // The same bytes again; and none where nobody is to be shown: the earlier one goes.
     work.grimace("run faces -o again -q").exit(0);
@@ -66,7 +66,7 @@ fn a_run_collects_the_skin_of_a_class_and_a_clone_puts_it_on() {
     work.grimace("run faces -o again -q --no-faces --force").exit(0);
     assert!(!work.files("again").contains_key("representatives/happiness_skin.png"));
     let why = json(&work, "again/representatives/happiness.json")["no_skin"].clone();
-    assert_eq!(why, "no sequence has pictures that may be shown (0 driven by landmarks, 5 of people who may not be shown)");
+    assert_eq!(why, "no sequence has pictures that may be shown (0 use landmarks only, 5 show people who may not be shown)");
 }
 
 #[test]
@@ -77,5 +77,5 @@ fn four_people_have_no_skin_in_common_and_the_reason_is_said() {
     work.grimace("run faces -o out -q").exit(0);
     assert!(!work.files("out").contains_key("representatives/happiness_skin.png"));
     let why = json(&work, "out/representatives/happiness.json")["no_skin"].clone();
-    assert!(why.as_str().unwrap().starts_with("4 of at least 5 people"), "{why}");
+    assert!(why.as_str().unwrap().starts_with("4 people have pictures that show folds; at least 5"), "{why}");
 }

@@ -74,7 +74,7 @@ fn only_what_it_wrote_itself_is_written_over_and_removed() {
     work.write("out/unfinished.txt", "").write("out/a/mine.txt", "mine").write("out/b/fitness.csv", "cut off");
     work.grimace(&format!("{command} -m a.csv"))
         .exit(0)
-        .says(&["b/fitness.csv: of an earlier `synthesize` and changed since; it is kept"]);
+        .says(&["b/fitness.csv: this file of an earlier `synthesize` was changed by hand and is kept"]);
     assert!(!work.path("out/unfinished.txt").exists() && !work.path("out/a/obj").exists());
     assert!(work.path("out/obj/frame_001.obj").exists() && work.path("out/a/mine.txt").exists());
     // With --force it writes over its own results, and over nobody else's.
@@ -84,7 +84,7 @@ fn only_what_it_wrote_itself_is_written_over_and_removed() {
     let kept = work.files("out");
     work.grimace(&format!("{command} -m b.csv --force"))
         .exit(1)
-        .says(&["out/animation.glb: it is there already, and is not as an earlier `synthesize` wrote it; move it away, or choose another folder"]);
+        .says(&["out/animation.glb: this file exists and differs from what an earlier `synthesize` wrote; move it away, or choose another folder"]);
     crate::common::assert_same_files(&kept, &work.files("out"));
     std::fs::remove_file(work.path("out/animation.glb")).unwrap();
     // Two at once.
@@ -115,8 +115,8 @@ fn a_motion_that_the_bank_cannot_show_rests_and_is_said_so() {
             assert!(!ran.stderr.contains("% of the motion is shown"), "{}", ran.stderr);
             ran.says(&[
                 "warning: ",
-                "no mixture of the bank's members moves the feature points that way (fitness 0), so ",
-                "2 frames that move",
+                "no mixture of the bank's members moves the feature points like this (fitness 0), so ",
+                "2 frames with motion",
             ]);
             let weights = work.rows(&format!("{out}/weights.csv"));
             let rests = |(name, value): (&String, &String)| name == "frame" || name == "region" || value == "0";
@@ -163,8 +163,8 @@ fn a_truth_with_holes_and_a_face_in_other_units_are_refused() {
     work.write("side.csv", changed(&|x, y| (-x, y))).write("small.csv", changed(&|x, y| (x / 1024.0, y / 1024.0)));
     let portrait = root().join("fixtures/portraits/P01.jpg");
     for (name, said) in [
-        ("down", "is upside-down"),
-        ("px", "is upside-down"),
+        ("down", "is upside down"),
+        ("px", "is upside down"),
         ("side", "is mirrored"),
         ("small", "0.001 times as wide and 0.001 times as high"),
     ] {
@@ -188,7 +188,7 @@ fn another_rate_is_said_and_keeps_the_frames() {
     let command = "synthesize -b candide -m jaw.fap --solver nnls --bound-starts 0 --format glb";
     work.grimace(&format!("{command} --fps 50 -o fast"))
         .exit(0)
-        .says(&["jaw.fap: 25 frames per second shown at 50: it plays 2.000 times as fast"]);
+        .says(&["jaw.fap: the motion has 25 frames per second and is shown at 50: it plays 2.000 times as fast"]);
     assert_eq!(report(&work, "fast")["frames"], 3);
     let ran = work.grimace(&format!("{command} --fps 25 -o same")).exit(0);
     assert!(!ran.stderr.contains("frames per second"), "{}", ran.stderr);
@@ -226,7 +226,7 @@ fn a_head_wears_a_portrait_in_gltf_and_pictures() {
     work.grimace(&format!("{command} -o x --correspondences marks.csv")).exit(2).says(&["--portrait"]);
     work.grimace("synthesize --bank candide --motion happiness.csv -o x --portrait anna.jpg")
         .exit(1)
-        .says(&["`candide`", "`head`"]);
+        .says(&["`candide`", "--bank head"]);
     work.grimace(&format!("{command} -o x --portrait gone.jpg")).exit(1).says(&["gone.jpg"]);
     work.write("empty.png", "");
     work.grimace(&format!("{command} -o x --portrait empty.png")).exit(1).says(&["empty.png"]);
@@ -361,7 +361,7 @@ fn what_should_rest_is_not_torn_along_for_a_few_points() {
     for solver in ["refined", "ga"] {
         work.grimace(&format!("synthesize -b head -m flare.fap -o {solver} --bound-starts 0 --format npy --solver {solver}"))
             .exit(0)
-            .says(&["flare.fap: the bank moves points that should rest", "% of the motion is shown"]);
+            .says(&["flare.fap: the bank also moves points that should rest", "% of the motion is shown"]);
         // The surface went 3 cm, and 6 by the genetic algorithm alone; the wings of the nose are asked to go 0.9.
         let bytes = work.bytes(&format!("{solver}/surface.npy"));
         let (_, data) = bytes.split_at(10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]])));
@@ -401,7 +401,7 @@ fn a_motion_of_zeros_is_the_neutral_face_and_says_so() {
         let formats = if solver == "best" { "npy,pictures" } else { "npy" };
         let ran =
             work.grimace(&format!("synthesize -b candide -m m.csv -o {solver} --solver {solver} --format {formats}")).exit(0);
-        ran.prints(&["nothing moves in the whole motion: every frame is the neutral face"]);
+        ran.prints(&["the motion contains no movement: every frame is the neutral face"]);
         let bytes = work.bytes(&format!("{solver}/surface.npy"));
         assert!(bytes[bytes.len() - 2 * 23_424 * 12..].iter().all(|&b| b == 0 || b == 0x80), "{solver}");
     }
@@ -439,7 +439,7 @@ fn bad_input_is_named() {
         says(&format!("-b candide -m m.csv {beyond}"), &["expected"]);
     }
     work.write("fast.fap", "2.1 fast 2147483647 2\n".to_owned() + &format!("{0}\n0 0\n{0}\n1 9\n", mask(&[19])));
-    says("-b candide -m fast.fap --loop", &["fast.fap: 2147483647 frames per second", "--fps"]);
+    says("-b candide -m fast.fap --loop", &["fast.fap: cannot write 2147483647 frames per second", "--fps"]);
     work.write("empty.csv", "frame,fp,dx,dy\n");
     says("-b candide -m empty.csv", &["the table has no rows"]);
     work.write("far.csv", "frame,fp,dx,dy\n0,8.3,1,1\n4000000000,8.3,1,1\n");
@@ -452,11 +452,11 @@ fn bad_input_is_named() {
     work.write("bad.csv", "frame,fp,dx,dy\n0,8.3,1,inf\n");
     says("-b candide -m bad.csv", &["bad.csv, line 2: dy is `inf`"]);
     work.write("other.csv", "frame,fp,dx,dy\n0,6.1,1,1\n");
-    says("-b candide -m other.csv", &["no feature point in common"]);
+    says("-b candide -m other.csv", &["no feature points in common"]);
     work.write("bad.fap", "nonsense");
     says("-b candide -m bad.fap", &["bad.fap"]);
     work.grimace("synthesize -b candide -m m.csv -o out -c 0").exit(2);
-    let file = "notes.txt: --output is a folder for the results, and this name ends as a file's, in .txt; name a folder (its files are chosen by --format";
+    let file = "notes.txt: --output must name a folder, but this name ends in .txt like a file; name a folder (choose the files with --format";
     work.grimace("synthesize -b candide -m m.csv -o notes.txt").exit(1).says(&[file]);
 }
 
@@ -492,7 +492,7 @@ fn a_bank_of_one_member_and_arkit_names_work() {
     work.grimace("synthesize -b one.bank -m up.csv -o up --solver ga --format npy")
         .exit(0)
         .prints(&["fitness           0.0000"])
-        .says(&["the face rests in the one frame that moves"]);
+        .says(&["the face rests in the only frame with motion"]);
 }
 
 #[test]
@@ -502,7 +502,7 @@ fn evaluate_synthesis_repeats_the_papers_tables() {
     work.grimace("bank mix candide --performance 12 --members 8 -o few.bank --unseen rest.bank").exit(0);
     work.grimace("evaluate synthesis few.bank --unseen few.bank -o seen")
         .exit(1)
-        .says(&["--unseen few.bank: its member", "one of the bank, too"]);
+        .says(&["--unseen few.bank: its member", "is also in the bank"]);
     let ran = work.grimace(&format!("{args} -o out")).exit(0);
     ran.prints(&["| midpoint", "| line", "| blx-0.2", "0.970", "| refined", "40000"]);
     for file in
@@ -528,10 +528,10 @@ fn what_a_bank_cannot_show_is_named_and_a_still_file_is_valid() {
     work.write("nod.fap", format!("2.1 nod 25 2\n{nod}\n0 0\n{nod}\n1 9000\n"));
     work.write("jaw.fap", format!("2.1 jaw 25 2\n{jaw}\n0 0 0 0\n{jaw}\n1 500 40 9000\n"));
     let options = "--format glb --solver nnls --bound-starts 0";
-    let nothing = "nothing moves: animation.glb is the neutral face, without an animation";
+    let nothing = "the motion contains no movement: animation.glb holds the neutral face, without an animation";
     work.grimace(&format!("synthesize -b head -m nod.fap {options} -o nod"))
         .exit(1)
-        .says(&["nod.fap: FAP 48 cannot be shown", "nothing else moves"]);
+        .says(&["nod.fap: FAP 48 cannot be shown", "no other FAP moves"]);
     assert!(!work.path("nod").exists());
     let lids = mask(&[19]);
     work.write("still.fap", format!("2.1 still 25 2\n{lids}\n0 0\n{lids}\n1 0\n"));
@@ -542,7 +542,7 @@ fn what_a_bank_cannot_show_is_named_and_a_still_file_is_valid() {
     assert_eq!((document.animations().count(), document.meshes().count()), (0, 1));
     assert!(document.accessors().all(|a| a.count() > 0) && document.views().all(|v| v.length() > 0));
     let moves = work.grimace(&format!("synthesize -b head -m jaw.fap {options} -o jaw")).exit(0);
-    assert!(!moves.stderr.contains("nothing moves"), "{}", moves.stderr);
+    assert!(!moves.stderr.contains("no movement"), "{}", moves.stderr);
     moves.says(&["jaw.fap: FAP 16, 48 cannot be shown by this bank"]);
     assert_eq!(report(&work, "jaw")["motion"]["faps_not_shown"], serde_json::json!([16, 48]));
     let (document, ..) = gltf::import(work.path("jaw/animation.glb")).unwrap();

@@ -105,7 +105,7 @@ fn first_and_last_frame_cut_the_sequence() {
     let ran = work.grimace(&format!("{TRACK} --first-frame 1 --last-frame 4")).exit(0);
     ran.prints(&["4 frames"]);
     let ran = work.grimace(&format!("{TRACK} --force --first-frame 3 --last-frame 9")).exit(1);
-    ran.says(&["last_frame is 9, but the folder has 6 frames from 1 to 6"]);
+    ran.says(&["last_frame is 9, but the folder has no such frame; it has 6 frames from 1 to 6"]);
     assert_eq!(work.rows("S001_005.csv").len(), 4 * 113);
 }
 
@@ -113,7 +113,7 @@ fn first_and_last_frame_cut_the_sequence() {
 fn tracks_are_not_written_over_without_force() {
     let work = work();
     work.write("S001_005.csv", "mine");
-    work.grimace(TRACK).exit(1).says(&["S001_005.csv is there already", "--force"]);
+    work.grimace(TRACK).exit(1).says(&["S001_005.csv exists", "--force"]);
     assert_eq!(work.read("S001_005.csv"), "mine");
 }
 
@@ -129,7 +129,7 @@ fn corrections_by_hand_are_put_into_a_track_that_is_made_again() {
     // The track of a part knows no frame 99: said, and kept.
     work.write("corrections/S001_005.csv", format!("{file}99,31,1,1\n"));
     let ran = work.grimace(&format!("track faces/S001/005 -c {MARKS} -o tracks/S001_005.csv --force")).exit(0);
-    ran.prints(&["corrections/S001_005.csv does not fit any more and is kept: frame 99, node 31"]);
+    ran.prints(&["corrections/S001_005.csv no longer fits the track and is kept, but not applied: frame 99, node 31"]);
 }
 
 /// Tracks the sequence of `work` with its frames written anew by `encode` into a folder and a track of this name.
@@ -243,7 +243,7 @@ fn a_video_is_a_sequence() {
     let ran = work.grimace(&format!("track face.avi -c {MARKS} -o S001_2.csv --first-frame 1 --last-frame 4")).exit(0);
     ran.prints(&["4 frames"]);
     let ran = work.grimace(&format!("track face.avi -c {MARKS} -o S001_3.csv --last-frame 40")).exit(1);
-    ran.says(&["face.avi: ends at frame 6, before frame 40"]);
+    ran.says(&["face.avi: ends at frame 6, but `last_frame` is 40"]);
     work.grimace(&format!("track face.avi -c {MARKS} -o S001_3.csv --first-frame 9")).exit(1).says(&["face.avi: has 6 frames"]);
     let ran = work.grimace(&format!("track face.avi -c {MARKS} -o S001_3.csv --first-frame 6")).exit(1);
     ran.says(&["face.avi", "at least 2 frames"]);
@@ -295,7 +295,7 @@ fn frames_of_a_video_have_their_own_times() {
     work.grimace("features out/tracks -o again").exit(0);
     assert_eq!(work.read("again/S001_1.csv"), work.read("out/features/S001_1.csv"));
     let ran = work.grimace(&format!("track films/uneven.mkv -c {MARKS} -o S001_9.csv")).exit(0);
-    ran.prints(&["the frames are 40 to 80 ms apart (15.63 frames per second in the mean); times are their own"]);
+    ran.prints(&["the frames are 40 to 80 ms apart (mean rate: 15.63 frames per second); every frame keeps its own time"]);
     work.grimace(&format!("track films/uneven.mkv -c {MARKS} -o S001_8.csv --fps 30")).exit(0);
     assert_eq!(rate_and_times(&work, "S001_8.json"), (30.0, None));
 }
@@ -341,7 +341,7 @@ fn a_video_with_dropped_frames_is_whole_and_a_cut_one_is_not() {
     work.write("cut.mkv", matroska(&frames, &times, Some(40), 1000.0));
     work.grimace(&format!("track dropped.mkv -c {MARKS} -o S001_1.csv")).exit(0).prints(&["6 frames", "40 to 80 ms apart"]);
     let ran = work.grimace(&format!("track cut.mkv -c {MARKS} -o S001_2.csv")).exit(1);
-    ran.says(&["cut.mkv: breaks off at frame 6 of 25; the file is cut or damaged"]);
+    ran.says(&["cut.mkv: ends unexpectedly at frame 6 of 25; the file is truncated or damaged"]);
     // An AVI says how many frames it has. 5 times the sequence, cut where the last frame begins: the decoder leaves out the one before it, too.
     for copy in 1..=4 {
         for number in 1..=6 {
@@ -355,9 +355,9 @@ fn a_video_with_dropped_frames_is_whole_and_a_cut_one_is_not() {
     let chunks: Vec<usize> = (0..whole.len() - 4).filter(|&k| &whole[k..k + 4] == b"00dc").collect();
     work.write("cut.avi", &whole[..chunks[29] + 2]);
     let ran = work.grimace(&format!("track cut.avi -c {MARKS} -o S001_3.csv")).exit(0);
-    ran.prints(&["28 frames,", "28 of the 30 frames that the file promises were found in it; it may be cut"]);
+    ran.prints(&["28 frames,", "the file has only 28 of the 30 frames that its header announces; it may be truncated"]);
     let ran = work.grimace(&format!("track whole.avi -c {MARKS} -o S001_4.csv")).exit(0);
-    assert!(!ran.stdout.contains("may be cut"), "{}", ran.stdout);
+    assert!(!ran.stdout.contains("may be truncated"), "{}", ran.stdout);
 }
 
 #[test]
@@ -436,7 +436,7 @@ fn folders_that_are_no_sequence_are_refused() {
     track("none").says(&["none: no images in the folder (extensions of images: png"]);
     // What would be a frame is not left out in silence, nor what may be one.
     work.write("heic/f1.png", work.bytes(&frame(1))).write("heic/f2.png", work.bytes(&frame(2))).write("heic/f3.HEIC", "x");
-    track("heic").says(&["heic/f3.HEIC: of a format that is not read, and by its name a frame; convert it to PNG"]);
+    track("heic").says(&["heic/f3.HEIC: this looks like a frame, but its format is not supported; convert it to PNG"]);
     track("nowhere").says(&["nowhere: there is no such folder of frames or video file"]);
     track("none/a.txt").says(&["a.txt: is neither a folder of images nor a video file"]);
 }
@@ -476,14 +476,14 @@ fn corrections_off_the_face_are_applied_and_said_and_those_off_the_picture_are_n
     };
     let tracked = place("64");
     work.write("corrections/S001_005.csv", "frame,node,x,y\n3,31,5,5\n3,64,9000,1\n");
-    let far = "S001_005.csv is applied, though these lie far from where the face is expected, look at them again: frame 3, node 31 at (5, 5): ";
-    let outside = "does not fit any more and is kept: frame 3, node 64: it lies outside the image";
+    let far = "S001_005.csv is applied, but these corrections lie far from the expected place; check them: frame 3, node 31 at (5, 5): ";
+    let outside = "no longer fits the track and is kept, but not applied: frame 3, node 64: it lies outside the image";
     let ran = work.grimace(&format!("{TRACK} --force")).exit(0).prints(&[far, " eye distances", outside]);
     assert!(!ran.stdout.contains("node 64 at"));
     assert_eq!(place("31"), ("5".to_owned(), "5".to_owned(), "corrected".to_owned()));
     assert_eq!(place("64").2, tracked.2);
     let beside = tracked.0.parse::<f64>().unwrap() + 4.0;
     work.write("corrections/S001_005.csv", format!("frame,node,x,y\n3,64,{beside},{}\n", tracked.1));
-    assert!(!work.grimace(&format!("{TRACK} --force")).exit(0).stdout.contains("look at them again"));
+    assert!(!work.grimace(&format!("{TRACK} --force")).exit(0).stdout.contains("check them"));
     assert_eq!(place("64").2, "corrected");
 }

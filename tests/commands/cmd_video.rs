@@ -139,7 +139,7 @@ fn the_command_says_up_to_which_frame_a_damaged_video_can_be_used() {
     let video = matroska(&frames, &[0, 40, 80, 120, 160, 200], Some(40), 240.0);
     work.write("face.mkv", without_cluster(video, 3));
     let track = "track face.mkv -c faces/S001/005/correspondences.csv -o S001_1.csv";
-    work.grimace(track).exit(1).says(&["face.mkv: damaged behind frame 3", "frames 1 to 3 can be used"]);
+    work.grimace(track).exit(1).says(&["face.mkv: damaged after frame 3", "use frames 1 to 3"]);
     work.grimace(&format!("{track} --last-frame 3")).exit(0).prints(&["3 frames"]);
 }
 

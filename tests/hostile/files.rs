@@ -38,21 +38,21 @@ fn motion_beyond_a_face_is_refused_wherever_it_enters() {
     let folder = clone_folder("1e30");
     let (status, said) = grimace(&folder, &[&CLONE[..], &["-s", "wild.csv"]].concat());
     assert_eq!(status, Some(1), "{said}");
-    assert!(said.contains("wild.csv, frame 3: node 31 is off by (1.000e30"), "{said}");
+    assert!(said.contains("wild.csv, frame 3: node 31 is (1.000e30"), "{said}");
     let (status, said) = grimace(&folder, &["synthesize", "--bank", "candide", "--motion", "wild.csv", "-o", "faces", "-q"]);
     assert_eq!(status, Some(1), "{said}");
-    assert!(said.contains("wild.csv, frame 3: node 31 is off by (1.000e30"), "{said}");
+    assert!(said.contains("wild.csv, frame 3: node 31 is (1.000e30"), "{said}");
     assert!(!folder.path().join("out").exists() && !folder.path().join("faces").exists());
     fs::write(folder.path().join("points.csv"), "frame,fp,dx,dy\n0,8.3,0,0\n7,8.3,0,-1e30\n").unwrap();
     let (status, said) = grimace(&folder, &["synthesize", "--bank", "candide", "--motion", "points.csv", "-o", "faces", "-q"]);
     assert_eq!(status, Some(1), "{said}");
-    assert!(said.contains("points.csv, frame 7: feature point 8.3 is off by (0.000e0, -1.000e30)"), "{said}");
+    assert!(said.contains("points.csv, frame 7: feature point 8.3 is (0.000e0, -1.000e30)"), "{said}");
     // A FAP that opens the jaw by two million times its unit.
     let fap = "2.1 wide 25 1\n0 0 1".to_owned() + &" 0".repeat(65) + "\n0 2000000000\n";
     fs::write(folder.path().join("wide.fap"), fap).unwrap();
     let (status, said) = grimace(&folder, &[&CLONE[..], &["-s", "wide.fap"]].concat());
     assert_eq!(status, Some(1), "{said}");
-    assert!(said.contains("wide.fap, frame") && said.contains("is off by"), "{said}");
+    assert!(said.contains("wide.fap, frame") && said.contains("away from"), "{said}");
 }
 
 #[test]

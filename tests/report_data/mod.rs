@@ -171,7 +171,7 @@ fn track(id: &SequenceId, emotion: &str, live: &[NodeId], rng: &mut ChaCha8Rng) 
             covered: None,
             verdict: if doubtful { Verdict::LookAgain } else { Verdict::Good },
             reasons: if doubtful {
-                vec![format!("{:.0} % of the nodes were lost, over all frames", 100.0 * loss)]
+                vec![format!("{:.0} % of the nodes were lost in all frames together", 100.0 * loss)]
             } else {
                 Vec::new()
             },

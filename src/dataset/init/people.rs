@@ -46,10 +46,7 @@ impl fmt::Display for PicturesOfPeople {
             .collect();
         let whose = if self.people.len() == 1 { "single pictures of" } else { "single pictures of several people:" };
         write!(f, "{}: {whose} {}; ", listed(&folders, MOST_NAMED), listed(&self.people, MOST_NAMED))?;
-        write!(
-            f,
-            "a sequence is a folder of its own for every person and expression, with the neutral picture as 1 and the other as 2"
-        )?;
+        write!(f, "make a folder for every person and expression, with the neutral picture as 1 and the other as 2")?;
         let Some([neutral, other, emotion]) = &self.pair else { return Ok(()) };
         let person = self.people.first().map_or("", String::as_str);
         let extension =
@@ -196,8 +193,8 @@ mod tests {
         names.extend(["neutral", "smiling"].iter().flat_map(|f| ["L001", "L002", "L003"].map(|p| format!("mix/{f}/{p}.jpg"))));
         let manifest = propose_manifest(folder(&names).path()).unwrap();
         assert_eq!(manifest.rows.iter().map(|row| row.frames.as_str()).collect::<Vec<_>>(), ["S9/happy"]);
-        let said = "`mix/neutral`; `mix/smiling`: single pictures of several people: L001; L002; L003; a sequence is a folder of its own for every \
-                    person and expression, with the neutral picture as 1 and the other as 2: copy mix/neutral/L001.jpg to L001/happiness/1.jpg and \
+        let said = "`mix/neutral`; `mix/smiling`: single pictures of several people: L001; L002; L003; make a folder for every person \
+             and expression, with the neutral picture as 1 and the other as 2: copy mix/neutral/L001.jpg to L001/happiness/1.jpg and \
                     mix/smiling/L001.jpg to L001/happiness/2.jpg";
         assert_eq!(manifest.pictures_of_people.iter().map(ToString::to_string).collect::<Vec<_>>(), [said]);
         // Nothing else is there.

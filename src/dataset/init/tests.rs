@@ -116,7 +116,7 @@ fn columns_of_people_that_are_not_taken_are_named() {
     };
     let (taken, left) = joined("subject,Emotion,gender,,frames,\nS1,joy,f,old,12,\n");
     assert_eq!(taken, ["gender"]);
-    let own = |name: &str| format!("`{name}`, which every sequence has of its own");
+    let own = |name: &str| format!("`{name}`, which the manifest sets for each sequence");
     assert_eq!(left, [own("Emotion"), own("frames"), "column 4, which has no name".to_owned()]);
     assert_eq!(joined("person,gender\nS1,f\n"), (vec!["gender".to_owned()], Vec::new()));
 }
@@ -216,7 +216,7 @@ fn pictures_that_a_command_of_ours_wrote_are_no_sequence() {
     // In the folder of the results themselves.
     let out = folder(&["run.json", "overlays/S1_1_00000001_overlay.png", "representatives/joy_skin.png"]);
     let error = propose_manifest(out.path()).unwrap_err().to_string();
-    assert!(error.contains("only what grimace wrote itself, in overlays; representatives; give the folder"), "{error}");
+    assert!(error.contains("only results of grimace, in overlays; representatives; give the folder"), "{error}");
 }
 
 #[test]

@@ -149,7 +149,8 @@ pub enum LandmarksError {
         found: String,
     },
     /// A row with more fields than columns, as decimal commas make them.
-    #[error("{}, line {line}: {found} fields where the header has {expected}; are there decimal commas? write decimals with a point, or separate columns by semicolons", path.display())]
+    #[error("{}, line {line}: the line has {found} fields, but the header has {expected}; if there are decimal commas, write decimals \
+         with a point, or separate columns by semicolons", path.display())]
     ExtraFields {
         /// The file.
         path: PathBuf,
@@ -173,7 +174,7 @@ pub enum LandmarksError {
         expected: &'static str,
     },
     /// A face that the table does not have.
-    #[error("{}: no row has the `face_id` {face}; there are {}", path.display(), crate::output::listed(found, 10))]
+    #[error("{}: no row has the `face_id` {face}; choose from {}", path.display(), crate::output::listed(found, 10))]
     NoSuchFace {
         /// The file.
         path: PathBuf,
@@ -208,7 +209,8 @@ pub enum LandmarksError {
         found: Vec<String>,
     },
     /// Something else than landmarks.
-    #[error("{}: is no landmark file; known are tables with a column `frame` (own and OpenFace), .pts files, and CK+'s text files of 68 lines `x y`", path.display())]
+    #[error("{}: this is not a landmark file; supported are tables with a column `frame` (of grimace and OpenFace), .pts files, and \
+         CK+'s text files of 68 lines `x y`", path.display())]
     Unknown {
         /// The file.
         path: PathBuf,
@@ -240,7 +242,7 @@ pub enum LandmarksError {
         last: u32,
     },
     /// More frames to guess than there are.
-    #[error("{}: of {frames} frames from {first} to {last} only {found} have landmarks; at least half of them must", path.display())]
+    #[error("{}: only {found} of {frames} frames from {first} to {last} have landmarks; at least half are needed", path.display())]
     MostlyLost {
         /// File or folder.
         path: PathBuf,
@@ -262,7 +264,7 @@ pub enum LandmarksError {
         found: usize,
     },
     /// A frame in two rows or files.
-    #[error("{}: landmarks of frame {frame} are there twice", path.display())]
+    #[error("{}: landmarks of frame {frame} appear twice; keep one", path.display())]
     DuplicateFrame {
         /// The file, or the second of two files.
         path: PathBuf,
@@ -277,8 +279,8 @@ pub enum LandmarksError {
     },
     /// Files that are counted in the order of their names, and do not go with the images.
     #[error(
-        "{}: several numbers vary in the names, so that files are counted, but there are {files} of landmarks and {images} images; name \
-         them by frame number, such as S005_001_00000001", folder.display()
+        "{}: several numbers vary in the names, so files are matched in order, but there are {files} landmark files and {images} images; \
+         name them by frame number, such as S005_001_00000001", folder.display()
     )]
     Counted {
         /// The folder.
@@ -289,19 +291,19 @@ pub enum LandmarksError {
         images: usize,
     },
     /// No frame at all.
-    #[error("{}: no landmarks of any frame", path.display())]
+    #[error("{}: no frame has landmarks", path.display())]
     Empty {
         /// The file or folder.
         path: PathBuf,
     },
     /// A file named in the manifest that is not there.
-    #[error("the landmark file is not there; looked for {}", paths.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(" and "))]
+    #[error("the landmark file does not exist; searched for {}", paths.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(" and "))]
     NotFound {
         /// Where it was looked for.
         paths: Vec<PathBuf>,
     },
     /// A frame without landmarks.
-    #[error("{}: frame {frame} has no landmarks; there are {count} frames from {first} to {last}", path.display())]
+    #[error("{}: frame {frame} has no landmarks; {count} frames from {first} to {last} have them", path.display())]
     NoSuchFrame {
         /// File or folder of the landmarks.
         path: PathBuf,
@@ -315,7 +317,7 @@ pub enum LandmarksError {
         last: u32,
     },
     /// A node that no landmark stands for.
-    #[error("no landmark marks node {node}; nodes with one are {}", nodes.iter().map(ToString::to_string).collect::<Vec<_>>().join(" "))]
+    #[error("node {node} has no landmark; nodes with a landmark are {}", nodes.iter().map(ToString::to_string).collect::<Vec<_>>().join(" "))]
     NoLandmark {
         /// The node.
         node: NodeId,

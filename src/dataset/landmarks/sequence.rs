@@ -63,8 +63,8 @@ impl LandmarkSequence {
             let (first, last) = (without.first()?, without.last()?);
             let named = if first == last { format!("frame {first} has") } else { format!("frames {first} to {last} have") };
             Some(format!(
-                "{named} an image and no landmarks: frame {0} became the {what}; add their landmarks, write {0} into the column `{column}` if it \
-                 is meant, or leave --prefer-landmarks out to track the images",
+                "{named} an image but no landmarks, so frame {0} became the {what}; add the landmarks, or write {0} into the column \
+                 `{column}` to confirm it, or leave --prefer-landmarks out to track the images",
                 frame.number
             ))
         };
@@ -163,14 +163,14 @@ mod tests {
         assert_eq!(
             behind,
             [
-                "frames 5 to 10 have an image and no landmarks: frame 4 became the apex; add their landmarks, write 4 into the column `last_frame` \
-              if it is meant, or leave --prefer-landmarks out to track the images"
+                "frames 5 to 10 have an image but no landmarks, so frame 4 became the apex; add the landmarks, or write 4 into the \
+                 column `last_frame` to confirm it, or leave --prefer-landmarks out to track the images"
             ]
         );
         // Back in time the apex is the lowest number.
         let both = said(&[9, 8, 7, 6, 5, 4, 3], &all);
-        assert!(both[0].starts_with("frame 10 has an image and no landmarks: frame 9 became the neutral frame"), "{both:?}");
-        assert!(both[1].starts_with("frames 1 to 2 have an image and no landmarks: frame 3 became the apex"), "{both:?}");
+        assert!(both[0].starts_with("frame 10 has an image but no landmarks, so frame 9 became the neutral frame"), "{both:?}");
+        assert!(both[1].starts_with("frames 1 to 2 have an image but no landmarks, so frame 3 became the apex"), "{both:?}");
         assert_eq!(said(&all, &all), [""; 0]);
         // Every second frame, and landmarks that are counted from 0.
         assert_eq!(said(&[1, 3, 5], &[1, 2, 3, 4, 5]), [""; 0]);

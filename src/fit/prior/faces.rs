@@ -97,13 +97,13 @@ pub enum FacesError {
         found: usize,
     },
     /// No column that says whose landmarks they are.
-    #[error("{}: no column `person`, `subject` or `frame` says whose face a row is", path.display())]
+    #[error("{}: there is no column `person`, `subject` or `frame` to name the person of a row", path.display())]
     NoName {
         /// The file.
         path: PathBuf,
     },
     /// A face twice.
-    #[error("{}, line {line}: {name} stands in line {first_line} already; a face counts once", path.display())]
+    #[error("{}, line {line}: {name} is already in line {first_line}; give one face per person", path.display())]
     Duplicate {
         /// The file.
         path: PathBuf,
@@ -116,7 +116,7 @@ pub enum FacesError {
     },
     /// A face in two inputs.
     #[error(
-        "{name} stands in {first} and in {second}; a face counts once, so leave it out of one, or give another person another name"
+        "{name} is in {first} and in {second}; each face must appear once: remove it from one file, or rename one of two different people"
     )]
     InTwoInputs {
         /// Whose face, as the second input has it.
@@ -127,7 +127,7 @@ pub enum FacesError {
         second: String,
     },
     /// A face in two inputs, by its points.
-    #[error("{name} in {second} has the very points of {other} in {first}; a face counts once, so leave it out of one")]
+    #[error("{name} in {second} has exactly the points of {other} in {first}; each face must appear once: remove one of them")]
     SameFace {
         /// Whose face, as the second input has it.
         name: String,
@@ -139,7 +139,7 @@ pub enum FacesError {
         first: String,
     },
     /// A node twice in one face.
-    #[error("{}, line {line}: node {node} of {name} stands in line {first_line} already", path.display())]
+    #[error("{}, line {line}: node {node} of {name} is already in line {first_line}; keep one row", path.display())]
     NodeTwice {
         /// The file.
         path: PathBuf,
@@ -372,7 +372,7 @@ mod tests {
         let nodes = [(NodeId(20), Point2::new(5.0, 6.0)), (NodeId(53), Point2::new(1.0, 2.0))];
         assert_eq!(found.faces[0].points, FacePoints::Nodes(nodes.to_vec()));
         let twice = read("person,node,x,y\nA,20,5,6\nA,20,7,8\n").unwrap_err();
-        assert!(twice.ends_with("line 3: node 20 of A stands in line 2 already"), "{twice}");
+        assert!(twice.ends_with("line 3: node 20 of A is already in line 2; keep one row"), "{twice}");
         assert!(read("who,node,x,y\nA,20,5,6\n").unwrap_err().contains("no column `person`, `subject` or"));
         assert!(read("person,node,x,y\nA,70000,5,6\n").unwrap_err().contains("70000"));
     }
@@ -410,23 +410,24 @@ mod tests {
         let a = table("a.csv", "person", &[("A", 0), ("B", 1)]);
         let b = table("b.csv", "subject", &[("C", 2), ("b", 3)]);
         let c = table("c.csv", "person", &[("D", 4)]);
-        let said =
-            "A stands in a.csv and in again.csv; a face counts once, so leave it out of one, or give another person another name";
+        let said = "A is in a.csv and in again.csv; each face must appear once: remove it from one file, or rename one of two different people";
         assert_eq!(once(&[("a.csv", &a), ("c.csv", &c), ("again.csv", &a)]).unwrap_err(), said);
-        assert!(once(&[("a.csv", &a), ("b.csv", &b)]).unwrap_err().starts_with("b stands in a.csv and in b.csv;"));
+        assert!(once(&[("a.csv", &a), ("b.csv", &b)]).unwrap_err().starts_with("b is in a.csv and in b.csv;"));
         once(&[("b.csv", &b), ("c.csv", &c)]).unwrap();
         // A dataset and a table.
         table("data/l.csv", "frame", &[("1", 5), ("2", 6)]);
         file("data/manifest.csv", "subject,sequence,emotion,frames\nD,1,fear,l.csv\n".to_owned());
         let data = folder.path().join("data");
-        assert!(once(&[("c.csv", &c), ("data", &data)]).unwrap_err().starts_with("D stands in c.csv and in data;"));
+        assert!(once(&[("c.csv", &c), ("data", &data)]).unwrap_err().starts_with("D is in c.csv and in data;"));
         once(&[("a.csv", &a), ("data", &data)]).unwrap();
         // The number of a frame is no person's name; the same points are the same face.
         let d = table("d.csv", "frame", &[("1", 7), ("2", 8)]);
         let e = table("e.csv", "frame", &[("1", 9), ("2", 10)]);
         let f = table("f.csv", "frame", &[("11", 8)]);
         once(&[("d.csv", &d), ("e.csv", &e)]).unwrap();
-        assert!(once(&[("d.csv", &d), ("f.csv", &f)]).unwrap_err().starts_with("11 in f.csv has the very points of 2 in d.csv;"));
+        assert!(
+            once(&[("d.csv", &d), ("f.csv", &f)]).unwrap_err().starts_with("11 in f.csv has exactly the points of 2 in d.csv;")
+        );
     }
 
     #[test]
@@ -474,7 +475,7 @@ mod tests {
     fn bad_files_are_named() {
         assert!(read("person", &["A"], 67).unwrap_err().ends_with("67 points in columns x0,y0,...; 68 were expected"));
         assert!(read("name", &["A"], 68).unwrap_err().contains("no column `person`, `subject` or `frame`"));
-        assert!(read("person", &["A", "A"], 68).unwrap_err().contains("line 3: A stands in line 2 already"));
+        assert!(read("person", &["A", "A"], 68).unwrap_err().contains("line 3: A is already in line 2"));
         let error = read("person,state", &["A,smiling", "B,sad"], 68).unwrap_err();
         assert!(error.ends_with("no row has the state `neutral`; there are sad, smiling"), "{error}");
     }

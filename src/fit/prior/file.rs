@@ -157,10 +157,10 @@ impl PriorFile {
             return Err("the mean has no nodes".to_owned());
         }
         if self.residuals.len() != count {
-            return Err(format!("{} residuals where the mean has {count} nodes", self.residuals.len()));
+            return Err(format!("it has {} residuals, but the mean has {count} nodes", self.residuals.len()));
         }
         if let Some((j, mode)) = self.modes.iter().enumerate().find(|(_, m)| m.len() != count) {
-            return Err(format!("mode {j} has {} nodes where the mean has {count}", mode.len()));
+            return Err(format!("mode {j} has {} nodes, but the mean has {count}", mode.len()));
         }
         let is_finite = |p: &[f64; 2]| p.iter().all(|v| v.is_finite());
         if !self.mean.iter().chain(self.modes.iter().flatten()).all(is_finite) {
@@ -301,7 +301,7 @@ mod tests {
             change(&mut file);
             serde_json::to_string(&file).unwrap()
         };
-        assert!(error(&with(|f| f.modes[0].truncate(1))).ends_with("mode 0 has 1 nodes where the mean has 2"));
+        assert!(error(&with(|f| f.modes[0].truncate(1))).ends_with("mode 0 has 1 nodes, but the mean has 2"));
         assert!(error(&with(|f| f.residuals[1] = -1.0)).contains("the residual of node 1 is -1"));
         assert!(error(&with(|f| f.mark_deviation = 0.0)).contains("mark_deviation is 0"));
         assert!(error(&with(|f| f.mean.clear())).ends_with("the mean has no nodes"));

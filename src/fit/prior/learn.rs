@@ -53,7 +53,7 @@ pub enum LearnError {
         found: usize,
     },
     /// A number of modes that cannot be had.
-    #[error("{asked} modes from {faces} faces; 1 to {most} can be learned")]
+    #[error("cannot learn {asked} modes from {faces} faces; choose 1 to {most}")]
     Modes {
         /// Modes asked for.
         asked: usize,
@@ -98,7 +98,7 @@ pub enum LearnError {
     },
     /// A face that lies mirrored or upside down.
     #[error(
-        "{name}: the face stands upside down (roll {degrees:.0} degrees); are y down and the order of the 68 points as expected?"
+        "{name}: the face is upside down (roll {degrees:.0} degrees); check that y points down and that the 68 points are in the iBUG order"
     )]
     UpsideDown {
         /// The face.
@@ -108,7 +108,7 @@ pub enum LearnError {
     },
     /// A face with a point that lies where no face has it.
     #[error(
-        "{name}: {point} is at ({x:?}, {y:?}), {distance:.1} eye distances from where the other faces have it; mend it, or leave the face out"
+        "{name}: {point} is at ({x:?}, {y:?}), {distance:.1} eye distances from its place in the other faces; correct it, or leave the face out"
     )]
     FarPoint {
         /// The face.
@@ -123,7 +123,7 @@ pub enum LearnError {
         distance: f64,
     },
     /// A wireframe whose halves are no mirror images.
-    #[error("node {node} of the wireframe has no counterpart on the other side; a prior is learned over Candide-3")]
+    #[error("node {node} of the wireframe has no counterpart on the other side; learn the prior with Candide-3")]
     NotSymmetric {
         /// The node.
         node: NodeId,
@@ -461,7 +461,7 @@ mod tests {
         let faces: Vec<_> = (0..10).map(|i| face(i, i as f64)).collect();
         let error = |faces: &[NeutralFace], modes| learn_prior(&w, &tables, faces, modes).unwrap_err().to_string();
         assert!(error(&faces[..9], 3).starts_with("9 faces; a prior needs at least 10"));
-        assert_eq!(error(&faces, 10), "10 modes from 10 faces; 1 to 9 can be learned");
+        assert_eq!(error(&faces, 10), "cannot learn 10 modes from 10 faces; choose 1 to 9");
         let mut wild = faces.clone();
         let set = |faces: &mut [NeutralFace], k: usize, to: fn(&mut Point2<f64>)| {
             let FacePoints::Landmarks(landmarks) = &mut faces[7].points else { unreachable!() };
@@ -481,7 +481,7 @@ mod tests {
             FacePoints::Nodes(_) => unreachable!(),
         };
         change(&mut upside_down, |p| *p = -*p);
-        assert!(error(&upside_down, 3).starts_with("3: the face stands upside down"));
+        assert!(error(&upside_down, 3).starts_with("3: the face is upside down"));
         change(&mut upside_down, |p| *p = Point2::origin());
         assert!(error(&upside_down, 3).starts_with("3: the landmarks do not determine a placement"));
     }

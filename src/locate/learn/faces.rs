@@ -43,7 +43,7 @@ pub enum FacesError {
         reason: String,
     },
     /// A person left out who is not there.
-    #[error("{}: nobody is called {name}; --leave-out takes names of the column person", path.display())]
+    #[error("{}: there is no person {name}; --leave-out needs names from the column person", path.display())]
     NoSuchPerson {
         /// The table.
         path: PathBuf,
@@ -51,7 +51,7 @@ pub enum FacesError {
         name: String,
     },
     /// A person twice.
-    #[error("{}, line {line}: {name} stands there already", path.display())]
+    #[error("{}, line {line}: {name} appears twice; keep one row", path.display())]
     Twice {
         /// The table.
         path: PathBuf,

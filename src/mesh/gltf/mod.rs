@@ -174,7 +174,7 @@ mod tests {
     #[test]
     fn another_version_and_half_a_triangle_are_refused() {
         let error = read(&edited(|root| root["asset"]["version"] = "1.0".into())).unwrap_err().to_string();
-        assert!(error.contains("it is glTF 1.0; glTF 2.0 is read"), "{error}");
+        assert!(error.contains("the file is glTF 1.0, but only glTF 2.0 is supported"), "{error}");
         assert!(read(&edited(|root| root["asset"]["version"] = "2.1".into())).is_ok());
         let seven = edited(|root| {
             let indices = root["meshes"][0]["primitives"][0]["indices"].as_u64().unwrap() as usize;

@@ -71,7 +71,7 @@ fn parse(path: &Path, bytes: &[u8], name: Option<&str>, wanted: &dyn Fn(&str) ->
     let mut root = document.into_json();
     if root.asset.version.split('.').next() != Some("2") {
         return Err(error(format!(
-            "it is glTF {}; glTF 2.0 is read: save it anew from the program that made it",
+            "the file is glTF {}, but only glTF 2.0 is supported: export it again as glTF 2.0",
             excerpt(&root.asset.version)
         )));
     }
@@ -79,7 +79,7 @@ fn parse(path: &Path, bytes: &[u8], name: Option<&str>, wanted: &dyn Fn(&str) ->
     let compressed: Vec<&str> = COMPRESSED.into_iter().filter(|name| used.contains(name)).collect();
     if !compressed.is_empty() {
         return Err(error(format!(
-            "its meshes are stored with {}, which is not read: `gltf-transform dequantize IN.glb OUT.glb` writes them plain",
+            "its meshes are stored with {}, which is not supported: convert them with `gltf-transform dequantize IN.glb OUT.glb`",
             compressed.join(" and ")
         )));
     }
@@ -150,7 +150,7 @@ fn placement(document: &Document, mesh: usize) -> Result<Option<Affine3<f64>>, S
     }
     let volume = whole.fixed_view::<3, 3>(0, 0).determinant();
     if whole.iter().any(|v| !v.is_finite()) || !(volume.abs() > 0.0) {
-        return Err(format!("the transform of node {} is not finite, or leaves nothing of the mesh", node.index()));
+        return Err(format!("the transform of node {} is not finite, or scales the mesh to nothing", node.index()));
     }
     Ok(Some(Affine3::from_matrix_unchecked(whole)))
 }
@@ -200,7 +200,7 @@ fn load_buffers(document: &Document, mut blob: Option<Vec<u8>>, path: &Path) -> 
                 length.map_err(|e| error(format!("buffer {}, {}: {e}", buffer.index(), excerpt(&file.to_string_lossy()))))?;
             if length > crate::input::MAX_BYTES {
                 return Err(error(format!(
-                    "buffer {} has {length} bytes; at most {} are read",
+                    "buffer {} has {length} bytes, more than the limit of {}",
                     buffer.index(),
                     crate::input::MAX_BYTES
                 )));

@@ -113,7 +113,7 @@ pub fn check_dataset(
     if !whole.is_empty() {
         let named: Vec<String> = whole.iter().map(ToString::to_string).collect();
         notes.push(format!(
-            "whole recordings, of which `run` makes a sequence for each expression that it finds; they are not looked through here: {}",
+            "whole recordings are not searched here; `run` makes a sequence of each expression that it finds in them: {}",
             listed(&named, NAMED)
         ));
     }

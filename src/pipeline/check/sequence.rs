@@ -237,5 +237,5 @@ fn beyond_said(frames: &FrameSource, stated: usize) -> Option<String> {
     let (column, frame) = [("last_frame", last), ("first_frame", first)]
         .into_iter()
         .find(|(_, frame)| frame.is_some_and(|f| f as usize > stated))?;
-    Some(format!("`{column}` is {}, and the header of the video states {stated} frames", frame?))
+    Some(format!("`{column}` is {}, but the header of the video states {stated} frames", frame?))
 }

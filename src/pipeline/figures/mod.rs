@@ -28,7 +28,7 @@ use crate::{
 #[derive(Debug, thiserror::Error)]
 pub enum FiguresError {
     /// Not a folder of results.
-    #[error("{}: there is no representative in it; give the folder that `run` or `analyze` wrote", path.display())]
+    #[error("{}: this folder has no representatives; give the output folder of `run` or `analyze`", path.display())]
     NoResults {
         /// The folder.
         path: PathBuf,
@@ -45,7 +45,7 @@ pub enum FiguresError {
         reason: String,
     },
     /// A model of another wireframe.
-    #[error("{}: it has {found} nodes, the wireframe {expected}; give the --wireframe of the run", path.display())]
+    #[error("{}: it has {found} nodes, but the wireframe has {expected}; give the --wireframe of the run", path.display())]
     OtherWireframe {
         /// The file.
         path: PathBuf,

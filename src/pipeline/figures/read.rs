@@ -82,8 +82,8 @@ pub struct Results {
 
 /// Tables that figures are made of, and what cannot be shown without.
 const TABLES: [(&str, &str); 2] = [
-    ("trimming.csv", "which sequences were trimmed and the distances between all others are left out"),
-    ("bands.csv", "the courses of FAPs are left out"),
+    ("trimming.csv", "the figures do not show trimmed sequences and the distances between the others"),
+    ("bands.csv", "the figures of FAPs over time are left out"),
 ];
 
 impl Results {
@@ -92,17 +92,17 @@ impl Results {
         let mut said = Vec::new();
         if self.unfinished {
             said.push(format!(
-                "the run is not finished ({JOURNAL} is there): what is shown may be of this run and of an earlier one; run the same command \
-                 again to finish it, then make the figures anew"
+                "the run is not finished ({JOURNAL} exists), so the figures may mix it with an earlier run; run the same command again \
+                 to finish it, then draw the figures again"
             ));
         }
-        said.extend(self.missing.iter().map(|(name, what)| format!("{name} is not there: {what}")));
+        said.extend(self.missing.iter().map(|(name, what)| format!("{name} is missing: {what}")));
         let [all, without] = self.without_features;
         if without > 0 {
             let what = if without == all {
-                "courses of action units are left out"
+                "the figures of action units over time are left out"
             } else {
-                "they are not in the courses of action units"
+                "the figures of action units over time do not include them"
             };
             said.push(format!("features/ has no table of {without} of {}: {what}", count(all, "sequence", "sequences")));
         }
@@ -204,7 +204,7 @@ fn about(path: &Path) -> Result<ClassJson, FiguresError> {
     let bytes = crate::input::read(path).map_err(|e| failed(format!("cannot be read: {e}")))?;
     read_record(&bytes, SCHEMA_VERSION).map_err(|error| match error {
         RecordError::Newer { .. } => failed(error.to_string()),
-        RecordError::Json(source) => failed(format!("damaged ({source}); run again to have it written anew")),
+        RecordError::Json(source) => failed(format!("damaged ({source}); run again to rewrite it")),
     })
 }
 

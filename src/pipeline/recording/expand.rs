@@ -47,7 +47,7 @@ pub(in super::super) fn expand(
         }
     }
     let doubles = take_doubles(&mut sequences, |double, first| {
-        format!("this sequence would be called {}, and {} is there already; rename one of them", double.id, first.id)
+        format!("this sequence would be named {}, but {} exists already; rename one of them", double.id, first.id)
     });
     dataset.failures.extend(doubles);
     sequences.sort_by(|a, b| a.id.cmp(&b.id));
@@ -94,9 +94,10 @@ fn with_segments(files: RecordingFiles) -> Result<RecordingFiles, RecordingError
 pub(in super::super) fn recording_of(entry: &SequenceEntry, bench: &Workbench) -> Result<Recording, RecordingError> {
     let frames = list_recording(&entry.frames_path).map_err(|e| RecordingError::Row { reason: e.to_string() })?;
     if entry.last_frame.is_some() || (entry.first_frame.is_some() && entry.correspondences_path.is_none()) {
-        let reason = "a recording that is cut as a whole (segment is auto) has no first_frame and last_frame of its own: leave them empty, or \
-                      name one sequence and leave segment empty; with marks, first_frame says which frame they are for"
-            .to_owned();
+        let reason =
+            "a whole recording (segment is auto) cannot have first_frame and last_frame: leave them empty, or leave segment \
+             empty to define one sequence; if the recording has marks, first_frame is the frame of the marks"
+                .to_owned();
         return Err(RecordingError::Row { reason });
     }
     let marks = match (&entry.correspondences_path, entry.first_frame) {
@@ -106,7 +107,7 @@ pub(in super::super) fn recording_of(entry: &SequenceEntry, bench: &Workbench) -
             Some((frame, read.map_err(|e| RecordingError::Row { reason: e.to_string() })?))
         }
         (Some(_), None) => {
-            let reason = "the recording has marks, but first_frame does not say which frame they are for".to_owned();
+            let reason = "the recording has marks, but first_frame is empty; set it to the frame of the marks".to_owned();
             return Err(RecordingError::Row { reason });
         }
     };

@@ -191,7 +191,7 @@ fn make_room(folder: &Path, stem: &str) -> Result<Vec<String>, RecordingError> {
                 if let Some(kept) = free.into_iter().find(|kept| !folder.join(kept).exists()) {
                     std::fs::rename(&path, folder.join(&kept)).map_err(OutputError::at(&path))?;
                     notes.push(format!(
-                        "the marks in {name} had been edited: they are kept as {kept}, for the recording is cut anew"
+                        "the marks in {name} were edited; they are kept as {kept}, because the recording is segmented again"
                     ));
                 }
             }

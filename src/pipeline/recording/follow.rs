@@ -122,7 +122,7 @@ pub(super) fn follow(
                 && is_another((frame_before, before), (&frame, &tracked), eye_distance, bench)?
             {
                 let behind = frame.number().max(before.number);
-                return Ok((out, Some(format!("frame {behind}: the face of another person begins, as behind a cut"))));
+                return Ok((out, Some(format!("frame {behind}: the face of another person appears, as after a cut"))));
             }
             if !(stretch.first..=stretch.last).contains(&place) && !is_found(&frame, &tracked, eye_distance)? {
                 return Ok((out, None));
@@ -131,7 +131,7 @@ pub(super) fn follow(
                 if place == start.place {
                     // Nothing can be tracked from there, and looking again would not end.
                     let where_it_is = reason.split_once(": ").map_or(reason.as_str(), |(_, reason)| reason);
-                    let reason = format!("the marks are not on the face: {where_it_is}; look at them with `grimace annotate`");
+                    let reason = format!("the marks are not on the face: {where_it_is}; check them with `grimace annotate`");
                     return Err(RecordingError::Marks { frame: frame.number(), reason });
                 }
                 // Since the last look it may have been astray already.
@@ -192,7 +192,7 @@ fn astray(survey: &Survey, place: usize, tracked: &TrackedFrame, eye_distance: f
         return is_gone.then(|| format!("frame {}: no face is found, and {lost} nodes were lost", tracked.number));
     };
     let median = apart(tracked, marks)?;
-    (median > ASTRAY * eye_distance).then(|| format!("frame {}: the face is found {median:.0} px from there", tracked.number))
+    (median > ASTRAY * eye_distance).then(|| format!("frame {}: the face is {median:.0} px away", tracked.number))
 }
 
 type Frames = Box<dyn Iterator<Item = Result<Frame, SequenceError>>>;

@@ -238,20 +238,20 @@ impl EarlierSegments {
                 })
                 .collect();
             said.push(format!(
-                "left out, since the rows were deleted from the table that was there: {}; without that table all come back",
+                "left out, because their rows were deleted from the old table: {}; remove that table to get all of them back",
                 names.join("; ")
             ));
         }
         if labels > 0 {
-            said.push(format!("labels kept from the table that was there: of {}", count(labels, "sequence", "sequences")));
+            said.push(format!("labels kept from the old table: {}", count(labels, "sequence", "sequences")));
         }
         if !self.columns.is_empty() {
-            said.push(format!("columns kept from the table that was there: {}", self.columns.join(", ")));
+            said.push(format!("columns kept from the old table: {}", self.columns.join(", ")));
         }
         for (what, list) in [
-            ("the table that was there had other labels", other),
-            ("the table that was there had other frames", moved),
-            ("in the table that was there, and not found now", gone),
+            ("the old table had other labels", other),
+            ("the old table had other frames", moved),
+            ("in the old table, but not found now", gone),
         ] {
             if !list.is_empty() {
                 said.push(format!("{what}: {}", list.join("; ")));
@@ -348,7 +348,7 @@ mod tests {
         for _ in 0..2 {
             let (names, said) = again(&table, &segments);
             assert_eq!(names, ["talk-01", "talk-02", "talk-04"], "{said:?}");
-            assert!(said[0].starts_with("left out, since the rows were deleted"), "{said:?}");
+            assert!(said[0].starts_with("left out, because their rows were deleted"), "{said:?}");
             assert!(said[0].contains(": talk-03 (frames 90 to 70);"), "{said:?}");
         }
         // Cut with other options nothing is found, and a little later something nearby: it is the same.

@@ -147,7 +147,7 @@ pub enum RecordingError {
     #[error(transparent)]
     Sequence(#[from] SequenceError),
     /// No frame at all.
-    #[error("there are no frames")]
+    #[error("the recording has no frames")]
     NoFrames,
     /// The locator.
     #[error(transparent)]
@@ -161,7 +161,7 @@ pub enum RecordingError {
         reason: String,
     },
     /// The neutral frame named is not in a stretch with a face.
-    #[error("frame {frame}, which the marks are for, is not in the recording; it has frames {first} to {last}")]
+    #[error("the marks are for frame {frame}, which is not in the recording; it has frames {first} to {last}")]
     NoSuchFrame {
         /// Frame number.
         frame: u32,
@@ -189,13 +189,13 @@ pub enum RecordingError {
         reason: String,
     },
     /// No stretch could be used.
-    #[error("no sequence can be proposed: {}", reasons.join("; "))]
+    #[error("found no sequence: {}", reasons.join("; "))]
     Nothing {
         /// Why, a sentence each.
         reasons: Vec<String>,
     },
     /// The record of an earlier time is of a later version.
-    #[error("{}: {source}, or give the table of `segment` another name, or `run` another `-o`", path.display())]
+    #[error("{}: {source}, or give another name for the table of `segment`, or another `-o` of `run`", path.display())]
     Newer {
         /// The record.
         path: PathBuf,
@@ -304,7 +304,7 @@ fn tracked_stretches(
             Some((*place, fitting_marks(face.as_ref()?, survey.size, bench)))
         };
         let Some((place, marks)) = given.or_else(found) else {
-            notes.push(format!("{named}: no face in them is trusted; mark a neutral frame with `grimace annotate`"));
+            notes.push(format!("{named}: found no trusted face; mark a neutral frame with `grimace annotate`"));
             continue;
         };
         match follow(&recording.frames, survey, stretch, &Start { place, marks: &marks }, bench, tick) {
@@ -316,7 +316,7 @@ fn tracked_stretches(
                 tracked.push(followed);
             }
             Err(RecordingError::Marks { frame, reason }) if !is_given => {
-                notes.push(format!("{named}: the points found in frame {frame} make no fit: {reason}"));
+                notes.push(format!("{named}: cannot fit the points found in frame {frame}: {reason}"));
             }
             Err(error) => return Err(error),
         }
@@ -373,10 +373,7 @@ fn enter(
     if let Ok(found) = &segmentation {
         let number = |k: usize| followed.frames[k].number;
         notes.extend(
-            found
-                .without_rest
-                .iter()
-                .map(|&k| format!("frame {}: an expression without a rest beside it is left out", number(k))),
+            found.without_rest.iter().map(|&k| format!("frame {}: skipped an expression without a rest next to it", number(k))),
         );
         for e in &found.expressions {
             let name = format!("{}-{:02}", result.stem, result.segments.len() + 1);

@@ -97,7 +97,7 @@ pub(super) const SHORTEST: f64 = 1.0;
 /// What is said of frames that last for less than [`SHORTEST`].
 pub(super) fn too_short(named: &str, frames: usize, fps: f64) -> String {
     let (found, least) = (count(frames, "frame", "frames"), (SHORTEST * fps).ceil().max(2.0));
-    format!("{named}: too short for a rest and an expression: {found}, {least} at least at {}", per_second(fps))
+    format!("{named}: too short for a rest and an expression: {found}; at least {least} are needed at {}", per_second(fps))
 }
 
 impl Survey {
@@ -212,21 +212,20 @@ impl Survey {
             Turn::Gone(place) => {
                 let before = self.looks.iter().map(|look| look.place).take_while(|&look| look < place).last().unwrap_or_default();
                 let ends = tracked.iter().map(|&(_, last)| last + 1).filter(|end| (before + 1..=place).contains(end)).max();
-                format!("frame {}: no face is found from here on", number(ends.unwrap_or(place)))
+                format!("frame {}: from here no face is found", number(ends.unwrap_or(place)))
             }
             Turn::Back(place) => {
                 let first =
                     tracked.iter().find(|&&(first, last)| (first..=last).contains(&place)).map_or(place, |&(first, _)| first);
                 format!("frame {}: a face is found again", number(first))
             }
-            Turn::Other(place) => format!("frame {}: another face is followed from here on", number(place)),
+            Turn::Other(place) => format!("frame {}: from here another face is followed", number(place)),
         }
     }
 
     /// That several faces are seen and which one is followed, by the first look that shows them; nothing where marks say which one is.
     pub fn several(&self, marked: bool) -> Option<String> {
-        let (taken, another) =
-            ("the one that is largest on the whole is followed", "another one is followed where its marks are given for a frame");
+        let (taken, another) = ("the largest on average is followed", "to follow another face, give its marks for a frame");
         let told = |look: &Look| {
             let said = look.face.as_ref()?.chosen_of_several(taken, another)?;
             Some(format!("frame {}: {said}", self.numbers.get(look.place)?))
@@ -344,10 +343,10 @@ mod tests {
         let of = |first, last, reach| Stretch { first, last, reach };
         assert_eq!(stretches, [of(0, 30, (0, 39)), of(60, 69, (51, 69)), of(70, 79, (70, 79))]);
         let told = |tracked: &[(usize, usize)]| turns.iter().map(|&turn| survey.told(turn, tracked)).collect::<Vec<_>>();
-        let said = ["frame 71: a new scene begins", "frame 41: no face is found from here on", "frame 61: a face is found again"];
+        let said = ["frame 71: a new scene begins", "frame 41: from here no face is found", "frame 61: a face is found again"];
         assert_eq!(told(&[]), said);
         // The face was there after the look that found it last, and before the one that finds it again.
-        let said = ["frame 71: a new scene begins", "frame 36: no face is found from here on", "frame 57: a face is found again"];
+        let said = ["frame 71: a new scene begins", "frame 36: from here no face is found", "frame 57: a face is found again"];
         assert_eq!(told(&[(0, 34), (56, 69), (70, 79)]), said);
     }
 
@@ -358,6 +357,6 @@ mod tests {
         let (stretches, turns) = survey.stretches();
         assert_eq!(stretches, [(0, 20), (30, 50), (60, 79)].map(|reach| Stretch { first: reach.0, last: reach.1, reach }));
         assert_eq!(turns, [Turn::Other(30), Turn::Other(60)]);
-        assert_eq!(survey.told(turns[0], &[]), "frame 31: another face is followed from here on");
+        assert_eq!(survey.told(turns[0], &[]), "frame 31: from here another face is followed");
     }
 }

@@ -120,7 +120,7 @@ pub fn compare_amplitudes(
         0 => independent(a, b, strata, options, permutations),
         n if n == smaller => paired(&pairs, options, permutations),
         n => Err(format!(
-            "{} in both groups and others in one; compare different people, or the same people twice",
+            "{} in both groups, but others only in one; compare different people, or the same people twice",
             count(n, "person is", "people are")
         )),
     }
@@ -364,7 +364,7 @@ mod tests {
         close(t.p, SCIPY_PAIRED[4]);
         assert!(t.paired);
         let why = compared(&people(&A, "p"), &[people(&B[..3], "p"), people(&B, "q")].concat()).unwrap_err();
-        assert!(why.starts_with("3 people are in both groups"), "{why}");
+        assert!(why.starts_with("3 people are in both groups, but others only in one"), "{why}");
     }
 
     #[test]

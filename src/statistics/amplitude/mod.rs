@@ -90,7 +90,7 @@ pub fn amplitudes(models: &[&SequenceModel], wireframe: &Wireframe, tables: &Tab
         }
     }
     if people.len() < 2 {
-        let why = "amplitudes are measured against other people, and there is one person only".to_owned();
+        let why = "amplitudes need other people for comparison, but there is only one person".to_owned();
         let missing = AmplitudeRegion::ALL.map(|region| (region, why.clone())).to_vec();
         return Amplitudes { values: vec![[None; 4]; models.len()], missing };
     }
@@ -128,7 +128,8 @@ pub fn amplitudes(models: &[&SequenceModel], wireframe: &Wireframe, tables: &Tab
         let mean = members.iter().map(|node| node.1).sum::<f64>() / members.len().max(1) as f64;
         if !(mean >= LEAST_MOTION) {
             let why = format!(
-                "the median motion moves these nodes by {mean:.2} face units on average, less than the {LEAST_MOTION} that can be told from errors"
+                "the median motion moves these nodes by {mean:.2} face units on average, less than {LEAST_MOTION}, the least that can be \
+                 distinguished from errors"
             );
             missing.push((region, why));
             continue;
@@ -183,6 +184,6 @@ mod tests {
         assert!(found.values.iter().flatten().all(Option::is_none));
         assert!(found.missing[0].1.contains("0.10 face units"), "{:?}", found.missing);
         let alone = of(&[moving("a", "1", 5.0), moving("a", "2", 6.0)]);
-        assert!(alone.values.iter().flatten().all(Option::is_none) && alone.missing[3].1.contains("one person only"));
+        assert!(alone.values.iter().flatten().all(Option::is_none) && alone.missing[3].1.contains("only one person"));
     }
 }

@@ -156,11 +156,15 @@ impl Comparisons {
         }
         if !self.too_many.is_empty() {
             let list: Vec<String> = self.too_many.iter().map(|(emotion, groups)| format!("{emotion} has {groups}")).collect();
-            warnings
-                .push(format!("more than {MAX_COMPARED_GROUPS} groups are not compared with each other: {}", list.join(", ")));
+            warnings.push(format!(
+                "groups were not compared, because there are more than {MAX_COMPARED_GROUPS}: {}",
+                list.join(", ")
+            ));
         }
         if self.unknown_left_out && !self.pairs.is_empty() {
-            warnings.push(format!("people without a value are the group `{UNKNOWN_GROUP}`, which is compared with nobody"));
+            warnings.push(format!(
+                "people without a value form the group `{UNKNOWN_GROUP}`, which is not compared with other groups"
+            ));
         }
         warnings
     }
@@ -180,11 +184,12 @@ impl Comparisons {
             helps.push(format!("--permutations {} or more", (2.0 * tests as f64 / significance).ceil() as usize));
         }
         if drawn < hopeless.len() {
-            helps.push("more people in groups whose splits are all tried".to_owned());
+            helps.push("more people in groups that were tested exhaustively".to_owned());
         }
         helps.push("fewer groups to compare".to_owned());
         Some(format!(
-            "{} of {} cannot reject at {significance} after Holm's correction for their number, whatever the data (least p {}, corrected {}); what would help: {}",
+            "{} of {} cannot be significant at {significance} after Holm's correction, whatever the data (smallest possible p {}, \
+             corrected {}); possible remedies: {}",
             hopeless.len(),
             count(tests, "test", "tests"),
             nine_digits(first.least_p),

@@ -113,7 +113,7 @@ pub const LEAST_PEOPLE: usize = 2;
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
 pub enum NotTested {
     /// A group of one says nothing about its scatter.
-    #[error("a group of {people} cannot be tested")]
+    #[error("a group of {people} is too small for a test")]
     TooFewPeople {
         /// People in the smaller group.
         people: usize,

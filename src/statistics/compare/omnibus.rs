@@ -110,7 +110,7 @@ fn test(distances: &[Vec<f64>], exchange: &Exchange, options: &CompareOptions, s
     let observed = Split::new(distances, labels, &sizes);
     let total = total(distances);
     if !(total > 0.0) || observed.within <= ROUNDING * total {
-        return Err("all people of a group are alike; a test needs people who differ".to_owned());
+        return Err("all people of a group move in the same way; a test needs people who differ".to_owned());
     }
     let location_f = observed.location_f(total);
     let scatter_f = analysis_of_variance(&observed.to_centroid, labels, &sizes);
@@ -299,7 +299,7 @@ mod tests {
     fn people_who_are_all_alike_say_so() {
         let same = vec![vec![0.0; 4]; 4];
         let why = test(&same, &everybody(&[0, 0, 1, 1]), &CompareOptions::default(), 0).unwrap_err();
-        assert!(why.starts_with("all people of a group are alike"));
+        assert!(why.starts_with("all people of a group move in the same way"));
     }
 
     // From scripts/check_statistics.py: p of location and scatter over all ways; F of location and scatter and their p.

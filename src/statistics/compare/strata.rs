@@ -33,7 +33,7 @@ pub struct Strata {
 pub enum StrataError {
     /// People without a value.
     #[error(
-        "{people} of the people have no value in `{columns}`, {first} among them; permutation within strata needs one of everybody"
+        "{people} of the people have no value in `{columns}`, for example {first}; permutation within strata needs a value for every person"
     )]
     Missing {
         /// How many.
@@ -54,9 +54,7 @@ pub enum StrataError {
         columns: String,
     },
     /// No stratum has people of different groups.
-    #[error(
-        "no stratum of `{columns}` has people of different groups: groups and strata coincide, and nothing can be told apart from the strata"
-    )]
+    #[error("no stratum of `{columns}` has people of different groups: groups and strata coincide and cannot be separated")]
     Coincide {
         /// The columns.
         columns: String,
@@ -153,7 +151,7 @@ mod tests {
     #[test]
     fn strata_that_serve_for_nothing_say_why() {
         let why = |rows: &[(&str, &str)]| strata(rows).blocks(&["a", "b"], 1).unwrap_err().to_string();
-        assert!(why(&[("a", "x"), ("b", "")]).starts_with("1 of the people have no value in `site`, b among them"));
+        assert!(why(&[("a", "x"), ("b", "")]).starts_with("1 of the people have no value in `site`, for example b"));
         assert!(why(&[("a", "x"), ("b", "x"), ("b", "y")]).starts_with("b has several values in `site` (x, y)"));
         assert!(why(&[("a", "x"), ("b", "y")]).contains("groups and strata coincide"));
     }

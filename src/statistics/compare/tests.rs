@@ -82,7 +82,7 @@ fn groups_that_can_not_be_tested_say_why() {
     let options = CompareOptions::default();
     let error = |x: &[&SequenceModel], y: &[&SequenceModel]| compare(x, y, &live, &options, None, 0).unwrap_err();
     assert_eq!(error(&[&a, &b], &[&c]), NotTested::TooFewPeople { people: 1 });
-    assert_eq!(error(&[&a], &[&b, &b2]).to_string(), "a group of 1 cannot be tested");
+    assert_eq!(error(&[&a], &[&b, &b2]).to_string(), "a group of 1 is too small for a test");
     assert_eq!(error(&[&a, &b], &[&b2, &c]).to_string(), "b is in both groups; a test needs different people");
 }
 

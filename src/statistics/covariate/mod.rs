@@ -126,7 +126,7 @@ pub struct Covariate {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum NoCovariate {
     /// Too few people.
-    #[error("{people} of the people {} a number; {LEAST_PEOPLE} or more are needed", if *people == 1 { "has" } else { "have" })]
+    #[error("only {people} of the people {} a number; at least {LEAST_PEOPLE} are needed", if *people == 1 { "has" } else { "have" })]
     TooFewPeople {
         /// People with a number.
         people: usize,
@@ -140,7 +140,7 @@ pub enum NoCovariate {
         number: f64,
     },
     /// Everybody who was drawn has the same number.
-    #[error("all {used} people who were drawn of {people} have the same number; --test-people draws more")]
+    #[error("all {used} people drawn from {people} have the same number; draw more with --test-people")]
     SameDrawn {
         /// People who were drawn.
         used: usize,
@@ -148,13 +148,13 @@ pub enum NoCovariate {
         people: usize,
     },
     /// Everybody moves alike.
-    #[error("all people move alike; a test needs people who differ")]
+    #[error("all people move in the same way; a test needs people who differ")]
     Alike,
     /// People cannot be permuted within strata.
     #[error(transparent)]
     Strata(StrataError),
     /// Nobody's numbers differ within a stratum.
-    #[error("within the strata of `{columns}` all people have the same number: nothing can be told apart from the strata")]
+    #[error("within the strata of `{columns}` all people have the same number: its effect cannot be separated from the strata")]
     Coincide {
         /// The columns.
         columns: String,
@@ -460,18 +460,18 @@ mod tests {
         let why = of(&FIVE, Some(&sites(["a", "b", "c", "d", "e"]))).unwrap_err();
         assert_eq!(
             why.to_string(),
-            "within the strata of `site` all people have the same number: nothing can be told apart from the strata"
+            "within the strata of `site` all people have the same number: its effect cannot be separated from the strata"
         );
     }
 
     #[test]
     fn what_cannot_be_tested_says_why() {
         let why = |people: &[(&str, f64, f64)]| of(people, None).unwrap_err().to_string();
-        assert_eq!(why(&FIVE[..4]), "4 of the people have a number; 5 or more are needed");
+        assert_eq!(why(&FIVE[..4]), "only 4 of the people have a number; at least 5 are needed");
         assert_eq!(why(&FIVE.map(|(who, _, x)| (who, 30.0, x))), "all 5 people have the same number, 30");
         assert_eq!(
             why(&FIVE.map(|(who, number, _)| (who, number, 7.0))),
-            "all people move alike; a test needs people who differ"
+            "all people move in the same way; a test needs people who differ"
         );
     }
 

@@ -24,7 +24,7 @@ pub(super) struct Discriminants {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DiscriminantError {
     /// Nothing scatters.
-    #[error("all sequences of each label are equal, or there is one of each; labels cannot be told from chance")]
+    #[error("all sequences of each label are equal, or each label has only one; labels cannot be distinguished from chance")]
     NoScatter,
 }
 

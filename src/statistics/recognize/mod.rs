@@ -108,27 +108,29 @@ impl Recognized {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RecognizeError {
     /// Nothing to tell apart.
-    #[error("{found} label{}; recognition needs sequences of at least two", if *found == 1 { "" } else { "s" })]
+    #[error("found {found} label{}; recognition needs sequences of at least two labels", if *found == 1 { "" } else { "s" })]
     TooFewLabels {
         /// Labels.
         found: usize,
     },
     /// Nobody to leave out.
-    #[error("{found} {}; people are left out in turn, so at least three are needed", if *found == 1 { "person" } else { "people" })]
+    #[error("found {found} {}; recognition needs at least three people, because it is tested on held-out people", if *found == 1 { "person" } else { "people" })]
     TooFewPeople {
         /// People.
         found: usize,
     },
     /// A label that nobody shows once its only person is left out.
     #[error(
-        "`{label}` is shown by one person: left out in turn, nobody shows it; two people at least are needed for every label"
+        "only one person shows `{label}`; every label needs at least two people, because recognition is tested on held-out people"
     )]
     OnePerson {
         /// The label.
         label: String,
     },
     /// Models of another shape.
-    #[error("{id}: {found} displacement vectors where the others have {expected}; normalize all sequences with the same options")]
+    #[error(
+        "{id}: it has {found} displacement vectors, but the others have {expected}; normalize all sequences with the same options"
+    )]
     Shape {
         /// The sequence.
         id: String,

@@ -142,12 +142,12 @@ fn labels_of_one_person_are_left_out_where_two_others_remain() {
 #[test]
 fn too_few_labels_or_people_say_so() {
     let two = recognizer(&people(2, 1.0, 1)).unwrap_err();
-    assert!(two.to_string().starts_with("2 people; people are left out in turn"), "{two}");
+    assert!(two.to_string().starts_with("found 2 people; recognition needs at least three people"), "{two}");
     let one: Vec<_> = people(4, 1.0, 1).into_iter().filter(|(_, label)| *label == "fear").collect();
-    assert!(recognizer(&one).unwrap_err().to_string().starts_with("1 label; recognition"));
+    assert!(recognizer(&one).unwrap_err().to_string().starts_with("found 1 label; recognition"));
     let alone: Vec<_> = people(4, 1.0, 1).into_iter().enumerate().filter(|(k, (_, label))| *label == "fear" || *k < 2).collect();
     let alone: Vec<_> = alone.into_iter().map(|(_, model)| model).collect();
-    assert!(recognizer(&alone).unwrap_err().to_string().starts_with("`anger` is shown by one person"));
+    assert!(recognizer(&alone).unwrap_err().to_string().starts_with("only one person shows `anger`"));
 }
 
 #[test]

@@ -117,18 +117,18 @@ fn bad_input_is_named() {
         representative(label(), models, &wireframe, &options(alpha, MedianKind::Greedy)).unwrap_err().to_string()
     };
     let good = || vec![moved(0, 1.0), moved(1, 2.0), moved(2, 3.0)];
-    assert_eq!(error(&[], 0.1), "no model of `fear` to take a median of");
+    assert_eq!(error(&[], 0.1), "there is no model of `fear` to compute a median from");
     for alpha in [-0.1, 0.5, 1.0, f64::NAN] {
         assert!(error(&good(), alpha).starts_with(&format!("alpha is {alpha}; it must be")), "{alpha}");
     }
-    assert!(error(&[moved(7, 1.0), moved(7, 2.0)], 0.1).starts_with("two models of sequence S007_001"));
+    assert!(error(&[moved(7, 1.0), moved(7, 2.0)], 0.1).starts_with("there are two models of sequence S007_001"));
     let mut longer = good();
     longer[0] = model(0, &[Vector2::zeros(); 2 * LIVE]);
-    assert!(error(&longer, 0.1).starts_with("S000_001: 3 frames where the others have 2"));
+    assert!(error(&longer, 0.1).starts_with("S000_001: it has 3 frames, but the others have 2"));
     let mut fewer = good();
     let frame = FrameExpressionModel::new(vec![Point2::origin(); 3]);
     fewer[1].model = DynamicExpressionModel::new(vec![frame; 2]).unwrap();
-    assert!(error(&fewer, 0.1).starts_with("S001_001: 3 nodes where the others have 4"));
+    assert!(error(&fewer, 0.1).starts_with("S001_001: it has 3 nodes, but the others have 4"));
     let mut elsewhere = good();
     let shifted = elsewhere[0].model.frames().iter().map(|f| f.nodes().iter().map(|p| p + Vector2::new(0.0, 0.5)).collect());
     elsewhere[0].model = DynamicExpressionModel::new(shifted.map(FrameExpressionModel::new).collect()).unwrap();

@@ -64,8 +64,8 @@ pub fn read_motion(path: &Path, bank: &Bank, scale: Option<f64>) -> Result<Motio
         } else {
             let found = excerpt(&file.header().join(","));
             let reason = format!(
-                "the header is `{found}`; expected were frame,fp,dx,dy,dz (feature points), frame,node,x,y (a representative or a \
-                 normalized model) or frame,node,x,y,state,residual (a track)"
+                "the header is `{found}`; expected frame,fp,dx,dy,dz (feature points), frame,node,x,y (a representative or a normalized \
+                 model) or frame,node,x,y,state,residual (a track)"
             );
             return Err(SynthesisError::Motion { path: path.to_owned(), reason });
         }
@@ -128,7 +128,7 @@ fn filled(frames: BTreeMap<u32, FpMotion>, of: impl FnOnce(Vec<FpMotion>) -> Mot
     let (numbers, keys): (Vec<u32>, Vec<FpMotion>) = frames.into_iter().unzip();
     let (Some(first), Some(last)) = (numbers.first(), numbers.last()) else { return Err("the table has no rows".to_owned()) };
     if last - first >= MOST_EVEN {
-        return Err(format!("{} frames, numbered from {first} to {last}: number frames one after the other", numbers.len()));
+        return Err(format!("{} frames, numbered from {first} to {last}: number the frames consecutively", numbers.len()));
     }
     let steps: Vec<u32> = numbers.windows(2).map(|pair| pair[1] - pair[0]).collect();
     if let Some(&step) = steps.first().filter(|step| steps.iter().all(|other| other == *step)) {
@@ -211,7 +211,7 @@ fn read_fap_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, Synthesis
     }
     for (number, frame) in (0..).zip(&sequence.frames) {
         let offsets = offsets_from_frame(frame, &face.canonical.fapus, catalog)?;
-        let (size, from) = (FaceSize::CANONICAL, "where the neutral face has it");
+        let (size, from) = (FaceSize::CANONICAL, "its place in the neutral face");
         for (node, offset) in &offsets {
             let offset = Vector2::new(offset.x.unwrap_or(0.0), offset.y.unwrap_or(0.0));
             size.check(number, || format!("node {node}"), offset, from).map_err(implausible(path))?;
