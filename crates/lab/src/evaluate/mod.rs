@@ -144,13 +144,13 @@ pub enum EvaluateError {
     #[error(transparent)]
     Output(#[from] OutputError),
     /// No sequence of a dataset has landmarks to compare with.
-    #[error("{}: nothing to compare with: no sequence has 68-point landmarks; name them in the manifest's column `landmarks`", path.display())]
+    #[error("{}: no sequence has 68-point landmarks to compare with; name them in the manifest's column `landmarks`", path.display())]
     NoTruth {
         /// The dataset.
         path: PathBuf,
     },
     /// A manifest column to group by that is not there.
-    #[error("{id} has no column `{column}` to group by; there are {}", found.join(", "))]
+    #[error("{id} has no column `{column}` to group by; choose from {}", found.join(", "))]
     NoColumn {
         /// The first sequence without it.
         id: String,

@@ -258,7 +258,7 @@ mod tests {
         assert_eq!(chin, Point2::new(8.0, 1.0));
         std::fs::write(&path, text.replace(",neutral", ",smiling")).unwrap();
         let error = people_of_landmark_file(&path, &Tables::candide3(), 1).unwrap_err();
-        assert!(error.to_string().contains("nothing to compare with"), "{error}");
+        assert!(error.to_string().contains("no sequence has 68-point landmarks to compare with"), "{error}");
         std::fs::write(&path, text.replace("neutral,0,", "neutral,zero,")).unwrap();
         let error = people_of_landmark_file(&path, &Tables::candide3(), 1).unwrap_err();
         assert!(error.to_string().contains("line 2: x0 is `zero`"), "{error}");

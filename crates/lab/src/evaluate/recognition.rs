@@ -83,13 +83,13 @@ const REPLICATES: usize = 2000;
 #[derive(Debug, thiserror::Error)]
 pub enum RecognitionError {
     /// Nothing to tell apart.
-    #[error("{found} label{}; recognition needs sequences of at least two", if *found == 1 { "" } else { "s" })]
+    #[error("found {found} label{}; recognition needs sequences of at least two labels", if *found == 1 { "" } else { "s" })]
     TooFewLabels {
         /// Labels found.
         found: usize,
     },
     /// Nobody to leave out.
-    #[error("{found} subject{}; one is left out at a time, so at least two are needed", if *found == 1 { "" } else { "s" })]
+    #[error("found {found} subject{}; leave-one-subject-out needs at least two", if *found == 1 { "" } else { "s" })]
     TooFewSubjects {
         /// Subjects found.
         found: usize,
@@ -348,9 +348,9 @@ mod tests {
     #[test]
     fn nothing_to_tell_apart_or_nobody_to_leave_out_is_an_error() {
         let one = [sequence("a", "fear", 1.0, 0.0), sequence("b", "fear", 1.0, 0.0)];
-        assert!(recognize(&one).unwrap_err().to_string().starts_with("1 label; recognition needs"));
+        assert!(recognize(&one).unwrap_err().to_string().starts_with("found 1 label; recognition needs"));
         let alone = [sequence("a", "fear", 1.0, 0.0), sequence("a", "anger", 2.0, 0.0)];
-        assert!(recognize(&alone).unwrap_err().to_string().starts_with("1 subject; one is left out"));
+        assert!(recognize(&alone).unwrap_err().to_string().starts_with("found 1 subject; leave-one-subject-out"));
     }
 
     #[test]

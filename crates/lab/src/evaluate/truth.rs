@@ -99,7 +99,7 @@ pub enum TruthError {
         count: usize,
     },
     /// The neutral frame is missing.
-    #[error("{}: there are no positions of the neutral frame {frame}, from which a track starts", path.display())]
+    #[error("{}: there are no positions for the neutral frame {frame}, where a track starts", path.display())]
     NoNeutral {
         /// The file.
         path: PathBuf,
@@ -107,7 +107,7 @@ pub enum TruthError {
         frame: u32,
     },
     /// A node twice in a frame.
-    #[error("{}, line {line}: node {node} of frame {frame} is there already; one position of each was expected", path.display())]
+    #[error("{}, line {line}: node {node} of frame {frame} appears twice; keep one row", path.display())]
     Twice {
         /// The file.
         path: PathBuf,
@@ -119,7 +119,7 @@ pub enum TruthError {
         node: u32,
     },
     /// No positions at all.
-    #[error("{}: has no positions; a row frame,node,x,y for each node that was tracked by hand was expected", path.display())]
+    #[error("{}: has no positions; a row frame,node,x,y for each node tracked by hand was expected", path.display())]
     Empty {
         /// The file.
         path: PathBuf,
@@ -175,7 +175,9 @@ mod tests {
         assert_eq!(frames, TruthFrames::from([(7, vec![Some(Point2::new(1.0, 2.0)), Some(Point2::new(3.0, 4.0))])]));
         let partial = read("frame,node,x,y\n7,0,1,2\n").unwrap();
         assert_eq!(partial, TruthFrames::from([(7, vec![Some(Point2::new(1.0, 2.0)), None])]));
-        assert!(read("frame,node,x,y\n7,0,1,2\n7,0,1,3\n").unwrap_err().starts_with("t.csv, line 3: node 0 of frame 7 is there"));
+        assert!(
+            read("frame,node,x,y\n7,0,1,2\n7,0,1,3\n").unwrap_err().starts_with("t.csv, line 3: node 0 of frame 7 appears twice")
+        );
         assert!(read("frame,node,x,y\n").unwrap_err().contains("has no positions"));
         let error = read("frame,node,x,y\n7,2,1,2\n").unwrap_err();
         assert_eq!(error, "t.csv, line 2: node 2 does not exist; the wireframe has nodes 0 to 1");

@@ -89,7 +89,7 @@ impl TrackerVariant {
                 let names: Vec<String> = place.as_object().map(|o| o.keys().cloned().collect()).unwrap_or_default();
                 place = place
                     .get_mut(part)
-                    .ok_or_else(|| error(format!("there is no option `{}`; there are {}", key.trim(), names.join(", "))))?;
+                    .ok_or_else(|| error(format!("there is no option `{}`; choose from {}", key.trim(), names.join(", "))))?;
             }
             let value = value.trim();
             *place = serde_json::from_str(value).unwrap_or_else(|_| Value::String(value.to_owned()));
@@ -130,7 +130,7 @@ pub(super) enum VariantError {
     #[error(transparent)]
     File(#[from] TrackFileError),
     /// A track of another wireframe.
-    #[error("{}: has {found} nodes, the wireframe {expected}", path.display())]
+    #[error("{}: the track has {found} nodes, but the wireframe has {expected}", path.display())]
     Nodes {
         /// The file.
         path: PathBuf,
@@ -208,7 +208,7 @@ mod tests {
     #[test]
     fn a_variant_that_can_not_be_is_explained() {
         let message = |text: &str| TrackerVariant::parse(text, &TrackOptions::default()).unwrap_err().to_string();
-        assert!(message("a:windw=1").contains("there is no option `windw`; there are "));
+        assert!(message("a:windw=1").contains("there is no option `windw`; choose from "));
         assert!(message("a:windw=1").contains("window"));
         assert!(message("a:window").contains("`window` is not of the form key=value"));
         assert!(message("a:deform=7").contains("invalid type"));

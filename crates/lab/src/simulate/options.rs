@@ -185,15 +185,15 @@ pub enum SimulateError {
     #[error("emotion {0} is listed twice; name each emotion once")]
     DuplicateEmotion(Emotion),
     /// The output folder has something in it.
-    #[error("{} is not empty; choose a new folder, or add --force to write into it", path.display())]
+    #[error("{} is not empty; choose a new folder, or give --force to write into it", path.display())]
     NotEmpty {
         /// The folder.
         path: PathBuf,
     },
     /// A file that would be taken for a part of the dataset, and is of no simulation or was changed since.
     #[error(
-        "{} is not of a simulation into this folder, or was changed since, and would be read as a part of the dataset; move it away and \
-         simulate again",
+        "{} was not written by a simulation into this folder, or was changed since, and would be read as part of the dataset; move it \
+         away and simulate again",
         path.display()
     )]
     NotSimulated {
@@ -202,8 +202,8 @@ pub enum SimulateError {
     },
     /// A label that the Cohn-Kanade layout has no code for.
     #[error(
-        "the layout of Cohn-Kanade has no code for the emotion `{emotion}`; it knows neutral, anger, contempt, disgust, fear, \
-         happiness, sadness and surprise: choose one of them as label, or the manifest layout"
+        "the layout of Cohn-Kanade has no code for the emotion `{emotion}`, only for neutral, anger, contempt, disgust, fear, happiness, \
+         sadness and surprise; choose one of them as label, or give --layout manifest"
     )]
     NoCode {
         /// The label.

@@ -60,7 +60,7 @@ pub enum PortraitError {
         source: std::io::Error,
     },
     /// A folder without portraits.
-    #[error("{}: there is no portrait in it; put photographs there, or rows into its manifest.csv", path.display())]
+    #[error("{}: the folder has no portraits; add photographs, or rows in its manifest.csv", path.display())]
     Empty {
         /// The folder.
         path: PathBuf,

@@ -140,7 +140,7 @@ fn forcing_removes_nothing_that_is_not_of_a_simulation() {
     let folder = tempfile::tempdir().unwrap();
     let mine = folder.path().join("manifest.csv");
     fs::write(&mine, "subject,sequence\n").unwrap();
-    small(folder.path()).arg("--force").assert().code(1).stderr(contains("manifest.csv is not of a simulation"));
+    small(folder.path()).arg("--force").assert().code(1).stderr(contains("manifest.csv was not written by a simulation"));
     assert_eq!(fs::read(&mine).unwrap(), b"subject,sequence\n");
     fs::remove_file(&mine).unwrap();
     small(folder.path()).arg("--force").assert().success();

@@ -226,7 +226,7 @@ fn what_can_not_be_animated_is_explained() {
     fails(animate(&no_picture, &out).arg("--correspondences").arg(&marks), "not an image in a known format");
     let empty = folder.path().join("empty");
     fs::create_dir(&empty).unwrap();
-    fails(&mut animate(&empty, &out), "there is no portrait in it");
+    fails(&mut animate(&empty, &out), "the folder has no portraits");
     let few = file("few.csv", "point,x,y\n0,1,2\n1,3,4\n");
     fails(animate(&photo, &out).arg("--landmarks").arg(few), "2 of 68 landmarks");
     let twice = file("twice.csv", "point,x,y\n0,1,2\n0,3,4\n");

@@ -59,7 +59,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     };
     let table = beside_table(&trials);
     folder.table("noticed.csv", &table)?;
-    folder.print("Marks of which something is said", &table);
+    folder.print("Marks that are reported", &table);
     folder.table("trials.csv", &beside_trials(&trials))?;
     let options = json!({ "only": args.only, "sequences": args.sequences });
     folder.finish("beside", None, args.common.seed, options, json!({ "sets": trials.len() }))?;

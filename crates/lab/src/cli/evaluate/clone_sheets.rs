@@ -65,7 +65,8 @@ pub fn draw(args: &Args, photographs: &[PathBuf], mut folder: Folder, bench: &Wo
     let drawn = photographs.len() - failed;
     if !args.common.quiet {
         println!(
-            "{drawn} sheets. Let somebody who did not make them fill in {GRADES} without {KEY}: what is read ({}), a grade, and the artefact that costs most.\n{RUBRIC}\nThen: grimace evaluate clone --grades {} -o GRADED",
+            "{drawn} sheets. Ask a person who did not make them to fill in {GRADES} without seeing {KEY}: the recognized expression \
+             ({}), a grade, and the worst artefact.\n{RUBRIC}\nThen: grimace evaluate clone --grades {} -o GRADED",
             sources.iter().map(SheetSource::name).collect::<Vec<_>>().join(", "),
             folder.path.join(GRADES).display()
         );

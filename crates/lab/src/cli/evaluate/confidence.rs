@@ -168,7 +168,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let held_out = confidence_samples(&judge, &fitter, &wireframe, &tables, &options, tick)?;
     bar.finish_and_clear();
     let confidence =
-        fit_confidence(&learned).context("too few samples to learn from; give more --subjects, --emotions or --frames")?;
+        fit_confidence(&learned).context("too few samples for training; give more --subjects, --emotions or --frames")?;
     write_bytes(&folder.path.join("track_confidence.csv"), confidence.to_csv().as_bytes())?;
     folder.files.push("track_confidence.csv".to_owned());
 

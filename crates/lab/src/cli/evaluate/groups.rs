@@ -52,18 +52,21 @@ const TRUTH: usize = 20_000;
 
 /// Runs the study.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    let &[a, b] = &args.people[..] else { anyhow::bail!("--people: two numbers such as 50,50 were expected") };
-    anyhow::ensure!(a >= 2 && b >= 2 && a + b <= 4000, "--people: groups of 2 or more, together 4000 at most");
+    let &[a, b] = &args.people[..] else { anyhow::bail!("--people: expected two numbers such as 50,50") };
+    anyhow::ensure!(a >= 2 && b >= 2 && a + b <= 4000, "--people: expected groups of at least 2 people, 4000 together at most");
     anyhow::ensure!(
         args.differences.iter().all(|d| d.is_finite() && (-90.0..=1000.0).contains(d)),
-        "--differences: percentages from -90 to 1000"
+        "--differences: expected percentages from -90 to 1000"
     );
     let interval_people = if args.interval_people.is_empty() { vec![a] } else { args.interval_people.clone() };
     anyhow::ensure!(
         args.intervals == 0 || interval_people.iter().all(|&n| (LEAST_PEOPLE..=2000).contains(&n)),
-        "--interval-people: from {LEAST_PEOPLE} to 2000 people; a class of fewer gets no interval"
+        "--interval-people: expected {LEAST_PEOPLE} to 2000 people; smaller classes get no interval"
     );
-    anyhow::ensure!(args.intervals == 0 || args.replicates >= 2, "--replicates: an interval takes 2 replicates or more");
+    anyhow::ensure!(
+        args.intervals == 0 || args.replicates >= 2,
+        "--replicates: expected at least 2, because an interval needs them"
+    );
     let mut folder = args.common.start()?;
     let options = GroupStudyOptions {
         people: [a, b],

@@ -65,7 +65,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     folder.table("errors.csv", &errors)?;
     folder.table("expected_errors.csv", &calibration)?;
     folder.print("Error of found points, percent of the eye distance", &errors);
-    folder.print("Expected and real median error, by fifths of the points", &calibration);
+    folder.print("Expected and true median error, by quintile of the points", &calibration);
     if !args.common.quiet {
         println!("{} faces: {missed} missed, {gross} grossly wrong, {doubtful} not trusted", faces.len());
     }

@@ -54,7 +54,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let (samples, refused, read) = (placed.samples, placed.refused, placed.read);
     let table = placement_table(&samples);
     folder.table("expected_errors.csv", &table)?;
-    folder.print("Expected and real median error, by fifths of the nodes, percent of the eye distance", &table);
+    folder.print("Expected and true median error, by quintile of the nodes, percent of the eye distance", &table);
     if !read.is_empty() {
         let table = unmarked_table(&samples);
         folder.table("unmarked.csv", &table)?;

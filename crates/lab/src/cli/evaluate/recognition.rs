@@ -63,7 +63,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let labelled = models.iter().map(|m| LabelledSequence { model: m.model.clone(), label: label(m) });
     let (labelled, unlabelled): (Vec<_>, Vec<_>) = labelled.partition(|s| !s.label.is_empty());
     if !unlabelled.is_empty() {
-        eprintln!("left out: {} sequences without a value in `{}`", unlabelled.len(), args.label);
+        eprintln!("skipped {} sequences without a value in `{}`", unlabelled.len(), args.label);
     }
     let mut subjects: Vec<&str> = labelled.iter().map(|s| s.model.id.subject.as_str()).collect();
     subjects.sort_unstable();
@@ -78,10 +78,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     folder.table("recognition.csv", &recognition.sequence_table())?;
     write_bytes(&folder.path.join("confusion.svg"), recognition.confusion_svg().as_bytes())?;
     folder.files.push("confusion.svg".to_owned());
-    folder.print("Confusion: rows are labels, columns what they were recognized as", &confusion);
+    folder.print("Confusion: rows are true labels, columns recognized labels", &confusion);
     if !args.common.quiet {
         println!(
-            "{} of {} sequences of {} subjects judged; recognized {:.1} % (95 % interval {:.1} to {:.1}), mean over labels {:.1} %",
+            "evaluated {} of {} sequences of {} subjects; recognized {:.1} % (95 % interval {:.1} to {:.1}), mean over labels {:.1} %",
             summary.judged,
             recognition.sequences.len(),
             subjects.len(),
@@ -91,7 +91,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             100.0 * summary.balanced_accuracy
         );
         println!(
-            "to compare with: the most frequent label always, {:.1} %; guessing, mean over labels {:.1} %",
+            "for comparison: always the most frequent label {:.1} %; chance, mean over labels {:.1} %",
             100.0 * summary.most_frequent,
             100.0 * summary.guessing
         );
@@ -114,10 +114,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                 folder.files.push(name.to_owned());
             }
             folder.print("Confusion of the discriminants", &confusion);
-            folder.print("Do their probabilities hold?", &calibration.table());
+            folder.print("Calibration of their probabilities", &calibration.table());
             if !args.common.quiet {
                 println!(
-                    "discriminants: {} judged; recognized {:.1} % (95 % interval {:.1} to {:.1}); none of these: {}",
+                    "discriminants: {} evaluated; recognized {:.1} % (95 % interval {:.1} to {:.1}); none of these: {}",
                     summary.judged,
                     100.0 * summary.accuracy,
                     100.0 * summary.accuracy_interval[0],

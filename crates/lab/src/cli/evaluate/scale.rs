@@ -38,7 +38,10 @@ pub struct Args {
 
 /// Measures.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    anyhow::ensure!(args.models.iter().all(|&n| (2..=100_000_000).contains(&n)), "--models: numbers from 2 to 100000000");
+    anyhow::ensure!(
+        args.models.iter().all(|&n| (2..=100_000_000).contains(&n)),
+        "--models: expected numbers from 2 to 100000000"
+    );
     anyhow::ensure!(args.models.is_sorted_by(|a, b| a < b), "--models: give the numbers in ascending order, each once");
     let mut folder = args.common.start()?;
     std::fs::create_dir_all(&folder.path)?;

@@ -39,7 +39,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let options = SegmentOptions::default();
     let stop = stop_flag()?;
     let recordings: Vec<_> = dataset.sequences.iter().filter_map(|entry| Some((entry, truth.get(&entry.id)?))).collect();
-    anyhow::ensure!(!recordings.is_empty(), "{}: no recording whose truth is known", args.dataset.display());
+    anyhow::ensure!(
+        !recordings.is_empty(),
+        "{}: no recording has ground truth; make recordings with `grimace simulate --recordings`",
+        args.dataset.display()
+    );
     let bar = bar(args.common.quiet, "recordings", recordings.len());
     let one = |(entry, truth): &(&grimace::internal::dataset::SequenceEntry, &grimace_lab::evaluate::RecordingTruth)| {
         let recording = Recording {

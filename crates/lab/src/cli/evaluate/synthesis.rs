@@ -149,13 +149,13 @@ fn banks(args: &Args) -> anyhow::Result<(Bank, Bank)> {
     if let Some(path) = &args.unseen {
         let unseen = bank::open(path)?;
         let same = unseen.mesh() == bank.mesh() && unseen.feature_points() == bank.feature_points();
-        anyhow::ensure!(same, "{}: its neutral mesh or feature points are not those of the bank", path.display());
+        anyhow::ensure!(same, "{}: its neutral mesh or feature points differ from those of the bank", path.display());
         let moves = |bank: &Bank, k: usize| bank.displacements(k).iter().any(|d| *d != [0.0; 3]);
         let is_member = |k: usize| (0..bank.member_count()).any(|m| bank.displacements(m) == unseen.displacements(k));
         if let Some(k) = (0..unseen.member_count()).find(|&k| moves(&unseen, k) && is_member(k)) {
             anyhow::bail!(
-                "--unseen {}: its member `{}` is one of the bank, too, so it would be found and not synthesized; give expressions that are not in \
-                 the bank, as `grimace bank mix --unseen` writes them",
+                "--unseen {}: its member `{}` is also in the bank; give expressions that are not in the bank, as `grimace bank mix \
+                 --unseen` writes them",
                 path.display(),
                 unseen.names()[k]
             );
@@ -165,7 +165,7 @@ fn banks(args: &Args) -> anyhow::Result<(Bank, Bank)> {
     let wanted = usize::from(args.targets);
     anyhow::ensure!(
         bank.member_count() > wanted,
-        "{}: --targets {wanted} members are held out, but the bank has {}; choose fewer, or give --unseen",
+        "{}: cannot hold out --targets {wanted} members, because the bank has {}; choose fewer, or give --unseen",
         path.display(),
         bank.member_count()
     );

@@ -110,17 +110,21 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let mut variants = if args.truth.is_some() { Vec::new() } else { standard_variants(&base) };
     for text in &args.variants {
         let variant = TrackerVariant::parse(text, &base)?;
-        anyhow::ensure!(variants.iter().all(|v| v.name != variant.name), "--variants: there are two variants `{}`", variant.name);
+        anyhow::ensure!(
+            variants.iter().all(|v| v.name != variant.name),
+            "--variants: the name `{}` appears twice; rename one",
+            variant.name
+        );
         variants.push(variant);
     }
     for (name, path) in &args.tracks {
-        anyhow::ensure!(path.exists(), "--tracks: {} is not there", path.display());
-        anyhow::ensure!(variants.iter().all(|v| v.name != *name), "--tracks: there are two variants `{name}`");
+        anyhow::ensure!(path.exists(), "--tracks: {} does not exist", path.display());
+        anyhow::ensure!(variants.iter().all(|v| v.name != *name), "--tracks: the name `{name}` appears twice; rename one");
         variants.push(TrackerVariant { name: name.clone(), kind: VariantKind::Tracks(path.clone()) });
     }
     anyhow::ensure!(
         args.tracks.is_empty() || args.dataset.is_some() || args.truth.is_some(),
-        "--tracks: give the DATASET that they are of, or positions set by hand with --truth"
+        "--tracks: give the DATASET of the tracks, or hand-set positions with --truth"
     );
     let marks = if args.marks.is_empty() { DEFAULT_LANDMARK_NODES.to_vec() } else { nodes(&args.marks, &tables, &wireframe)? };
     let options = TrackingOptions {

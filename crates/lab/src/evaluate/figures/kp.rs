@@ -271,7 +271,7 @@ impl<'a> KpFigures<'a> {
     /// Figure 6: one person's smile on two others.
     fn cloning(&self) -> Result<Result<Plate, String>, EvaluateError> {
         let Some(source) = self.of("happiness") else {
-            return Ok(Err("KP Fig. 6: there is no sequence of happiness".to_owned()));
+            return Ok(Err("KP Fig. 6: the dataset has no sequence of happiness".to_owned()));
         };
         let mut others: Vec<&Performance> = Vec::new();
         for p in &self.performances {
@@ -280,7 +280,7 @@ impl<'a> KpFigures<'a> {
             }
         }
         if others.len() < 2 {
-            return Ok(Err("KP Fig. 6: it takes three people".to_owned()));
+            return Ok(Err("KP Fig. 6: this figure needs three people".to_owned()));
         }
         let motion = self.motion(source)?;
         let apex = motion.apex() as f64;
@@ -295,7 +295,7 @@ impl<'a> KpFigures<'a> {
 
     /// Figure 7: sadness of a person, their own expression on their neutral picture, and the representative's; the models below.
     fn mapping(&self) -> Result<Result<Plate, String>, EvaluateError> {
-        let Some(p) = self.of("sadness") else { return Ok(Err("KP Fig. 7: there is no sequence of sadness".to_owned())) };
+        let Some(p) = self.of("sadness") else { return Ok(Err("KP Fig. 7: the dataset has no sequence of sadness".to_owned())) };
         let failed = failed("KP Fig. 7");
         let target = self.target(p)?;
         let own = self.motion(p)?;
