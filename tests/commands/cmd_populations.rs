@@ -373,6 +373,18 @@ fn a_smile_that_grows_with_age_is_found_and_shown() {
     // Within three people of one site and three of the other there are 36 ways.
     work.grimace("analyze out/tracks -o again --resample linear --covariate age --strata site --permutations 99").exit(0);
     assert_eq!(work.rows("again/covariates.csv")[0]["permutations"], "36");
+    // Every column of which `units.json` gives the unit is in the table of that name.
+    work.grimace("analyze out/tracks -o units --resample linear --covariate age --by site --permutations 99").exit(0);
+    assert_eq!((work.rows("units/comparisons.csv").len(), work.rows("units/covariates.csv").len()), (1, 1));
+    let units: serde_json::Value = serde_json::from_str(&work.read("units/units.json")).unwrap();
+    let tables = units["files"].as_object().unwrap().iter().filter(|(file, _)| !file.contains('*') && file.ends_with(".csv"));
+    for (file, columns) in tables.filter(|(file, _)| work.path(&format!("units/{file}")).exists()) {
+        let header = work.header(&format!("units/{file}"));
+        let header: Vec<&str> = header.split(',').collect();
+        for column in columns.as_object().unwrap().keys().filter(|c| !c.contains("..") && !c.contains("LABEL")) {
+            assert!(header.contains(&column.as_str()), "{file} has no column {column}: {header:?}");
+        }
+    }
     let few =
         work.grimace("analyze out/tracks -o few --resample linear --covariate age --permutations 99 --test-people 5").exit(0);
     few.prints(&["of many people a draw was tested by numbers, more by --test-people: happiness (5 of 6)"]);
