@@ -137,7 +137,7 @@ pub fn dispersion_interval(
     dispersion_replicates(representative, models, live, options, replicates, (seed, stream)).map(|r| r.interval())
 }
 
-/// Returns the dispersions from which [`dispersion_interval`] is computed, or `None` under its conditions.
+/// Returns the dispersions from which `dispersion_interval` is computed, or `None` under its conditions.
 pub fn dispersion_replicates(
     representative: &Representative,
     models: &[&SequenceModel],
