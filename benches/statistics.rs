@@ -1,6 +1,7 @@
-//! Statistics of one class against the least that any of it could cost: the bare sum of all pairwise distances.
+//! Benchmarks the statistics of one class against their minimum cost, the sum of all pairwise distances.
 //!
-//! `cargo bench --bench statistics` measures both for N'' = 50, 200 and 1000 models of Candide-3 (N' = 5 frames, N = 104 live nodes).
+//! `cargo bench --bench statistics` measures both for N'' = 50, 200 and 1000 models of Candide-3 (N' = 5 frames, N = 104 live
+//! nodes).
 #![allow(missing_docs, clippy::pedantic)]
 
 use std::{collections::BTreeMap, hint::black_box, time::Duration};
@@ -18,7 +19,7 @@ use rand_chacha::ChaCha8Rng;
 
 const FRAMES: usize = 5;
 
-/// Models that differ as people do: a common expression of its own strength and timing each, and noise on every node.
+/// Models that vary like people: a common expression with individual strength and timing, and noise on every node.
 fn models(wireframe: &Wireframe, count: usize) -> Vec<SequenceModel> {
     let mut random = ChaCha8Rng::seed_from_u64(1);
     let mut uniform = |width: f64| width * (random.random::<f64>() - 0.5);
@@ -42,7 +43,7 @@ fn models(wireframe: &Wireframe, count: usize) -> Vec<SequenceModel> {
     (0..count).map(model).collect()
 }
 
-/// The sum of d over all pairs on one thread, written down as the equations say and with nothing around it.
+/// The sum of d over all pairs on one thread, written directly from the equations.
 fn pairwise_sum(fields: &[Vec<Vector2<f64>>]) -> f64 {
     let mut sum = 0.0;
     for (i, a) in fields.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! Time of one search with its dense surface, and of an animation to glTF, on the embedded bank (23,424 vertices).
+//! Benchmarks one search with its dense surface, and an animation to glTF, on the embedded bank (23,424 vertices).
 #![allow(missing_docs, clippy::pedantic)]
 
 use std::hint::black_box;

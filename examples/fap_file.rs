@@ -1,4 +1,4 @@
-//! A FAP file read, changed and written: every motion larger or smaller.
+//! Reads, changes and writes a FAP file: scales every motion by a factor.
 //!
 //!     cargo run --example fap_file -- happiness.fap 1.5 happier.fap
 
@@ -13,13 +13,13 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
 }
 
-/// Multiplies the low-level FAPs of a file, within the ranges of the standard.
+/// Multiplies the low-level FAPs of a file by `factor`, within the ranges of the standard.
 ///
 /// # Errors
-/// What the steps say.
+/// Any error of the steps.
 pub fn run(input: &Path, factor: f64, output: &Path) -> Result<(), Box<dyn Error>> {
     let file = read_fap(input)?;
-    // Files of other programs are read tolerantly; what was tolerated is told.
+    // The reader tolerates files of other programs and reports what it tolerated.
     for finding in &file.findings {
         eprintln!("{finding}");
     }

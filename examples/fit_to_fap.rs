@@ -1,4 +1,4 @@
-//! From frames with marked points on the first one to a FAP file: fit, track, normalize, write.
+//! Turns frames with marked points on the first one into a FAP file: fit, track, normalize, write.
 //!
 //!     cargo run --example fit_to_fap -- fixtures/simulated/S001/005 happiness.fap
 
@@ -25,24 +25,24 @@ fn main() -> Result<(), Box<dyn Error>> {
 /// Writes the expression in a folder of frames, neutral to apex, as a FAP file.
 ///
 /// # Errors
-/// What the steps say.
+/// Any error of the steps.
 pub fn run(folder: &Path, fap: &Path) -> Result<(), Box<dyn Error>> {
     let Face { wireframe, tables } = Face::candide3();
 
-    // Fit: the wireframe goes to the marked points of the first, neutral frame.
+    // Fit: moves the wireframe to the marked points of the first, neutral frame.
     let marks = read_correspondences(&folder.join("correspondences.csv"), &tables, wireframe.node_count())?;
     let fitted = Fitter::new(&wireframe, FitOptions::default()).fit(&wireframe, &marks)?;
 
-    // Track: it follows the face through the frames; `true` says go on.
+    // Track: follows the face through the frames; the callback returns `true` to continue.
     let frames = SequenceReader::open(&list_frames(folder, None, None)?)?;
     let plan = TrackPlan::new(&wireframe, &tables);
     let track = track_sequence(&wireframe, &plan, &fitted, frames, &TrackOptions::default(), |_| true)?;
 
-    // Normalize: five frames, upright, in face units: pixels are left behind, and so is the size of the face.
+    // Normalize: five upright frames in face units, independent of the size of the face in pixels.
     let normalizer = Normalizer::new(&wireframe, &tables, NormalizeOptions::default())?;
     let model = normalizer.normalize(&track_model(&track.frames)?)?;
 
-    // FAPs: five frames between two of the five, 25 frames a second.
+    // FAPs: five frames inserted between every two of the five, 25 frames per second.
     let fapus = &normalizer.canonical().fapus;
     let (sequence, limited) = FapSequence::from_model(&model, fapus, FapCatalog::mpeg4(), "expression", 25, 5)?;
     println!("{} frames, {} FAPs, {} values limited", sequence.frames.len(), sequence.set_faps().len(), limited.len());

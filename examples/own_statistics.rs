@@ -1,4 +1,4 @@
-//! The representative of models that come from elsewhere: here from Candide's smile at different strengths.
+//! Computes the representative of models from another source: here Candide's smile at different strengths.
 //!
 //!     cargo run --example own_statistics
 
@@ -22,10 +22,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// The representative of smiles of some strengths: mouth corners (nodes 31 and 64) that go up and out over five frames.
+/// Returns the representative of smiles with these strengths: the mouth corners (nodes 31 and 64) move up and out over five
+/// frames.
 ///
 /// # Errors
-/// What the steps say.
+/// Any error of the steps.
 pub fn run(strengths: &[f64]) -> Result<Representative, Box<dyn Error>> {
     let face = Face::candide3();
     // Models start from the canonical neutral: face units, x to the subject's left, y up, ES0 = 1024.

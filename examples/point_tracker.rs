@@ -1,6 +1,7 @@
-//! A point tracker of one's own: the method asks it where points went, and does the rest (lost points, springs, states).
+//! A custom point tracker. The method asks it where points moved and does the rest (lost points, springs, states).
 //!
-//! This one knows the answers: it reads where every node is in every frame from a table `frame,node,x,y`, and loses a node on the way.
+//! This tracker knows the truth: it reads the position of every node in every frame from a table `frame,node,x,y`, and loses one
+//! node.
 //!
 //!     cargo run --example point_tracker -- fixtures/simulated/S001/005 fixtures/simulated/truth/S001_005.csv
 
@@ -19,7 +20,7 @@ use nalgebra::Point2;
 /// Positions of all nodes by frame number.
 type Positions = BTreeMap<u32, Vec<Point2<f64>>>;
 
-/// The tracker: the positions, and the numbers of the frames that it was shown.
+/// The tracker: the positions, and the numbers of the frames in its slots.
 struct Known {
     positions: Positions,
     seen: Vec<u32>,
@@ -27,7 +28,7 @@ struct Known {
 }
 
 impl Known {
-    /// All positions of a frame that the method speaks of.
+    /// Positions of all nodes in the frame of a slot.
     fn nodes(&self, slot: Slot) -> &[Point2<f64>] {
         let number = match slot {
             Slot::Neutral => self.seen.first(),
@@ -44,7 +45,7 @@ impl PointTracker for Known {
         Ok(())
     }
 
-    /// A point moves as the nearest known node does.
+    /// Moves a point like the nearest known node.
     fn find(&mut self, from: Slot, to: Slot, _: u32, _: u32, probes: &[Probe]) -> Result<Vec<Found>, TrackError> {
         let (before, after) = (self.nodes(from), self.nodes(to));
         let find = |probe: &Probe| {
@@ -70,10 +71,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
 }
 
-/// Tracks a folder of frames by a table of positions, one node of which is lost in every frame.
+/// Tracks a folder of frames by a table of positions; one node is lost in every frame.
 ///
 /// # Errors
-/// What the steps say.
+/// Any error of the steps.
 pub fn run(folder: &Path, table: &Path, lost: usize) -> Result<Track, Box<dyn Error>> {
     let mut positions = Positions::new();
     for row in csv::Reader::from_path(table)?.deserialize() {

@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""Second computation, by NumPy, of what `grimace run DATASET -o RESULTS --covariate COLUMN` says of expressions that go with a number.
+"""Recomputes with NumPy the results of `grimace run DATASET -o RESULTS --covariate COLUMN` and compares them with its files.
 
     scripts/check_covariates.py RESULTS MANIFEST COLUMN [EMOTION]
 
-computes F and share by projections on the squared distances (McArdle & Anderson 2001), the shares of all nodes and both models by least squares
-from RESULTS/models, and prints the largest differences to the files. For people with one sequence and one number each, all of them tested.
+Computes F and share by projections on the squared distances (McArdle & Anderson 2001), and the shares of all nodes and both models by least
+squares from RESULTS/models. Prints the largest differences to the files. Valid only when every person has one sequence and one number, and all
+people are in the test.
 """
 
 import csv

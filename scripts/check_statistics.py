@@ -1,11 +1,10 @@
 #!/usr/bin/env python3
-"""Second computation of the tests between groups, by SciPy and scikit-bio, on the fixed data of the unit tests.
+"""Recomputes the tests between groups with SciPy, scikit-bio and scikit-learn, on the fixed data of the unit tests.
 
     python3 -m venv venv && venv/bin/pip install numpy scipy scikit-bio scikit-learn
     venv/bin/python scripts/check_statistics.py
 
-prints the constants that stand in src/statistics/amplitude/compare.rs, src/statistics/compare/omnibus.rs and
-src/statistics/recognize/lda.rs.
+Prints the constants in src/statistics/amplitude/compare.rs, src/statistics/compare/omnibus.rs and src/statistics/recognize/lda.rs.
 """
 
 import itertools
@@ -23,7 +22,7 @@ def show(name, values):
     print(name, "=", ", ".join(f"{value:.9g}" for value in values))
 
 
-# Two groups: Welch's interval, Hedges' g, two one-sided tests, all splits.
+# Two groups: Welch's interval, Hedges' g, two one-sided tests, and all splits.
 welch = stats.ttest_ind(A, B, equal_var=False)
 interval = welch.confidence_interval(0.95)
 na, nb = len(A), len(B)
@@ -41,7 +40,7 @@ show("SCIPY_INDEPENDENT", [A.mean() - B.mean(), interval.low, interval.high, g, 
 z = stats.norm.ppf(0.975) + stats.norm.ppf(POWER)
 print("SCIPY_PEOPLE =", math.ceil(2 * (z / g) ** 2 + stats.norm.ppf(0.975) ** 2 / 4))
 
-# The same people twice.
+# The same people measured twice.
 P = A[:7]
 paired = stats.ttest_rel(P, B)
 interval = paired.confidence_interval(0.95)
@@ -53,7 +52,7 @@ signs = np.array(list(itertools.product([-1, 1], repeat=len(P))))
 exact = np.mean(np.abs((signs * (P - B)).mean(axis=1)) >= abs((P - B).mean()) - 1e-12)
 show("SCIPY_PAIRED", [(P - B).mean(), interval.low, interval.high, tost, exact])
 
-# Location and scatter of three groups from their distances.
+# Location and scatter of three groups, from their distances.
 POINTS = np.array(
     [(0.1, 0.4), (1.2, -0.3), (-0.7, 0.8), (0.5, -1.1), (-0.2, 0.3)]
     + [(2.1, 1.9), (3.0, 0.2), (1.1, 3.3), (4.2, 2.8), (2.5, -0.9)]
@@ -72,7 +71,7 @@ except ImportError:
 
 
 def scatter_f(points, order):
-    """F of everybody's distance to the centroid of the group that they are in now."""
+    """F statistic of the distances of people to the centroid of their group in `order`."""
     groups = [points[order == g] for g in np.unique(order)]
     return stats.f_oneway(*(np.linalg.norm(group - group.mean(axis=0), axis=1) for group in groups)).statistic
 
@@ -89,13 +88,13 @@ scatter = scatter_f(POINTS, labels)
 larger = sum(scatter_f(POINTS, random.permutation(labels)) >= scatter - 1e-10 for _ in range(9999))
 show("SCIKIT_BIO", [location_f, scatter, location_p, (1 + larger) / 10000])
 
-# The first two of the groups by all ways to part them.
+# The first two groups, by all ways to divide their people.
 ten, halves = POINTS[:10], labels[:10]
 orders = [np.isin(np.arange(10), split).astype(int) for split in itertools.combinations(range(10), 5)]
 exact = [np.mean([f(ten, o) >= f(ten, halves) * (1 - 1e-10) for o in orders]) for f in (pseudo_f, scatter_f)]
 show("NUMPY_EXACT", exact)
 
-# Shrinkage of a covariance (Ledoit and Wolf), and discriminants with it.
+# Shrinkage of a covariance (Ledoit and Wolf), and discriminants that use it.
 from sklearn.covariance import ledoit_wolf
 
 X = np.array([[math.sin(1.7 * i + 0.9 * j) + (i % 2) * (j == 1) * 1.5 for j in range(5)] for i in range(12)])

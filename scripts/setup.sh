@@ -1,9 +1,9 @@
-# Sourced by scripts/demo and scripts/test: makes sure that what the build needs is there.
-#   need_packages PACKAGE...   installs Debian packages that are missing (as root, or through sudo)
-#   need_component NAME CMD    stops when the toolchain lacks it
-#   need_cargo                 stops with a hint when there is no Rust toolchain
+# Sourced by the other scripts: checks for the tools that the build needs, and installs packages.
+# need_packages PACKAGE...   installs missing Debian packages (as root, or through sudo)
+# need_component NAME CMD    stops when the toolchain lacks the component
+# need_cargo                 stops with a hint when there is no recent Rust toolchain
 
-# What scripts build, they look for in target, wherever else a person lets Cargo build.
+# Scripts expect builds in target, even when the user's Cargo settings name another folder.
 unset CARGO_TARGET_DIR CARGO_BUILD_TARGET_DIR
 
 need_packages() {
@@ -35,7 +35,7 @@ need_cargo() {
     exit 1
 }
 
-# A part of the toolchain that minimal ones lack: need_component NAME CARGO_SUBCOMMAND
+# Checks for a component that minimal toolchains lack: need_component NAME CARGO_SUBCOMMAND
 need_component() {
     cargo "$2" --version >/dev/null 2>&1 && return
     echo "the toolchain has no $1, without which this is no check: install it, for example with \`rustup component add $1\`" >&2
@@ -43,7 +43,7 @@ need_component() {
 }
 
 TOOL_PACKAGES=(build-essential)
-# With what reads videos.
+# The tools, and OpenCV to read videos.
 BUILD_PACKAGES=("${TOOL_PACKAGES[@]}" pkg-config clang libclang-dev libopencv-dev opencv-data)
 BROWSER_PACKAGES=(chromium chromium-driver)
 WORKFLOW_PACKAGES=(python3 python3-venv)

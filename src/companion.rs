@@ -1,9 +1,9 @@
-//! `grimace-opencv`: a program of its own that does what needs OpenCV, started when it is needed.
+//! Starts `grimace-opencv`, a separate program for everything that needs OpenCV.
 //!
-//! Behind OpenCV stand some 250 libraries, which take longer to load than a short sequence takes to track; and a decoder that a damaged
-//! video brings down must not take a run of hundreds of sequences with it. So nothing here links OpenCV. The program stands beside this
-//! one, or on PATH; it is told what to do by its arguments, and spoken to over its standard input and output (see `wire`). It ends
-//! when its input ends, so never after the program that started it.
+//! OpenCV depends on some 250 libraries, which take longer to load than a short sequence takes to track, and a decoder that crashes on a
+//! damaged video must not end a run of hundreds of sequences. The library therefore does not link OpenCV. The program lies beside this one,
+//! or on PATH. Its arguments select the task; messages go over its standard input and output (see `wire`). It ends when its input ends, and
+//! so never outlives the program that started it.
 
 pub mod wire;
 
@@ -23,7 +23,7 @@ use self::wire::{Message, Pixels, Reply};
 /// Name of the program.
 pub const PROGRAM: &str = "grimace-opencv";
 
-/// Why the program does not do its work.
+/// Why the program fails.
 #[derive(Debug, thiserror::Error)]
 pub enum CompanionError {
     /// It is not there.
@@ -38,13 +38,13 @@ pub enum CompanionError {
     /// It speaks another language, or something else has its name.
     #[error("{} has another version than this program; install both from the same source", program.display())]
     OtherVersion {
-        /// What was started.
+        /// The program that was started.
         program: PathBuf,
     },
     /// It ended in the middle, as when a decoder crashes.
     #[error("{PROGRAM} ended before its work was done ({status}){}{last_words}", if last_words.is_empty() { "" } else { ": " })]
     Ended {
-        /// How.
+        /// Exit status.
         status: ExitStatus,
         /// The last line it wrote to its standard error.
         last_words: String,
@@ -55,12 +55,12 @@ pub enum CompanionError {
     /// It said something that was not asked for.
     #[error("{PROGRAM} gave an unknown answer: {found}")]
     NotUnderstood {
-        /// The beginning of it.
+        /// The beginning of the answer.
         found: String,
     },
 }
 
-/// A program by its name: beside this one, else whatever the system finds on PATH.
+/// Path of a program by its name: beside this one, else found by the system on PATH.
 pub fn program(name: &str) -> PathBuf {
     let name = format!("{name}{}", env::consts::EXE_SUFFIX);
     let here = env::current_exe().ok();
@@ -71,20 +71,20 @@ pub fn program(name: &str) -> PathBuf {
     beside.unwrap_or_else(|| PathBuf::from(name))
 }
 
-/// The program at work; it is ended when this is dropped.
+/// The running program; dropping it ends the process.
 #[derive(Debug)]
 pub struct Companion {
     child: Child,
     input: BufWriter<ChildStdin>,
     output: BufReader<ChildStdout>,
-    /// Hears what its libraries say of codecs and tags, which is nothing that a user can act on: gives the last line.
+    /// Reads its standard error (messages of libraries about codecs and tags, on which a user cannot act), and returns the last line.
     listener: Option<JoinHandle<String>>,
 }
 
-/// Longest line that is kept of what the program says on its standard error, bytes.
+/// Longest line kept from the program's standard error, bytes.
 const LONGEST_LINE: u64 = 4096;
 
-/// The last line that is not empty.
+/// The last non-empty line.
 fn last_line(errors: ChildStderr) -> String {
     let mut errors = BufReader::new(errors);
     let (mut last, mut line) = (String::new(), Vec::new());
@@ -106,12 +106,12 @@ impl Companion {
     /// Starts it with arguments.
     ///
     /// # Errors
-    /// [`CompanionError`] when it is not there, does not start, or is of another version.
+    /// [`CompanionError`] when it does not exist, does not start, or has another version.
     pub fn start<A: AsRef<OsStr>>(arguments: impl IntoIterator<Item = A>) -> Result<Self, CompanionError> {
         let program = program(PROGRAM);
         let mut command = Command::new(&program);
         command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        // Ctrl-C is for this program, which ends the other one when it is ready to.
+        // Ctrl-C goes to this program, which ends the other one at the right time.
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
         let mut child = command.spawn().map_err(|error| match error.kind() {
@@ -131,10 +131,10 @@ impl Companion {
         }
     }
 
-    /// Says something.
+    /// Sends a message.
     ///
     /// # Errors
-    /// [`CompanionError`] when it does not listen any more.
+    /// [`CompanionError`] when the connection is closed.
     pub fn send(&mut self, said: &impl Serialize) -> Result<(), CompanionError> {
         let sent = wire::write_text(&mut self.input, said).and_then(|()| self.input.flush());
         sent.map_err(|error| self.broken(error))
@@ -143,16 +143,16 @@ impl Companion {
     /// Sends pixels.
     ///
     /// # Errors
-    /// [`CompanionError`] when it does not listen any more.
+    /// [`CompanionError`] when the connection is closed.
     pub fn send_pixels(&mut self, size: (u32, u32), channels: u8, data: &[u8]) -> Result<(), CompanionError> {
         let sent = wire::write_pixels(&mut self.input, size, channels, data).and_then(|()| self.input.flush());
         sent.map_err(|error| self.broken(error))
     }
 
-    /// The next thing that it says. A picture of more than `most` pixels is refused before anything of its size is held.
+    /// Receives the next message. A picture of more than `most` pixels is rejected before memory is allocated.
     ///
     /// # Errors
-    /// [`CompanionError`] when it ended, or says what cannot be.
+    /// [`CompanionError`] when the program ended, or its message is invalid.
     pub fn receive<T: DeserializeOwned>(&mut self, most: u64) -> Result<Answer<T>, CompanionError> {
         match wire::read(&mut self.output, most) {
             Ok(Some(Message::Pixels(pixels))) => Ok(Answer::Pixels(pixels)),
@@ -165,7 +165,7 @@ impl Companion {
         }
     }
 
-    /// What a broken connection means: that the program ended, if it did.
+    /// The error for a broken connection: that the program ended, if it did.
     fn broken(&mut self, error: io::Error) -> CompanionError {
         match error.kind() {
             io::ErrorKind::InvalidData => not_understood(&error.to_string()),
@@ -183,23 +183,23 @@ impl Companion {
 
 impl Drop for Companion {
     fn drop(&mut self) {
-        // Either fails only for a program that has ended.
+        // Both fail only if the program has ended.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
 }
 
-/// What the program says.
+/// Messages of the program.
 #[derive(Debug)]
 pub enum Answer<T> {
-    /// Words.
+    /// A text message.
     Said(T),
     /// A picture.
     Pixels(Pixels),
 }
 
 impl<T> Answer<T> {
-    /// The error for an answer that does not fit the question.
+    /// The error for an answer of an unexpected kind.
     pub fn unexpected(&self) -> CompanionError {
         match self {
             Self::Said(_) => not_understood("an answer to another question"),

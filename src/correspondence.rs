@@ -1,4 +1,4 @@
-//! Correspondences: marked image points tied to nodes, and their file `C.csv`.
+//! Correspondences: marked image points with their nodes, and their file `C.csv`.
 
 use std::{collections::BTreeMap, fmt, path::Path};
 
@@ -13,7 +13,7 @@ use crate::{
     wireframe::{Tables, parse_node_or_feature_point},
 };
 
-/// Fewest correspondences a fit accepts; 5 to 8 is the working range [KP, section 2].
+/// Smallest number of correspondences that a fit accepts. Usual are 5 to 8 [KP, section 2].
 ///
 /// ```
 /// use grimace::correspondence::{MarksError, validate_correspondences};
@@ -22,10 +22,10 @@ use crate::{
 /// ```
 pub const MINIMUM_MARKS: usize = 3;
 
-/// Marks are collinear when the smaller singular value of their centred positions is under this share of the larger one.
+/// Limit below which marks count as collinear: ratio of the smaller to the larger singular value of their centred positions.
 pub const COLLINEAR_RATIO: f64 = 0.01;
 
-/// How strictly a node keeps to its correspondence.
+/// How strictly the fit keeps a node at its correspondence.
 ///
 /// ```
 /// use grimace::{correspondence::{Correspondence, MarkKind}, units::NodeId};
@@ -38,10 +38,10 @@ pub const COLLINEAR_RATIO: f64 = 0.01;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum MarkKind {
-    /// A marked point: pulls its node by a spring force.
+    /// A marked point: it pulls its node with a spring force.
     #[default]
     Mark,
-    /// A position set by hand after the fit: the node is there.
+    /// A position set by hand after the fit: the node takes it exactly.
     Hard,
 }
 
@@ -68,33 +68,33 @@ impl fmt::Display for MarkKind {
 pub struct Correspondence {
     /// The node.
     pub node: NodeId,
-    /// Where it was marked, image pixels, y down, the centre of the top-left pixel is (0, 0).
+    /// Marked position in image pixels, y down; the centre of the top-left pixel is (0, 0).
     pub position: Point2<f64>,
     /// Mark or hard position.
     pub kind: MarkKind,
-    /// How far from the true point such a mark is to be expected, px: half of such marks are nearer, half further. `None` for a mark
-    /// set by hand, of which a fit expects 0.019 of the eye distance.
+    /// Expected error of the mark in px: its median distance from the true point. `None` for a mark set by hand, for which the fit
+    /// assumes 0.019 of the eye distance.
     pub expected_error: Option<f64>,
 }
 
 impl Correspondence {
-    /// A mark set by hand.
+    /// Creates a mark set by hand.
     pub fn mark(node: NodeId, position: Point2<f64>) -> Self {
         Self { node, position, kind: MarkKind::Mark, expected_error: None }
     }
 
-    /// A position that the node takes exactly.
+    /// Creates a position that the node takes exactly.
     pub fn hard(node: NodeId, position: Point2<f64>) -> Self {
         Self { node, position, kind: MarkKind::Hard, expected_error: None }
     }
 
-    /// A mark that was found, or measured by somebody else, with its expected error in px.
+    /// Creates a mark from a detector or another measurement, with its expected error in px.
     pub fn found(node: NodeId, position: Point2<f64>, expected_error: f64) -> Self {
         Self { expected_error: Some(expected_error), ..Self::mark(node, position) }
     }
 }
 
-/// A correspondence file that does not read.
+/// Error for a correspondence file that cannot be read.
 ///
 /// ```
 /// use grimace::{correspondence::{CorrespondenceError, read_correspondences}, units::NodeId, wireframe::Tables};
@@ -116,7 +116,7 @@ pub enum CorrespondenceError {
     Node {
         /// The file.
         file: String,
-        /// Line, from 1.
+        /// Line number, from 1.
         line: usize,
         /// What was found and what was expected.
         reason: String,
@@ -128,11 +128,11 @@ pub enum CorrespondenceError {
     Several {
         /// The file.
         file: String,
-        /// Line of the first row of another one, from 1.
+        /// Line of the first row with a different picture or face, from 1.
         line: usize,
         /// `picture` or `face`.
         what: &'static str,
-        /// What the column says there, shortened and printable.
+        /// Value of the column in that row, shortened and printable.
         other: String,
     },
     /// A node in two rows.
@@ -165,7 +165,7 @@ pub enum MarksError {
     /// Too few.
     #[error("{found} correspondences; at least {MINIMUM_MARKS} are needed, 5 to 8 give a good fit")]
     TooFew {
-        /// How many there are.
+        /// Number of correspondences.
         found: usize,
     },
     /// A node marked twice.
@@ -204,14 +204,16 @@ pub enum MarksError {
     },
 }
 
-/// Columns that must be there.
+/// Required columns.
 const COLUMNS: [&str; 3] = ["node", "x", "y"];
 
-/// Reads a correspondence file: `node,x,y`, optionally `kind` (`mark`, the default, or `hard`) and `expected_error` (px, > 0, or empty);
-/// further columns are ignored. Columns may be separated by semicolons, and decimals have commas then.
+/// Reads a correspondence file with the columns `node,x,y`.
 ///
-/// A node is a node number or an MPEG-4 feature point that is a single node. Order is kept.
-/// How many there are and where they lie is checked by [`validate_correspondences`].
+/// Optional columns are `kind` (`mark`, the default, or `hard`) and `expected_error` (px, > 0, or empty); further columns are ignored.
+/// Columns may be separated by semicolons; decimals then have commas.
+///
+/// `node` is a node number or an MPEG-4 feature point that is a single node. The order of the rows is kept. The number of marks and their
+/// positions are not checked here but by [`validate_correspondences`].
 ///
 /// ```
 /// use grimace::{correspondence::read_correspondences, units::NodeId, wireframe::Tables};
@@ -224,15 +226,16 @@ const COLUMNS: [&str; 3] = ["node", "x", "y"];
 /// ```
 ///
 /// # Errors
-/// [`CorrespondenceError`] for a missing column, a text that is no finite number, a node that is not there or stands twice.
+/// [`CorrespondenceError`] for a missing column, a value that is not a finite number, points of several pictures or faces, or a node that
+/// does not exist or is listed twice.
 pub fn read_correspondences(path: &Path, tables: &Tables, node_count: usize) -> Result<Vec<Correspondence>, CorrespondenceError> {
     correspondences_of(&CsvFile::open(path)?.or_semicolons(&COLUMNS)?, tables, node_count)
 }
 
-/// [`read_correspondences`] of a file that is open.
+/// Reads correspondences from an open file, as [`read_correspondences`] does.
 ///
 /// # Errors
-/// As there.
+/// As [`read_correspondences`].
 pub(crate) fn correspondences_of(
     csv: &CsvFile,
     tables: &Tables,
@@ -242,7 +245,7 @@ pub(crate) fn correspondences_of(
     let kind_column = csv.column("kind");
     let error_column = csv.column("expected_error");
     let file = || csv.path().display().to_string();
-    // What `locate` writes is of any number of pictures and faces.
+    // A table written by `locate` can hold several pictures and faces.
     let of_what = [("image", "picture"), ("face", "face")].map(|(name, what)| (csv.column(name), what));
     let mut first: Option<[String; 2]> = None;
     let mut line_of = BTreeMap::new();
@@ -278,8 +281,9 @@ pub(crate) fn correspondences_of(
     Ok(correspondences)
 }
 
-/// Writes a correspondence file that [`read_correspondences`] reads: `node,x,y,kind`, sorted by node, 9 significant digits; with a column
-/// `expected_error` where a mark has one.
+/// Writes a correspondence file that [`read_correspondences`] reads.
+///
+/// Columns are `node,x,y,kind`, and `expected_error` if any mark has one. Rows are sorted by node; numbers have 9 significant digits.
 ///
 /// ```
 /// use grimace::{correspondence::{Correspondence, write_correspondences}, units::NodeId};
@@ -312,9 +316,9 @@ pub fn write_correspondences(path: &Path, correspondences: &[Correspondence]) ->
     written.map(|_| ())
 }
 
-/// Checks that correspondences, marks and hard positions together, determine a fit to an image of the given size in pixels.
+/// Checks that correspondences (marks and hard positions together) determine a fit to an image of the given size in pixels.
 ///
-/// Pixels reach half a pixel around their centres: a mark must lie in [-0.5, width - 0.5] x [-0.5, height - 0.5].
+/// Pixels extend half a pixel around their centres: a mark must lie in [-0.5, width - 0.5] x [-0.5, height - 0.5].
 ///
 /// ```
 /// use grimace::{correspondence::{Correspondence, validate_correspondences}, units::NodeId};
@@ -328,8 +332,8 @@ pub fn write_correspondences(path: &Path, correspondences: &[Correspondence]) ->
 /// ```
 ///
 /// # Errors
-/// [`MarksError`] for fewer than 3, a node marked twice, a mark outside the image, or collinear marks
-/// (the smaller singular value of their centred positions under 0.01 of the larger one); the first that applies, in this order.
+/// [`MarksError`] for the first of these that applies: fewer than 3 correspondences, a node marked twice, a mark outside the image,
+/// collinear marks (smaller singular value of their centred positions below 0.01 of the larger one).
 pub fn validate_correspondences(correspondences: &[Correspondence], width: u32, height: u32) -> Result<(), MarksError> {
     let count = correspondences.len();
     if count < MINIMUM_MARKS {
@@ -348,7 +352,7 @@ pub fn validate_correspondences(correspondences: &[Correspondence], width: u32, 
     if ratio < COLLINEAR_RATIO { Err(MarksError::Collinear { count, ratio }) } else { Ok(()) }
 }
 
-/// Smaller over larger singular value of the centred positions; 0 when all coincide.
+/// Returns the ratio of the smaller to the larger singular value of the centred positions; 0 when all coincide.
 fn singular_value_ratio(correspondences: &[Correspondence]) -> f64 {
     let mean = correspondences.iter().map(|c| c.position.coords).sum::<nalgebra::Vector2<f64>>() / correspondences.len() as f64;
     let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);

@@ -1,4 +1,4 @@
-//! The seam to readers of other people's crates: a panic in one of them is an error like any other, and says nothing on the terminal.
+//! Isolates third-party readers: a panic in one of them becomes an ordinary error and prints nothing.
 
 use std::{
     any::Any,
@@ -8,11 +8,11 @@ use std::{
 };
 
 thread_local! {
-    /// Whether this thread is inside [`caught`], where the caller tells of a panic.
+    /// Whether this thread is inside [`caught`], whose caller reports a panic.
     static IS_CAUGHT: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Sets the thread's mark and takes back what it was, however the scope is left.
+/// Sets the thread's flag and restores it at the end of the scope.
 struct Mark(bool);
 
 impl Mark {
@@ -27,11 +27,11 @@ impl Drop for Mark {
     }
 }
 
-/// What `read` gives, or the message of its panic. `read` must work on this thread and leave nothing half done behind that is used again
-/// after a panic.
+/// Returns the result of `read`, or the message of its panic. `read` must run on this thread and leave no partial state that is used after
+/// a panic.
 ///
 /// # Errors
-/// The panic's message, to be put into the caller's own error with the file's name.
+/// The panic's message. The caller adds the file name.
 pub(crate) fn caught<T>(read: impl FnOnce() -> T) -> Result<T, String> {
     static QUIET: Once = Once::new();
     QUIET.call_once(|| {
@@ -62,7 +62,7 @@ mod tests {
         assert_eq!(caught(|| 7), Ok(7));
         let empty: [u8; 0] = [];
         assert!(caught(|| empty[std::hint::black_box(3)]).unwrap_err().contains("index out of bounds"));
-        // The mark is gone again: another panic is told as ever.
+        // The flag is restored: another panic prints as usual.
         assert!(!IS_CAUGHT.get());
         let nested = caught(|| (caught(|| panic!("inner")), IS_CAUGHT.get()));
         assert_eq!(nested, Ok((Err::<(), _>("the file is damaged (inner)".to_owned()), true)));

@@ -1,26 +1,26 @@
-//! Texts that a spreadsheet would take for a formula, in CSV files.
+//! Protects CSV files against texts that a spreadsheet would run as a formula.
 //!
-//! A label such as `=HYPERLINK(...)` is a text to us and a program to a spreadsheet that opens the table. Every CSV file is written through
-//! [`FormulaGuard`], which puts an apostrophe before such a field, as spreadsheets do themselves; [`crate::input`] takes it off again, so
-//! that what was written reads back as it was. Numbers (`-1.2`) and a lone sign stay as they are.
+//! A label such as `=HYPERLINK(...)` is text here, but a program in a spreadsheet. All CSV files are written through
+//! [`FormulaGuard`], which puts an apostrophe in front of such a field, as spreadsheets do; [`crate::input`] removes it again, so
+//! that files read back unchanged. Numbers (`-1.2`) and a lone sign stay as they are.
 
 use std::io::{self, Write};
 
-/// First characters that make a formula; the last four are the wide forms that some spreadsheets treat alike.
+/// First characters that start a formula; the last four are wide forms that some spreadsheets treat alike.
 const TRIGGERS: [char; 11] = ['=', '+', '-', '@', '\t', '\r', '\n', '＝', '＋', '－', '＠'];
 
-/// The sign before a text that is no formula.
+/// The sign in front of a text that is not a formula.
 const APOSTROPHE: u8 = b'\'';
 
-/// Whether a field, without quotation marks, gets an apostrophe. One that has some before such a text gets another, so that taking one off
-/// always gives back what was there.
+/// Whether a field (without quotation marks) gets an apostrophe. A formula that already has apostrophes in front gets another one, so that
+/// removing one always restores the original.
 fn needs_apostrophe(field: &str) -> bool {
     let text = field.trim_start_matches('\'');
     let starts = text.starts_with(TRIGGERS) && text.chars().nth(1).is_some();
     starts && (text.len() < field.len() || text.trim().parse::<f64>().is_err())
 }
 
-/// A field as it was before [`FormulaGuard`] wrote it.
+/// Returns a field as it was before [`FormulaGuard`] wrote it.
 pub fn without_apostrophe(field: &str) -> &str {
     match field.strip_prefix('\'') {
         Some(text) if needs_apostrophe(field) => text,
@@ -28,31 +28,31 @@ pub fn without_apostrophe(field: &str) -> &str {
     }
 }
 
-/// A writer of CSV text that puts an apostrophe before every field that a spreadsheet would take for a formula.
+/// A CSV writer that puts an apostrophe in front of every field that a spreadsheet would run as a formula.
 #[derive(Debug)]
 pub struct FormulaGuard<W: Write> {
     inner: W,
-    /// The bytes of a field that may need one, with the quotation mark before it.
+    /// Bytes of a field that may need an apostrophe; its opening quotation mark is already written.
     held: Vec<u8>,
-    /// Whether that field stands in quotation marks.
+    /// Whether that field is quoted.
     is_quoted: bool,
     out: Vec<u8>,
     place: Place,
 }
 
-/// Where in the text the next byte stands.
+/// Position of the next byte in the text.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Place {
     /// At the start of a field.
     Start,
-    /// Behind the quotation mark at the start of a field.
+    /// After the quotation mark at the start of a field.
     QuotedStart,
-    /// In a field; whether it is quoted and whether it is held.
+    /// Within a field: whether it is quoted and whether it is held back.
     Field { quoted: bool, held: bool },
 }
 
 impl<W: Write> FormulaGuard<W> {
-    /// A guard before a writer.
+    /// Creates a guard in front of a writer.
     pub fn new(inner: W) -> Self {
         Self { inner, held: Vec::new(), is_quoted: false, out: Vec::new(), place: Place::Start }
     }
@@ -75,7 +75,7 @@ impl<W: Write> FormulaGuard<W> {
                 } else {
                     self.out.push(byte);
                 }
-                // A quotation mark right behind the first closes the field or is doubled; both go on as after a closing one.
+                // A second quotation mark closes the field or is half of a doubled one; both continue as after a closing one.
                 self.place = Place::Field { quoted: quoted && byte != b'"', held };
             }
             Place::Field { quoted: false, held } if ends_unquoted => {
@@ -91,13 +91,13 @@ impl<W: Write> FormulaGuard<W> {
                 } else {
                     self.out.push(byte);
                 }
-                // Within a quoted field a doubled mark leaves and enters again.
+                // Within a quoted field, a doubled mark leaves the quotes and enters them again.
                 self.place = Place::Field { quoted: quoted ^ (byte == b'"'), held };
             }
         }
     }
 
-    /// Writes the held field, with an apostrophe where it needs one.
+    /// Writes the held field, with an apostrophe if it needs one.
     fn release(&mut self) {
         let mut text = String::from_utf8_lossy(&self.held).into_owned();
         if self.is_quoted {
@@ -165,7 +165,7 @@ mod tests {
             let record = reader.records().next().unwrap().unwrap();
             let back: Vec<&str> = record.iter().map(without_apostrophe).collect();
             prop_assert_eq!(back, texts);
-            // Nothing that a spreadsheet sees begins a formula.
+            // No field as seen by a spreadsheet starts a formula.
             prop_assert!(record.iter().all(|f| !f.starts_with(TRIGGERS) || f.chars().count() == 1 || f.trim().parse::<f64>().is_ok()));
         }
     }

@@ -1,6 +1,7 @@
-//! What only fuzzing needs: every reader behind one call, and the making of hostile files. No part of the library's interface.
+//! Support for fuzzing: calls every reader through one interface and generates malformed files. Not part of the library's
+//! interface.
 //!
-//! `fuzz/` feeds it by libFuzzer, `tests/` and `scripts/fuzz` by [`mutate`], which needs no tool.
+//! `fuzz/` drives it with libFuzzer; `tests/` and `scripts/fuzz` use [`mutate`], which needs no tool.
 
 #![allow(missing_docs)]
 
@@ -29,19 +30,19 @@ use crate::{
     wireframe::{Tables, Wireframe, read_wfm},
 };
 
-/// One kind of file, and what reads it.
+/// A kind of file with its reader.
 #[derive(Debug)]
 pub struct Target {
-    /// Its name: that of the folder of its seeds and of its fuzz target.
+    /// Name of the target, of the folder with its seeds, and of its fuzz target.
     pub name: &'static str,
-    /// The file's name, by whose extension readers tell kinds apart.
+    /// File name, whose extension tells readers the kind.
     file: &'static str,
-    /// Whether it is text, of which more executions are done.
+    /// Whether it is a text format; these get more executions.
     pub is_text: bool,
     read: fn(&Path) -> Outcome,
 }
 
-/// Nothing, or the error's text.
+/// `Ok`, or the text of the error.
 type Outcome = Result<(), String>;
 
 fn said<T, E: std::fmt::Display>(result: Result<T, E>) -> Outcome {
@@ -98,31 +99,31 @@ pub static TARGETS: [Target; 29] = [
     }),
 ];
 
-/// Tables of Candide-3, made once.
+/// Tables of Candide-3, computed once.
 fn tables() -> &'static Tables {
     static TABLES: OnceLock<Tables> = OnceLock::new();
     TABLES.get_or_init(Tables::candide3)
 }
 
-/// Nodes of Candide-3, counted once.
+/// Number of nodes of Candide-3, computed once.
 fn node_count() -> usize {
     static COUNT: OnceLock<usize> = OnceLock::new();
     *COUNT.get_or_init(|| Wireframe::candide3().node_count())
 }
 
-/// A file of one frame's landmarks, read as the folder that it is in.
+/// Reads a file with one frame's landmarks through the folder that contains it.
 fn landmark_folder(path: &Path) -> Outcome {
     said(read_landmarks(path.parent().unwrap_or(path)))
 }
 
-/// The embedded bank, made once.
+/// The embedded bank, computed once.
 fn bank() -> &'static Bank {
     static BANK: OnceLock<Bank> = OnceLock::new();
     #[allow(clippy::expect_used)]
     BANK.get_or_init(|| candide_bank().expect("the embedded bank"))
 }
 
-/// A dataset in the layout of Cohn-Kanade whose only label is the file.
+/// Reads a dataset in the Cohn-Kanade layout whose only label is the file.
 fn emotion_label(path: &Path) -> Outcome {
     let root = path.with_file_name("ck");
     let label = root.join("Emotion/S001/001/S001_001_00000002_emotion.txt");
@@ -141,7 +142,7 @@ fn emotion_label(path: &Path) -> Outcome {
     dataset.failures.first().map_or(Ok(()), |f| Err(f.error.to_string()))
 }
 
-/// Everything that a columnar file is asked for.
+/// Calls all readers of a columnar file.
 fn columnar(path: &Path) -> Outcome {
     let file = ColumnarModels::open(path).map_err(|e| e.to_string())?;
     let nodes: Vec<NodeId> = (0..file.node_count()).map(|k| NodeId(k as u16)).collect();
@@ -149,16 +150,16 @@ fn columnar(path: &Path) -> Outcome {
     said(load_columnar(&file))
 }
 
-/// The target of a name.
+/// Returns the target with a name.
 pub fn target(name: &str) -> Option<&'static Target> {
     TARGETS.iter().find(|t| t.name == name)
 }
 
 impl Target {
-    /// Reads bytes as this kind of file; the error's text where they are none.
+    /// Reads bytes as this kind of file.
     ///
     /// # Errors
-    /// What the reader says, and when the temporary file cannot be written.
+    /// The text of the reader's error, or an error when the temporary file cannot be written.
     pub fn read(&self, bytes: &[u8]) -> Outcome {
         thread_local! {
             static FOLDER: OnceCell<tempfile::TempDir> = const { OnceCell::new() };
@@ -167,7 +168,7 @@ impl Target {
             Some(folder) => Ok(folder.path().to_owned()),
             None => tempfile::tempdir().map(|made| cell.get_or_init(|| made).path().to_owned()).map_err(|e| e.to_string()),
         })?;
-        // A folder each, since some readers look beside their file.
+        // Each target has its own folder, because some readers look for files next to theirs.
         let folder = folder.join(self.name);
         let path = folder.join(self.file);
         fs::write(&path, bytes)
@@ -177,7 +178,7 @@ impl Target {
     }
 }
 
-/// Words that readers take for something: numbers at the edges of their kinds, marks of formats.
+/// Words with a meaning for readers: limits of number types, magic words of formats.
 const WORDS: [&[u8]; 34] = [
     b"-1",
     b"0",
@@ -215,12 +216,13 @@ const WORDS: [&[u8]; 34] = [
     b"null",
 ];
 
-/// A hostile file: a seed changed in one to eight places, or arbitrary bytes (one of 16). The same `seed` and `index` are the same file.
+/// Generates a malformed file: a seed changed in one to eight positions, or (one time in 16) arbitrary bytes. The same `seed` and
+/// `index` give the same file.
 ///
-/// Changes: bits, bytes, lengths and numbers, words of the readers and of `dictionary`, parts left out, doubled, moved or of another seed,
-/// the end cut off.
+/// The changes affect bits, bytes, lengths and numbers, and insert words of the readers and of `dictionary`. Parts are removed,
+/// duplicated, moved, or replaced from another seed; the end is cut off.
 pub fn mutate(seeds: &[Vec<u8>], dictionary: &[Vec<u8>], seed: u64, index: u64) -> Vec<u8> {
-    /// Longest file made, bytes, beyond the seed's own length.
+    /// Largest number of bytes generated beyond the seed's own length.
     const MOST: usize = 4096;
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(index);
@@ -260,7 +262,7 @@ pub fn mutate(seeds: &[Vec<u8>], dictionary: &[Vec<u8>], seed: u64, index: u64) 
                 bytes.extend_from_slice(&other[from..]);
             }
             8 => {
-                // A whole number of the text becomes another word.
+                // Replaces a number in the text by another word.
                 let digit = |b: u8| b.is_ascii_digit() || matches!(b, b'.' | b'-' | b'e');
                 let end = at + bytes[at..].iter().take_while(|&&b| digit(b)).count();
                 bytes.splice(at..end, WORDS[random.random_range(0..WORDS.len())].iter().copied());
@@ -278,7 +280,7 @@ pub fn mutate(seeds: &[Vec<u8>], dictionary: &[Vec<u8>], seed: u64, index: u64) 
     bytes
 }
 
-/// The words of a dictionary in libFuzzer's form: a line `"word"` each, `\xFF`, `\"` and `\\` being one byte.
+/// Parses a dictionary in libFuzzer's format: one `"word"` per line, in which `\xFF`, `\"` and `\\` stand for one byte.
 pub fn dictionary(text: &str) -> Vec<Vec<u8>> {
     let word = |line: &str| {
         let inner = line.trim().strip_prefix('"')?.strip_suffix('"')?;

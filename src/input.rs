@@ -1,11 +1,11 @@
-//! CSV files as users bring them: with a byte order mark, CRLF, quotes, trailing commas, or a line that is not UTF-8.
+//! Reads CSV files in the forms that users have: with a byte order mark, CRLF, quotes, trailing commas, or a line that is not UTF-8.
 //!
-//! One line is one row, and a quoted field may hold commas, doubled quotes and line breaks. Lines belong to one row only where they make one
-//! with as many fields as the header, so that a quote left open costs its own row and not all the rows behind it. Blank lines and rows of
-//! empty fields are passed over.
+//! One line is one row, and a quoted field may contain commas, doubled quotes and line breaks. Several lines form one row only if they give
+//! as many fields as the header, so that an unclosed quote invalidates its own row and not all following rows. Blank lines and rows of
+//! empty fields are skipped.
 //!
-//! Fields are separated by commas. What people fill in themselves may be separated by semicolons, as spreadsheets write it where decimals
-//! have commas: see [`CsvFile::or_semicolons`].
+//! Fields are separated by commas. Files that people fill in may have semicolons instead, as spreadsheets write them in languages with
+//! decimal commas: see [`CsvFile::or_semicolons`].
 
 mod encoding;
 mod error;
@@ -28,7 +28,7 @@ pub use error::{InputError, InputErrorKind};
 pub use open::{MAX_BYTES, file_blake3, is_stdin, open_file, open_or_stdin, read, read_or_stdin};
 pub use record::{RecordError, read_record, record_at};
 
-/// First bytes of files that are taken for tables, and what they are.
+/// First bytes of files that users mistake for tables, with a description.
 const KINDS: [(&[u8], &str); 9] = [
     (b"\xFF\xD8\xFF", "JPEG picture"),
     (b"\x89PNG", "PNG picture"),
@@ -41,7 +41,7 @@ const KINDS: [(&[u8], &str); 9] = [
     (b"\x1F\x8B", "compressed file"),
 ];
 
-/// Most lines of a row.
+/// Most lines in a row.
 const MOST_LINES: usize = 100;
 
 /// A CSV file in memory with its header read.
@@ -49,18 +49,18 @@ const MOST_LINES: usize = 100;
 pub struct CsvFile {
     path: PathBuf,
     bytes: Vec<u8>,
-    /// What stands between two fields: a comma or a semicolon.
+    /// Field separator: a comma or a semicolon.
     separator: u8,
     header: Vec<String>,
     /// Line of the header, from 1.
     header_line: usize,
-    /// Offset and line number of what follows the header.
+    /// Offset and line number of the first line after the header.
     body: (usize, usize),
-    /// Whether what is not UTF-8 looks like Windows-1252, once somebody asked.
+    /// Whether bytes that are not UTF-8 look like Windows-1252; computed on demand.
     windows_1252: OnceLock<bool>,
 }
 
-/// One row of a [`CsvFile`], as many fields as the header has columns.
+/// One row of a [`CsvFile`], with as many fields as the header has columns.
 #[derive(Clone, Debug)]
 pub struct CsvRow<'a> {
     file: &'a CsvFile,
@@ -78,7 +78,7 @@ impl CsvFile {
         Self::from_bytes(path, bytes)
     }
 
-    /// As [`CsvFile::open`] for the content at hand; `path` is only named in errors.
+    /// As [`CsvFile::open`] for content in memory; `path` is used in errors only.
     ///
     /// # Errors
     /// As [`CsvFile::open`].
@@ -105,8 +105,7 @@ impl CsvFile {
         Ok(file)
     }
 
-    /// The same file with its fields separated by semicolons and, if it likes, commas in its decimals, where its header has more of these
-    /// columns so.
+    /// Returns the file with semicolons as separators and optional decimal commas, if its header then has more of these columns.
     ///
     /// # Errors
     /// [`InputError`] for a header that names a column twice.
@@ -124,7 +123,7 @@ impl CsvFile {
         }
     }
 
-    /// Checks that no column has a name twice.
+    /// Checks that column names are unique.
     fn check_names(&self) -> Result<(), InputError> {
         let mut named = self.header.iter().enumerate().filter(|(_, name)| !name.is_empty());
         named.find(|(k, name)| self.header[..*k].contains(name)).map_or(Ok(()), |(_, name)| {
@@ -139,34 +138,34 @@ impl CsvFile {
         &self.path
     }
 
-    /// What stands between two fields: a comma or a semicolon, in ASCII.
+    /// Field separator in ASCII: a comma or a semicolon.
     #[must_use]
     pub fn separator(&self) -> u8 {
         self.separator
     }
 
-    /// Column names in order, trimmed. Columns without a name are empty texts.
+    /// Column names in order, trimmed. Unnamed columns are empty strings.
     #[must_use]
     pub fn header(&self) -> &[String] {
         &self.header
     }
 
-    /// Place of a column, or `None`.
+    /// Index of a column, or `None`.
     #[must_use]
     pub fn column(&self, name: &str) -> Option<usize> {
         self.header.iter().position(|n| n == name)
     }
 
-    /// Index of a column, in letters of either case; the one spelled as asked for is preferred.
+    /// Index of a column regardless of case; an exact match has precedence.
     #[must_use]
     pub fn column_of_any_case(&self, name: &str) -> Option<usize> {
         self.column(name).or_else(|| self.header.iter().position(|n| n.eq_ignore_ascii_case(name)))
     }
 
-    /// Places of columns that must be there.
+    /// Indices of required columns.
     ///
     /// # Errors
-    /// [`InputErrorKind::MissingColumns`] with all that are missing and what was found.
+    /// [`InputErrorKind::MissingColumns`] with all missing and all existing names.
     pub fn require<const K: usize>(&self, names: [&str; K]) -> Result<[usize; K], InputError> {
         let missing: Vec<String> = names.iter().filter(|n| self.column(n).is_none()).map(|&n| n.to_owned()).collect();
         if missing.is_empty() {
@@ -180,15 +179,15 @@ impl CsvFile {
         })
     }
 
-    /// All rows in order. A bad row is an error of its own and does not end the iteration.
+    /// All rows in order. An invalid row is an error item and does not end the iteration.
     pub fn rows(&self) -> impl Iterator<Item = Result<CsvRow<'_>, InputError>> {
         self.records().filter_map(|(lines, text)| self.row(lines.start, text).transpose())
     }
 
-    /// As [`CsvFile::rows`], with the fields of a bad row as far as they read.
+    /// As [`CsvFile::rows`], with the readable fields of an invalid row.
     pub fn rows_or_fields(&self) -> impl Iterator<Item = Result<CsvRow<'_>, (InputError, Vec<String>)>> {
         let fields = |text: &[u8]| -> Vec<String> {
-            // Bytes that are no UTF-8 are shown as such: what stands beside them says which row it is.
+            // Invalid UTF-8 is replaced by marks; the text around it identifies the row.
             let text = String::from_utf8_lossy(text);
             let fields = split_fields(text.as_bytes(), self.separator).unwrap_or_default();
             fields.iter().map(|field| without_apostrophe(field.trim()).to_owned()).collect()
@@ -197,12 +196,12 @@ impl CsvFile {
             .filter_map(move |(lines, text)| self.row(lines.start, text).map_err(|error| (error, fields(text))).transpose())
     }
 
-    /// The lines of every row that runs over several, the last one excluded.
+    /// Line ranges of all rows that span several lines, end excluded.
     pub fn long_rows(&self) -> impl Iterator<Item = Range<usize>> {
         self.records().map(|(lines, _)| lines).filter(|lines| lines.len() > 1)
     }
 
-    /// Lines and text of every row that is not blank.
+    /// Lines and text of every non-blank row.
     fn records(&self) -> impl Iterator<Item = (Range<usize>, &[u8])> {
         let (offset, line) = self.body;
         let mut lines = Lines { bytes: &self.bytes, offset, line };
@@ -218,7 +217,7 @@ impl CsvFile {
         })
     }
 
-    /// A line, and those behind it to the end of a field that it leaves open, where all together make a row.
+    /// A line together with the following lines up to the end of its open field, if they form a valid row.
     fn joined<'a>(&'a self, lines: &mut Lines<'a>, (start, line): (usize, usize), text: &'a [u8]) -> &'a [u8] {
         if !text.contains(&b'"') || end_of_fields(text, self.separator) != Ends::Open {
             return text;
@@ -240,7 +239,7 @@ impl CsvFile {
         text
     }
 
-    /// A row; `None` when all its fields are empty.
+    /// Parses a row; `None` if all its fields are empty.
     fn row<'a>(&'a self, line: usize, text: &'a [u8]) -> Result<Option<CsvRow<'a>>, InputError> {
         let error = |kind| InputError { path: self.path.clone(), line: Some(line), kind };
         let looks_like = || *self.windows_1252.get_or_init(|| encoding::is_windows_1252(&self.bytes));
@@ -249,7 +248,7 @@ impl CsvFile {
             return Ok(None);
         }
         let expected = self.header.len();
-        // Spreadsheets fill rows up with empty fields.
+        // Spreadsheets pad rows with empty fields.
         while fields.len() > expected && fields.last().is_some_and(|f| f.trim().is_empty()) {
             fields.pop();
         }
@@ -267,8 +266,8 @@ impl CsvRow<'_> {
         self.line
     }
 
-    /// A field without surrounding white space, and without the apostrophe that keeps it from being a formula in our own files; empty for
-    /// a column that is not there.
+    /// A field without surrounding white space, and without the apostrophe that protects it from being a formula in our own files; empty
+    /// for a column that does not exist.
     #[must_use]
     pub fn get(&self, column: usize) -> &str {
         self.fields.get(column).map_or("", |f| without_apostrophe(f.trim()))
@@ -277,10 +276,10 @@ impl CsvRow<'_> {
     /// A field as a finite number.
     ///
     /// # Errors
-    /// [`InputErrorKind::Field`] for a text that is no number, NaN or infinite.
+    /// [`InputErrorKind::Field`] for a text that is not a number, NaN or infinite.
     pub fn number(&self, column: usize) -> Result<f64, InputError> {
         let text = self.get(column);
-        // One comma is a decimal one where it separates no fields; with a point beside it, the text is no number.
+        // With semicolons as separators, one comma is a decimal comma; a text with a point as well is not a number.
         let text = if self.file.separator == b';' { Cow::Owned(text.replacen(',', ".", 1)) } else { Cow::Borrowed(text) };
         let number = text.parse::<f64>().ok().filter(|v| v.is_finite());
         number.ok_or_else(|| self.field_error(column, "a finite number"))
@@ -294,7 +293,7 @@ impl CsvRow<'_> {
         self.get(column).parse().map_err(|_| self.field_error(column, "a whole number of 0 or more"))
     }
 
-    /// An error that names this row's line, the column, and what is there.
+    /// An error with this row's line, the column, and its content.
     #[must_use]
     pub fn field_error(&self, column: usize, expected: &'static str) -> InputError {
         let name = self.file.header.get(column).map(|name| excerpt(name)).unwrap_or_default();
@@ -303,18 +302,18 @@ impl CsvRow<'_> {
     }
 }
 
-/// Lines behind the byte order mark.
+/// Lines after the byte order mark.
 fn lines_of(bytes: &[u8]) -> Lines<'_> {
     let mark: &[u8] = b"\xEF\xBB\xBF";
     Lines { bytes, offset: if bytes.starts_with(mark) { mark.len() } else { 0 }, line: 1 }
 }
 
-/// The names in the line of a header.
+/// The names in a header line.
 fn names(text: &[u8], separator: u8) -> Result<Vec<String>, InputErrorKind> {
     Ok(split_fields(text, separator)?.iter().map(|f| without_apostrophe(f.trim()).to_owned()).collect())
 }
 
-/// A fault of a line, with what the file as a whole says of its encoding.
+/// An error of a line, with information about the encoding of the whole file.
 fn with_encoding(kind: InputErrorKind, looks_like_windows_1252: impl FnOnce() -> bool) -> InputErrorKind {
     match kind {
         InputErrorKind::NotUtf8 { byte, .. } => InputErrorKind::NotUtf8 { byte, windows_1252: looks_like_windows_1252() },
@@ -369,7 +368,7 @@ mod tests {
         assert_eq!(rows[0], Err(format!("a.csv, line 2: byte 4 of the line is {said}")));
         assert_eq!((&rows[1], rows[2].is_err()), (&row(3, &["5", "6"]), true));
         assert!(file(b"pr\xE9nom,b\n1,2\n").unwrap_err().to_string().contains(said));
-        // One byte of the file that is no letter there.
+        // One byte in the file that is not a letter in Windows-1252.
         assert!(!texts(b"a,b\nRen\xE9,4\n\xA4,7\n")[0].as_ref().unwrap_err().contains("Windows"));
     }
 
@@ -377,7 +376,7 @@ mod tests {
     fn a_row_may_run_over_lines() {
         let text = b"a,b\n1,\"x\ny, \"\"z\"\"\r\n\r\nw\"\n\"2\n\",v\n3,u\n";
         assert_eq!(texts(text), [row(2, &["1", "x\ny, \"z\"\r\n\r\nw"]), row(6, &["2", "v"]), row(8, &["3", "u"])]);
-        // A quote that is left open costs its own row, whatever quotes stand behind it.
+        // An unclosed quote invalidates its own row, whatever quotes follow.
         let rows = texts(b"a,b\n1,\"x\n2,\"y\"\n3,z\n\"4,\"\n5,w\n");
         assert!(rows[0].as_ref().unwrap_err().ends_with("line 2: a quotation mark is not closed"));
         assert_eq!(rows[1..3], [row(3, &["2", "y"]), row(4, &["3", "z"])]);
@@ -415,7 +414,7 @@ mod tests {
         assert_eq!(rows.iter().map(CsvRow::line).collect::<Vec<_>>(), [2, 4]);
         assert_eq!((rows[0].number(1).unwrap(), rows[0].number(2).unwrap(), rows[0].get(3)), (1.5, -2.25, "a; b, \"c\""));
         assert_eq!((rows[1].number(1).unwrap(), rows[1].number(2).unwrap(), rows[1].get(3)), (3.5, 1000.0, "d\n\ne"));
-        // What has its columns by commas is separated by commas, whatever else stands there.
+        // A file with the columns by commas is separated by commas, whatever else it contains.
         let commas = file(b"node,x,y,a;node;x;y\n1,2,3,4;5\n").unwrap().or_semicolons(&MARKS).unwrap();
         assert_eq!((commas.separator(), commas.rows().next().unwrap().unwrap().get(3)), (b',', "4;5"));
         assert_eq!(file(b"a;b\n1;2\n").unwrap().or_semicolons(&MARKS).unwrap().separator(), b',');
@@ -437,7 +436,7 @@ mod tests {
         let lacking = open(b"node;x;Y\n").unwrap().require(MARKS).unwrap_err().to_string();
         assert_eq!(lacking, "a.csv, line 1: has no column `y`; found `node`, `x`, `Y`");
         assert!(open(b"node;x;y;x\n").unwrap_err().to_string().contains("line 1: has the column `x` twice"));
-        // Commas are no decimals between commas.
+        // With commas as separators, commas are not decimal.
         assert!(file(b"x\n\"1,5\"\n").unwrap().rows().next().unwrap().unwrap().number(0).is_err());
     }
 
@@ -450,7 +449,7 @@ mod tests {
         assert!(rows[2].number(0).is_err());
         assert!(rows[3].whole_number(0).is_err());
         assert_eq!(rows[4].whole_number(0).unwrap(), 4);
-        // What a terminal would obey is escaped, and a field as long as the file is not repeated.
+        // Terminal commands are escaped, and a field as long as the file is not repeated.
         let hostile = super::tests::file(format!("a\n\u{1b}[2J\n{}\n", "9e".repeat(1_000_000)).as_bytes()).unwrap();
         let errors: Vec<_> = hostile.rows().map(|row| row.unwrap().number(0).unwrap_err().to_string()).collect();
         assert_eq!(errors[0], "a.csv, line 2: a is `\\u{1b}[2J`; a finite number was expected");

@@ -1,5 +1,5 @@
-//! What the command line, `grimace-lab`, the Python package, tests and fuzzing need, name by name; without any promise: it changes from one
-//! version to the next.
+//! Items that the command line, `grimace-lab`, the Python package, tests and fuzzing need, re-exported by name. There is no
+//! stability promise: they change from one version to the next.
 
 #![allow(missing_docs)]
 

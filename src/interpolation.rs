@@ -1,20 +1,20 @@
-//! The course in time between key frames, one for everything that moves: FAP files, clones, synthesized surfaces, the player.
+//! Interpolation in time between key frames, shared by everything that moves: FAP files, clones, synthesized surfaces, the player.
 //!
-//! Monotone cubic interpolation of every coordinate: F. N. Fritsch, R. E. Carlson, *Monotone piecewise cubic interpolation*, SIAM J.
-//! Numer. Anal. 17, 1980. Between two keys a value never leaves the range of these two, so nothing overshoots, an eye that closes does
-//! not open first, and a limit that the keys keep is kept between them. A scaled motion has the scaled course, so that a FAP file and
-//! the clone of one representative agree in every frame. `player/assets/motion.js` repeats it: who changes one changes the other.
+//! Each coordinate follows a monotone cubic: F. N. Fritsch, R. E. Carlson, *Monotone piecewise cubic interpolation*, SIAM J.
+//! Numer. Anal. 17, 1980. Between two keys a value stays within their range: nothing overshoots, a closing eye does not open first, and a
+//! limit that holds at the keys holds between them. Scaling a motion scales its course, so a FAP file and the clone of one
+//! representative agree in every frame. `player/assets/motion.js` implements the same: change both together.
 
-/// Frames put between two key frames of a representative where nothing else is asked for: 5 make 25 frames of its 5.
+/// Default number of frames between two key frames of a representative: 5 make 25 frames of its 5.
 pub const FRAMES_BETWEEN: usize = 5;
 
-/// Frames per second where neither motion nor user says.
+/// Frames per second if neither motion nor user sets them.
 pub const FPS: u32 = 25;
 
-/// Most frames that are made evenly of frames that are not.
+/// Largest number of evenly spaced frames that an uneven motion is resampled to.
 pub(crate) const MOST_EVEN: u32 = 100_000;
 
-/// Says that a motion has too many frames with those between its own.
+/// Error message for a motion with too many frames after resampling.
 pub(crate) fn too_many_between(frames: f64, most: u32) -> String {
     format!(
         "after interpolation of missing frames and uneven times it would have {frames} frames, more than {most}: number the frames \
@@ -22,45 +22,45 @@ pub(crate) fn too_many_between(frames: f64, most: u32) -> String {
     )
 }
 
-/// Frames that are evenly apart, in place of frames that are not.
+/// Evenly spaced frames that replace uneven ones.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Even {
-    /// The last of them, from 0; at least 1.
+    /// Index of the last frame; at least 1.
     pub last: usize,
     /// Frames per second.
     pub fps: f64,
 }
 
 impl Even {
-    /// Frames over `seconds`, more than 0, from the first to the last, at a rate of `fps` or, so that the last one is met, nearly so.
+    /// Evenly spaced frames over `seconds` (more than 0). The rate is `fps`, adjusted so that the last frame falls on the end.
     ///
     /// # Errors
-    /// The number of frames where there would be more than [`MOST_EVEN`].
+    /// The number of frames if it exceeds [`MOST_EVEN`].
     pub fn over(seconds: f64, fps: f64) -> Result<Self, f64> {
         let last = (fps * seconds).round().max(1.0);
         if !(last < f64::from(MOST_EVEN)) {
             return Err(last + 1.0);
         }
-        // A rate that the times miss by rounding alone is kept.
+        // A rate that fits within rounding is kept.
         let fps = if (fps * seconds - last).abs() < 1e-6 { fps } else { last / seconds };
         Ok(Self { last: last as usize, fps })
     }
 }
 
-/// A moment between key frames.
+/// A point in time between key frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Moment {
-    /// The key before it, or at it.
+    /// Index of the key at or before it.
     pub key: usize,
-    /// Share of the way to the next key, 0 to 1, 1 excluded.
+    /// Fraction of the way to the next key, 0 to 1 (1 excluded).
     pub share: f64,
 }
 
 impl Moment {
-    /// What a moment may miss a key by and be the key, steps.
+    /// Tolerance, in key steps, within which a moment counts as being at a key.
     const ROUNDING: f64 = 1e-9;
 
-    /// Frame `k` of `last` + 1 frames at equal steps over `steps` + 1 keys: whole part and remainder are exact.
+    /// Moment of frame `k` of `last` + 1 evenly spaced frames over `steps` + 1 keys; computed exactly in integers.
     ///
     /// # Panics
     /// If `last` is 0 (a programmer's error).
@@ -68,7 +68,7 @@ impl Moment {
         Self { key: k * steps / last, share: (k * steps % last) as f64 / last as f64 }
     }
 
-    /// A place among `last` + 1 keys, in steps from the first; before it and behind the last it is theirs. Within rounding of a key it is the key.
+    /// Moment at a fractional index among `last` + 1 keys, clamped to them. Within rounding of a key it is that key.
     pub fn at_place(place: f64, last: usize) -> Self {
         let (place, nearest) = (place.clamp(0.0, last as f64), place.clamp(0.0, last as f64).round());
         if (place - nearest).abs() < Self::ROUNDING {
@@ -77,8 +77,7 @@ impl Moment {
         Self { key: place as usize, share: place.fract() }
     }
 
-    /// A time among those of the keys, ascending and at least two; before the first and after the last it is theirs. Within rounding of a
-    /// key it is the key.
+    /// Moment at a time among the times of the keys (ascending, at least two), clamped to them. Within rounding of a key it is that key.
     ///
     /// # Panics
     /// If there are less than two keys (a programmer's error).
@@ -93,9 +92,9 @@ impl Moment {
     }
 }
 
-/// Slopes at the keys, in value per key step, that make the cubic monotone between keys.
+/// Slopes at the keys, in value per key step, for which the cubic is monotone between keys.
 ///
-/// A key that is not set has slope 0 and ends the curve on either side.
+/// A missing key has slope 0 and ends the curve on either side.
 pub(crate) fn slopes(keys: &[Option<f64>]) -> Vec<f64> {
     let secants: Vec<Option<f64>> = keys.windows(2).map(|pair| Some(pair[1]? - pair[0]?)).collect();
     let secant = |i: Option<usize>| i.and_then(|i| secants.get(i).copied().flatten());
@@ -125,20 +124,20 @@ pub(crate) fn slopes(keys: &[Option<f64>]) -> Vec<f64> {
     slopes
 }
 
-/// Shares of the value and the slope at the beginning, and of those at the end, in a cubic Hermite curve at the share `u` of the way, 0 to 1.
+/// Weights of the start value, the start slope, the end value and the end slope in a cubic Hermite curve at `u`, 0 to 1.
 pub(crate) fn hermite(u: f64) -> [f64; 4] {
     let v = 1.0 - u;
     [(1.0 + 2.0 * u) * v * v, u * v * v, u * u * (3.0 - 2.0 * u), -u * u * v]
 }
 
-/// The cubic Hermite curve at the share `u` of the way, 0 to 1, between two values with their slopes.
+/// Cubic Hermite curve at `u` (0 to 1) between two values with their slopes.
 pub(crate) fn cubic((from, to): (f64, f64), (slope_from, slope_to): (f64, f64), u: f64) -> f64 {
     let shares = hermite(u);
     let value = from * shares[0] + slope_from * shares[1] + to * shares[2] + slope_to * shares[3];
     value.clamp(from.min(to), from.max(to)) // against rounding errors only
 }
 
-/// A value over time by its keys.
+/// A value over time, given by keys.
 #[derive(Clone, Debug)]
 pub(crate) struct Curve {
     keys: Vec<Option<f64>>,
@@ -146,12 +145,12 @@ pub(crate) struct Curve {
 }
 
 impl Curve {
-    /// The curve through keys; one that is not set ends it on either side.
+    /// Creates the curve through keys; a missing key ends it on either side.
     pub fn through(keys: Vec<Option<f64>>) -> Self {
         Self { slopes: slopes(&keys), keys }
     }
 
-    /// The value at a moment: a key's own, or between keys that are both set; `None` elsewhere.
+    /// Value at a moment at a key, or between two keys that are both set; `None` elsewhere.
     pub fn at(&self, moment: Moment) -> Option<f64> {
         let Moment { key, share } = moment;
         let from = self.keys.get(key).copied().flatten()?;
@@ -225,7 +224,7 @@ mod tests {
         let at = |time: f64| Moment::at_time(&[0.0, 0.1, 0.5], time);
         assert_eq!(at(0.05), Moment { key: 0, share: 0.5 });
         assert_relative_eq!(at(0.2).share, 0.25, epsilon = 1e-12);
-        // On a key it is the key, 0.30000000000000004 / 3 too, and outside the nearest.
+        // At a key (also at 0.30000000000000004 / 3) it is that key; outside, the nearest one.
         assert_eq!([at(-1.0), at((0.1 + 0.2) / 3.0), at(0.5), at(2.0)].map(|m| m.key), [0, 1, 2, 2]);
         assert!([at(-1.0), at((0.1 + 0.2) / 3.0), at(0.5), at(2.0)].iter().all(|m| m.share == 0.0));
     }

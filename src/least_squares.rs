@@ -1,13 +1,15 @@
-//! Normal equations from the rows of a least-squares problem: most of what fits of heads and action units cost.
+//! Normal equations from the rows of a least-squares problem.
+//!
+//! They take most of the time of fitting heads and action units, so they are computed in blocks of `LANES` numbers.
 
 use nalgebra::DMatrix;
 
 use crate::simd::widest;
 
-/// Numbers of a row that are multiplied at once.
+/// Number of row elements multiplied at once.
 const LANES: usize = 4;
 
-/// Rows of one length, each filled up with zeros to whole blocks.
+/// Rows of equal length, each padded with zeros to whole blocks.
 #[derive(Clone, Debug)]
 pub struct Rows {
     size: usize,
@@ -16,7 +18,7 @@ pub struct Rows {
 }
 
 impl Rows {
-    /// No rows yet, of `size` numbers each.
+    /// Creates an empty set of rows of `size` numbers each.
     pub fn new(size: usize) -> Self {
         Self { size, blocks: size.div_ceil(LANES), cells: Vec::new() }
     }
@@ -26,14 +28,14 @@ impl Rows {
         self.cells.clear();
     }
 
-    /// Adds a row of zeros, for the caller to fill.
+    /// Adds a row of zeros and returns it for the caller to fill.
     pub fn add(&mut self) -> &mut [f64] {
         let first = self.cells.len();
         self.cells.resize(first + self.blocks, [0.0; LANES]);
         &mut self.cells[first..].as_flattened_mut()[..self.size]
     }
 
-    /// Sums of the products of block `i` of every row with block `j` of as many others.
+    /// Returns the sums, over all rows, of the products of block `i` with block `j` of the corresponding row of `others`.
     #[inline(always)]
     fn products(&self, i: usize, others: &Self, j: usize) -> [[f64; LANES]; LANES] {
         let mut sums = [[0.0; LANES]; LANES];
@@ -49,12 +51,12 @@ impl Rows {
         sums
     }
 
-    /// Adds a row that is a mixture of others.
+    /// Adds a row that is a linear combination of `rows` with weights `shares`.
     pub fn add_mixture<const N: usize>(&mut self, shares: [f64; N], rows: [&[f64]; N]) {
         add_mixture(self.add(), shares, rows);
     }
 
-    /// Adds `A'B` to the lower triangle of a matrix of their length; A are these rows, B as many others of the same length.
+    /// Adds `A'B` to the lower triangle of `to`. A are these rows, B are `others`, equally many and equally long.
     pub fn add_products(&self, others: &Self, to: &mut DMatrix<f64>) {
         for (i, j) in (0..self.blocks).flat_map(|i| (0..=i).map(move |j| (i, j))) {
             let sums = widest(
@@ -71,7 +73,7 @@ impl Rows {
     }
 }
 
-/// Adds a mixture of rows to one.
+/// Adds a linear combination of `rows` with weights `shares` to `to`.
 pub fn add_mixture<const N: usize>(to: &mut [f64], shares: [f64; N], rows: [&[f64]; N]) {
     for (share, row) in shares.into_iter().zip(rows) {
         to.iter_mut().zip(row).for_each(|(to, value)| *to += share * value);

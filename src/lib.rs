@@ -1,6 +1,6 @@
-//! Representative facial expressions from image sequences.
+//! Measures facial expressions in image sequences and computes representative facial expressions.
 //!
-//! Data flow, one owned type per step, the unit part of the model's type:
+//! Data flow. Every step returns one owned type; a model carries its unit in its type:
 //!
 //! ```text
 //! frames + correspondences -> fitted wireframe -> DynamicExpressionModel<Px> (tracked)
@@ -8,7 +8,7 @@
 //!   -> Representative { generalized median, dispersion } -> FAP file, report
 //! ```
 //!
-//! # The method in order
+//! # The method step by step
 //!
 //! ```no_run
 //! use std::path::Path;
@@ -51,35 +51,35 @@
 //!
 //! # Features
 //!
-//! All are on by default. Without them (`default-features = false`) the library is the method alone, in Rust, for every platform that
-//! Rust has: image files ([`dataset::list_frames`] names their kinds), fit, tracking, normalization, statistics, FAP files, synthesis and
-//! cloning.
+//! All features are on by default. Without them (`default-features = false`) the library contains only the method. It is then pure Rust
+//! and builds on every platform that Rust supports. It still has image files (formats: see [`dataset::list_frames`]), fit, tracking,
+//! normalization, statistics, FAP files, synthesis and cloning.
 //!
-//! - `tool`: the command line, and all that its commands need.
-//! - `annotate`: the page on which marks are set.
+//! - `tool`: the command line and everything its commands need.
+//! - `annotate`: the web page for setting marks.
 //! - `columnar`: models in Parquet files.
-//! - `opencv`: the program `grimace-opencv`, which reads and writes videos. The library starts it and never links OpenCV.
+//! - `opencv`: the program `grimace-opencv`, which reads and writes videos. The library starts it as a process and never links OpenCV.
 //!
-//! Types of [`image`], [`nalgebra`] and [`blake3`] are part of the interface; these crates are shown under their names, so that a program
-//! need not guess their versions. An error printed with `{}` says everything in one line, its cause included; what
-//! `main` prints of an error that it returns is the other form, for looking into the code.
+//! The interface uses types of [`image`], [`nalgebra`] and [`blake3`]. These crates are re-exported under their names, so that a program
+//! uses matching versions. An error formatted with `{}` gives the whole message in one line, including its cause. `main` prints a
+//! returned error in the `Debug` form, which is meant for developers.
 //!
-//! In the repository `examples/` goes on from here, and `docs/architecture.md` says how the modules lie on each other.
+//! More examples are in `examples/` of the repository. `docs/architecture.md` describes how the modules depend on each other.
 //!
-//! # The modules in order
+//! # The modules by topic
 //!
 //! | for | modules |
 //! | --- | --- |
 //! | numbers with units, the wireframe, models | [`units`] [`geometry`] [`wireframe`] [`model`] [`correspondence`] |
-//! | what a user brings | [`dataset`] [`sequence`] |
+//! | the user's data | [`dataset`] [`sequence`] |
 //! | the method's steps | [`locate`] [`fit`] [`track`] [`normalize`] [`statistics`] [`fap`] [`pose`] [`features`] [`segment`] |
 //! | pictures and surfaces | [`mesh`] [`synthesis`] [`clone`](mod@clone) |
-//! | all of it at once | [`pipeline`] |
+//! | the whole job in one call | [`pipeline`] |
 //!
-//! These are the library's promise. What `grimace-lab`, the Python package and the command line need beyond it stands in a hidden module,
-//! `internal`, which may change in any version.
+//! These modules are the stable interface. `grimace-lab`, the Python package and the command line also use the hidden module `internal`,
+//! which may change in any version.
 //!
-//! Axes and units are those of [`units`]. Left and right are always the subject's own.
+//! Axes and units are defined in [`units`]. Left and right are always the subject's own.
 //!
 //! # References
 //! - **\[KP\]** S. Krinidis, I. Pitas: *Facial expression synthesis through facial expressions statistical analysis*, EUSIPCO 2006.
@@ -87,18 +87,18 @@
 //! - **\[Candide-3\]** J. Ahlberg: *Candide-3 - an updated parameterised face*, report LiTH-ISY-R-2326, 2001.
 //! - **\[MPEG-4\]** ISO/IEC 14496-2 (Visual), Annex C: FAPs, FAPUs, feature points.
 //! - **\[Bouguet\]** J.-Y. Bouguet: *Pyramidal implementation of the Lucas Kanade feature tracker*, Intel, 1999.
-// Much of it only the command line uses.
+// Only the command line uses much of the code.
 #![cfg_attr(not(feature = "tool"), allow(dead_code, unused_imports))]
 // Tests compare exact values on purpose.
 #![cfg_attr(test, allow(clippy::unreadable_literal, clippy::items_after_statements, clippy::format_collect))]
 
-// The command line uses the library by its outer name.
+// The command line refers to the library by its crate name.
 extern crate self as grimace;
 
 #[doc(no_inline)]
 pub use {blake3, image, nalgebra};
 
-/// All modules, at home. Within the library each is known by its name alone, whether the facade shows it or not.
+/// All modules. Code inside the library refers to each by its short name, whether or not the facade exports it.
 #[path = "."]
 mod modules {
     #[cfg(feature = "annotate")]
@@ -149,14 +149,15 @@ mod modules {
     pub mod wireframe;
 }
 
-// Modules that the facade does not show.
+// Modules that the facade does not export.
 #[allow(unused_imports, clippy::wildcard_imports)]
 use modules::*;
 
 #[doc(hidden)]
 pub mod internal;
 
-/// A module of the facade: what it shows of the module of that name. The library itself sees all of it by the same path.
+/// Declares a public module that exports the listed items of the internal module of the same name. Inside the library the same path gives
+/// access to all of its items.
 macro_rules! facade {
     ($(#[$about:meta])* $module:ident: $($shown:tt)*) => {
         $(#[$about])*
@@ -170,67 +171,68 @@ macro_rules! facade {
 }
 
 facade! {
-    /// Ground: units of length as types, and the names of nodes, feature points and sequences.
+    /// Basics: units of length as types, and the names of nodes, feature points and sequences.
     units: FaceUnit, FeaturePoint, NodeId, ParseFeaturePointError, Px, SequenceId, Unit
 }
 facade! {
-    /// Ground: transforms of points.
+    /// Basics: transforms of points.
     geometry: Similarity, SimilarityError
 }
 facade! {
-    /// Ground: a wireframe with its tables ([`Face`](wireframe::Face)); Candide-3 comes along, another is read from a `.wfm` file.
+    /// Basics: a wireframe with its tables ([`Face`](wireframe::Face)). Candide-3 is built in; other wireframes are read from `.wfm`
+    /// files.
     wireframe: Axis, Face, Fapu, FapuDefinition, Fapus, FapusError, FeaturePointRow, MotionUnit, Region, TableError, Tables,
     UnitKind, WfmError, WfmErrorKind, Wireframe, WireframeError, read_wfm, write_wfm
 }
 facade! {
-    /// Ground: frame and dynamic facial expression models \[KP, section 1 and eq. 2\].
+    /// Basics: frame and dynamic facial expression models \[KP, section 1 and eq. 2\].
     model: DynamicExpressionModel, FrameExpressionModel, ModelError
 }
 facade! {
-    /// Ground: marked points of the neutral frame, `node,x,y`.
+    /// Basics: marked points of the neutral frame, `node,x,y`.
     correspondence: Correspondence, CorrespondenceError, MarkKind, MarksError, read_correspondences,
     validate_correspondences, write_correspondences
 }
 facade! {
-    /// Sources: what a user brings. Sequences with their emotions, frames, landmarks.
+    /// Input: the user's sequences with their emotions, frames and landmarks.
     dataset: CorrespondenceSource, Dataset, DatasetError, FailedEntry, FrameFile, FrameSource, FramesError, LandmarkFrame,
     LandmarkSelection, LandmarkSequence, LandmarkTrack, LandmarksError, RowError, SequenceEntry, SkippedEntry,
     correspondences_from_landmarks, list_frames, read_landmarks
 }
 facade! {
-    /// Sources: frames in order, decoded.
+    /// Input: decoded frames in order.
     sequence: DecodeError, Frame, ImageSize, SequenceError, SequenceReader, read_frame
 }
 facade! {
-    /// Method: faces and their marks found in pictures.
+    /// Method: finds faces and their marks in pictures.
     locate: FacePart, LocateOptions, LocatedFace, LocatedPoint, Locator
 }
 facade! {
-    /// Method: the wireframe fitted to marked points \[KP, section 2\].
+    /// Method: fits the wireframe to marked points \[KP, section 2\].
     fit: DrivenNode, FitError, FitOptions, FitWarning, FittedWireframe, Fitter, LoadedPrior, PriorFile, PriorFileError, PriorKind, Pull,
     ShapePrior, SpringError, Springs, read_prior
 }
 facade! {
-    /// Method: the wireframe tracked from the neutral to the apex frame \[KP, section 3\], by a
-    /// [`PointTracker`](track::PointTracker) or by landmarks.
+    /// Method: tracks the wireframe from the neutral to the apex frame \[KP, section 3\], with a [`PointTracker`](track::PointTracker) or
+    /// with landmarks.
     track: AlignOptions, Evidence, Forces, Found, Klt, KltKind, LandmarkPlan, LossReason, NodeState, PointTracker, Probe, Slot, Track,
     TrackError, TrackFileError, TrackInfo, TrackOptions, TrackPlan, TrackSummary, TrackedFrame, TrackedNode, read_track,
     read_track_info, summarize, track_model, track_sequence, track_with, write_track
 }
 facade! {
-    /// Method: five frames, upright, in face units \[KP, section 4.1\].
+    /// Method: normalizes a track to five upright frames in face units \[KP, section 4.1\].
     normalize: CANONICAL_ES, Canonical, FRAMES_PER_MODEL, IrisdMode, NormalizeError, NormalizeOptions, Normalizer, PoseMode, Resample, SizeMode
 }
 facade! {
-    /// Method: the representative of the models of one expression: trimming, generalized median, dispersion \[KP, sections 4.2 to 4.4\];
-    /// how people vary around it, and which expression a model shows.
+    /// Method: the representative of the models of one expression by trimming, generalized median and dispersion \[KP, sections 4.2 to
+    /// 4.4\]; variation of people around it; recognition of a model's expression.
     statistics: ClassLabel, MedianKind, MedianSearch, MedianSums, Representative, SequenceModel, StatisticsError, StatisticsOptions,
     TrimLevel, TrimmingRow, Weighting, compare::{CompareOptions, NotTested, Strata, StrataError, Tested, compare},
     distance::DisplacementFields, recognize::{RecognizeError, Recognized, Recognizer}, representative,
     median::SearchEnding, variation::{Component, Variation, VariationError}
 }
 facade! {
-    /// Method: facial animation parameters of MPEG-4, and their files.
+    /// Method: facial animation parameters of MPEG-4 and their files.
     fap: Clamped, ConvertError, Directionality, FapCatalog, FapFile, FapFrame, FapMask, FapMotion, FapNumber, FapReadError, FapRow,
     FapSequence, FapWriteError, FapWriteErrorKind, Finding, FrontalRating, HighLevelField, InterpolateError,
     ParseFapNumberError, Profile, Rule, Severity, TidyError, ValueFormat, check_fap, measure_faps, read_fap,
@@ -245,26 +247,26 @@ facade! {
     features: ActionUnit, ActionUnits, FeatureMeter, FeaturesError, FrameFeatures, Intensity, Measured
 }
 facade! {
-    /// Method: rests and expressions in a whole recording.
+    /// Method: finds rests and expressions in a whole recording.
     segment: Expression, Phase, RecordedFrame, SegmentError, SegmentOptions, Segmentation, segment
 }
 facade! {
-    /// Making: triangle meshes and their files.
+    /// Output: triangle meshes and their files.
     mesh: MeshError, MeshFileError, TriangleMesh, read_obj, read_ply, write_obj
 }
 facade! {
-    /// Making: dense surfaces from a bank of expressions \[ZL\].
+    /// Output: dense surfaces from a bank of expressions \[ZL\].
     synthesis: Bank, BankError, BankInfo, BuildOptions, BuildSummary, Composition, Crossover, FeaturePointVertex, FpMotion,
     FrameAnswer, GaOptions, Motion, MotionKind, RegionScheme, Solver, SynthesisError, SynthesisOptions, Synthesizer,
     build_bank, candide_bank, head_bank, read_motion
 }
 facade! {
-    /// Making: an expression on a new face, with its texture \[KP, section 5\].
+    /// Output: an expression on a new face, with its texture \[KP, section 5\].
     clone: CloneError, CloneFrame, CloneOptions, ClonedExpression, Course, Details, Ease, Moment, Rescale, SourceKind, SourceMotion,
     Target, Teeth, Timing, clone_expression
 }
 facade! {
-    /// Tool: the main job, stage by stage, from a dataset to representatives, FAP files and a report; the files of models.
+    /// Tool: the main job, stage by stage, from a dataset to representatives, FAP files and a report; model files.
     pipeline: Event, FapOptions, ModelFileError, PipelineOptions, RunError, RunSummary, Workbench, WorkbenchError, read_model, run,
     write_model
 }

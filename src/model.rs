@@ -23,22 +23,22 @@ pub struct FrameExpressionModel<U: Unit> {
 }
 
 impl<U: Unit> FrameExpressionModel<U> {
-    /// A frame model over all N nodes of a wireframe, in node order.
+    /// Creates a frame model from the positions of all N nodes of a wireframe, in node order.
     pub fn new(nodes: Vec<Point2<f64>>) -> Self {
         Self { nodes, unit: PhantomData }
     }
 
-    /// Positions in node order.
+    /// Returns the positions in node order.
     pub fn nodes(&self) -> &[Point2<f64>] {
         &self.nodes
     }
 
-    /// Position of one node, or `None` for a node that the wireframe does not have.
+    /// Returns the position of one node, or `None` if the wireframe does not have the node.
     pub fn node(&self, node: NodeId) -> Option<Point2<f64>> {
         self.nodes.get(node.index()).copied()
     }
 
-    /// Number of nodes N (all, live or not).
+    /// Returns the number of nodes N (live or not).
     pub fn node_count(&self) -> usize {
         self.nodes.len()
     }
@@ -106,7 +106,7 @@ pub struct DynamicExpressionModel<U: Unit> {
 }
 
 impl<U: Unit> DynamicExpressionModel<U> {
-    /// A dynamic model of the given frame models, neutral first, apex last.
+    /// Creates a dynamic model from frame models, neutral first, apex last.
     ///
     /// # Errors
     /// [`ModelError`] for fewer than two frames, differing node counts, or coordinates that are not finite.
@@ -127,32 +127,32 @@ impl<U: Unit> DynamicExpressionModel<U> {
         Ok(Self { frames })
     }
 
-    /// Frame models in order.
+    /// Returns the frame models in order.
     pub fn frames(&self) -> &[FrameExpressionModel<U>] {
         &self.frames
     }
 
-    /// The neutral frame model.
+    /// Returns the neutral frame model.
     pub fn neutral(&self) -> &FrameExpressionModel<U> {
         &self.frames[0]
     }
 
-    /// The apex frame model.
+    /// Returns the apex frame model.
     pub fn apex(&self) -> &FrameExpressionModel<U> {
         &self.frames[self.frames.len() - 1]
     }
 
-    /// Number of frames N'.
+    /// Returns the number of frames N'.
     pub fn frame_count(&self) -> usize {
         self.frames.len()
     }
 
-    /// Number of nodes N (all, live or not).
+    /// Returns the number of nodes N (live or not).
     pub fn node_count(&self) -> usize {
         self.frames[0].node_count()
     }
 
-    /// Displacement vectors tau of all nodes from frame `m` to `m + 1`, `m` in `0..frame_count() - 1`.
+    /// Returns the displacement vectors tau of all nodes from frame `m` to `m + 1`, with `m` in `0..frame_count() - 1`.
     ///
     /// Implements [KP, eq. (2)].
     ///
@@ -163,7 +163,7 @@ impl<U: Unit> DynamicExpressionModel<U> {
         from.iter().zip(to).map(|(a, b)| b - a).collect()
     }
 
-    /// Neutral offsets of all nodes in frame `m`: position minus the neutral position (what a FAP measures).
+    /// Returns the neutral offsets of all nodes in frame `m`: position minus neutral position (what a FAP measures).
     ///
     /// # Panics
     /// If `m` is not a frame (a programmer's error).
@@ -172,7 +172,7 @@ impl<U: Unit> DynamicExpressionModel<U> {
     }
 }
 
-/// A dynamic model as lists of frames of positions `[x, y]`, for `#[serde(with)]`.
+/// Serializes a dynamic model as a list of frames, each a list of positions `[x, y]`, for `#[serde(with)]`.
 pub(crate) mod as_points {
     use nalgebra::Point2;
     use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};

@@ -1,4 +1,4 @@
-//! Pictures of a wireframe on its frame: what a person looks at to judge a fit or a track.
+//! Pictures of the wireframe on a frame, for checking a fit or a track by eye.
 
 use image::{ImageBuffer, PixelWithColorType, RgbImage, imageops::FilterType};
 use nalgebra::{Point2, Point3};
@@ -11,13 +11,13 @@ use crate::{
     wireframe::Wireframe,
 };
 
-/// Least width of a picture, px; smaller frames are enlarged by a whole factor so that thin lines stay readable.
+/// Least width of a picture, px; smaller frames are enlarged by an integer factor so that thin lines stay readable.
 const MIN_WIDTH: u32 = 900;
 
 /// Largest enlargement.
 const MAX_FACTOR: u32 = 4;
 
-/// Colours that colour-blind people can tell apart (Okabe and Ito), one per state.
+/// Colour of each state, from a palette for colour-blind people (Okabe and Ito).
 fn colour(state: NodeState) -> [u8; 3] {
     match state {
         NodeState::Marked => [240, 228, 66],
@@ -31,15 +31,15 @@ fn colour(state: NodeState) -> [u8; 3] {
     }
 }
 
-/// The states and their colours, for a legend.
+/// States and their colours, for a legend.
 pub fn legend() -> Vec<(NodeState, [u8; 3])> {
     let lost = [LossReason::Klt, LossReason::ForwardBackward, LossReason::Extreme, LossReason::Outside];
     let states = [NodeState::Marked, NodeState::Fitted, NodeState::Tracked].into_iter();
     states.chain(lost.map(NodeState::Recovered)).map(|s| (s, colour(s))).collect()
 }
 
-/// Draws the wireframe on the frame: springs as lines, live nodes as dots in the colour of their state, marks as rings where they
-/// were set (image positions in px).
+/// Draws the wireframe on the frame: springs as lines, live nodes as dots in the colour of their state, and marks as rings at their
+/// positions (px of the image).
 pub fn draw_overlay(frame: &Frame, wireframe: &Wireframe, nodes: &[TrackedNode], marks: &[Point2<f64>]) -> RgbImage {
     let gray = frame.image();
     let factor = MIN_WIDTH.div_ceil(gray.width().max(1)).clamp(1, MAX_FACTOR);
@@ -50,7 +50,7 @@ pub fn draw_overlay(frame: &Frame, wireframe: &Wireframe, nodes: &[TrackedNode],
     for (pixel, luma) in canvas.data_mut().chunks_exact_mut(4).zip(large.as_raw()) {
         pixel.copy_from_slice(&[*luma, *luma, *luma, 255]);
     }
-    // Pixel centres are whole numbers in image space and halves on the canvas.
+    // Pixel centres have integer coordinates in image space and half-integers on the canvas.
     let scale = f64::from(factor);
     let at = |p: &Point2<f64>| (((p.x + 0.5) * scale) as f32, ((p.y + 0.5) * scale) as f32);
     let width = 0.9 * factor as f32;
@@ -66,7 +66,7 @@ pub fn draw_overlay(frame: &Frame, wireframe: &Wireframe, nodes: &[TrackedNode],
     RgbImage::from_raw(large.width(), large.height(), rgb).unwrap_or_default()
 }
 
-/// The wireframe of [`draw_overlay`] on a picture in colour, at the picture's own size.
+/// Draws the wireframe of [`draw_overlay`] on a colour picture at its own size.
 pub fn draw_on_colour(picture: &RgbImage, wireframe: &Wireframe, nodes: &[TrackedNode]) -> RgbImage {
     let Some(mut canvas) = Pixmap::new(picture.width(), picture.height()) else { return picture.clone() };
     for (pixel, rgb) in canvas.data_mut().chunks_exact_mut(4).zip(picture.pixels()) {
@@ -77,7 +77,7 @@ pub fn draw_on_colour(picture: &RgbImage, wireframe: &Wireframe, nodes: &[Tracke
     RgbImage::from_raw(picture.width(), picture.height(), rgb).unwrap_or_default()
 }
 
-/// Springs as lines and live nodes as dots in the colour of their state.
+/// Draws springs as lines and live nodes as dots in the colour of their state.
 fn draw_nodes(
     canvas: &mut Pixmap,
     wireframe: &Wireframe,
@@ -98,13 +98,13 @@ fn draw_nodes(
     }
 }
 
-/// Length of the axes of a head, model units: a little more than the eye distance.
+/// Length of a head's axes in model units: a little more than the eye distance.
 const AXIS: f64 = 0.75;
-/// Their colours: to the subject's left, up, out of the face.
+/// Colours of the axes: to the subject's left, up, out of the face.
 const AXIS_COLOURS: [[u8; 3]; 3] = [[213, 94, 0], [86, 180, 233], [240, 228, 66]];
 
 /// Draws the axes of a head on a picture of [`draw_overlay`], from the middle of the head: orange to the subject's left, blue up, yellow
-/// out of the face. `width` is that of the frame, px.
+/// out of the face. `width` is the frame's width, px.
 pub fn draw_axes(picture: &mut RgbImage, width: u32, pose: &HeadPose) {
     let scale = f64::from(picture.width()) / f64::from(width.max(1));
     let Some(mut canvas) = Pixmap::new(picture.width(), picture.height()) else { return };
@@ -132,7 +132,7 @@ pub fn draw_axes(picture: &mut RgbImage, width: u32, pose: &HeadPose) {
     }
 }
 
-/// A small picture of the face with the wireframe on it: cut around the nodes, `height` px high.
+/// Draws a small picture of the face with the wireframe, cropped around the nodes, `height` px high.
 pub fn thumbnail(picture: &RgbImage, wireframe: &Wireframe, nodes: &[TrackedNode], height: u32) -> RgbImage {
     let positions = || nodes.iter().map(|n| n.position);
     let (mut low, mut high) = (Point2::new(f64::INFINITY, f64::INFINITY), Point2::new(f64::NEG_INFINITY, f64::NEG_INFINITY));
@@ -166,8 +166,8 @@ pub fn thumbnail(picture: &RgbImage, wireframe: &Wireframe, nodes: &[TrackedNode
     RgbImage::from_raw(columns, height, rgb).unwrap_or(small)
 }
 
-/// Draws points that were found on a picture: position and expected error, px, and the eye distance of their face, px. Dots are green where
-/// the expected error is small against the eye distance (up to 2 %), yellow to 5 %, red beyond; small pictures are enlarged.
+/// Draws detected points with their expected error (px); the third value is the eye distance of their face (px). Dots are green for an expected
+/// error up to 2 % of the eye distance, yellow up to 5 %, and red beyond. Small pictures are enlarged.
 pub fn draw_points(gray: &image::GrayImage, points: &[(Point2<f64>, f64, f64)]) -> RgbImage {
     let factor = MIN_WIDTH.div_ceil(gray.width().max(1)).clamp(1, MAX_FACTOR);
     let large = image::imageops::resize(gray, gray.width() * factor, gray.height() * factor, FilterType::CatmullRom);
@@ -203,7 +203,7 @@ fn paint(rgba: [u8; 4]) -> Paint<'static> {
     paint
 }
 
-/// The springs of the wireframe between tracked nodes, drawn where `at` puts them.
+/// Path of the springs between tracked nodes, at the positions given by `at`.
 fn springs(wireframe: &Wireframe, nodes: &[TrackedNode], at: impl Fn(&Point2<f64>) -> (f32, f32)) -> Option<tiny_skia::Path> {
     let mut springs = PathBuilder::new();
     for (a, b) in wireframe.edges() {
@@ -227,10 +227,10 @@ fn dot(canvas: &mut Pixmap, x: f32, y: f32, radius: f32, [r, g, b]: [u8; 3]) {
     }
 }
 
-/// A picture as PNG bytes.
+/// Encodes a picture as PNG.
 ///
 /// # Errors
-/// When the encoder fails, which it does only without memory.
+/// If the encoder fails, which it does only when out of memory.
 pub fn png_bytes<P>(picture: &ImageBuffer<P, Vec<u8>>) -> Result<Vec<u8>, image::ImageError>
 where
     P: PixelWithColorType<Subpixel = u8>,

@@ -1,22 +1,22 @@
-//! The one bound on motion: what moves further than a face is large is no expression, and is refused wherever motion is read.
+//! The upper bound on facial motion: larger motion is refused wherever motion is read.
 //!
-//! A coordinate of 1e30 is a number like any other to statistics, springs and meshes, and ends in pictures of nothing. Models, tracks,
-//! FAP files, feature point motions and columnar files all pass through here before anything is computed from them.
+//! A coordinate of 1e30 would pass through statistics, springs and meshes like any other number and end in meaningless pictures.
+//! Therefore models, tracks, FAP files, feature point motions and columnar files are checked here before anything is computed from them.
 
 use nalgebra::{Point2, Vector2};
 
-/// Farthest that a point of a face may be from its place in the neutral frame, and a neutral point from the middle of its face, in eye
-/// separations (ES0). A face is about four of them high; expressions move points by a quarter of one.
+/// Largest distance, in eye separations (ES0), of a point from its position in the neutral frame, and of a neutral point from the middle
+/// of its face. A face is about four eye separations high; expressions move points by a quarter of one.
 pub const MAX_OFFSET: f64 = 10.0;
 
-/// Motion that no face makes.
+/// Error for motion that no face makes.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
     "frame {frame}: {point} is ({x:.3e}, {y:.3e}) {unit} away from {from}, further than {MAX_OFFSET} eye separations ({limit:.4e}); this \
      cannot be a face: correct the value or leave the frame out"
 )]
 pub struct Implausible {
-    /// The frame, as the file numbers it.
+    /// Frame number in the file.
     pub frame: u32,
     /// `node 31` or `feature point 8.3`.
     pub point: String,
@@ -24,33 +24,33 @@ pub struct Implausible {
     pub x: f64,
     /// Offset along y.
     pub y: f64,
-    /// Unit of offsets and limit.
+    /// Unit of the offsets and the limit.
     pub unit: &'static str,
-    /// Largest offset.
+    /// Largest offset allowed.
     pub limit: f64,
-    /// What the offset is measured from.
+    /// Point from which the offset is measured.
     pub from: &'static str,
 }
 
-/// The size of a face, and in what unit.
+/// Size of a face with its unit.
 #[derive(Clone, Copy, Debug)]
 pub struct FaceSize {
     /// Eye separation ES0.
     pub eye_separation: f64,
-    /// Its unit, as messages say it.
+    /// Its unit, as messages print it.
     pub unit: &'static str,
 }
 
 impl FaceSize {
-    /// The canonical face's.
+    /// Size of the canonical face.
     pub const CANONICAL: Self = Self { eye_separation: crate::normalize::CANONICAL_ES, unit: "face units" };
 
-    /// The largest offset, in the face's unit.
+    /// Returns the largest allowed offset, in the face's unit.
     pub fn limit(self) -> f64 {
         MAX_OFFSET * self.eye_separation
     }
 
-    /// Checks offsets from neutral, node by node, of the frame numbered `frame`.
+    /// Checks the offsets from neutral of all nodes of frame number `frame`.
     ///
     /// # Errors
     /// [`Implausible`] for the first node beyond [`MAX_OFFSET`].
@@ -62,7 +62,7 @@ impl FaceSize {
     /// Checks the offset of one point.
     ///
     /// # Errors
-    /// [`Implausible`] beyond [`MAX_OFFSET`], and for what is no number.
+    /// [`Implausible`] for an offset beyond [`MAX_OFFSET`] or NaN.
     pub fn check(
         self,
         frame: u32,
@@ -77,7 +77,7 @@ impl FaceSize {
         Err(Implausible { frame, point: point(), x: offset.x, y: offset.y, unit: self.unit, limit, from })
     }
 
-    /// Checks the positions of a neutral face, against their median along each axis.
+    /// Checks the distances of a neutral face's nodes from their median along each axis.
     ///
     /// # Errors
     /// [`Implausible`] for the first node beyond [`MAX_OFFSET`].
@@ -92,7 +92,7 @@ impl FaceSize {
         neutral.iter().enumerate().try_for_each(|(k, p)| self.check(frame, || format!("node {k}"), p - middle, from))
     }
 
-    /// Checks a model: its neutral frame, and all frames' offsets. Frames are counted from 0.
+    /// Checks a model: its neutral frame and the offsets of all other frames. Frames are counted from 0.
     ///
     /// # Errors
     /// [`Implausible`] for the first node beyond [`MAX_OFFSET`].
@@ -102,13 +102,13 @@ impl FaceSize {
     }
 }
 
-/// Least correlation of a neutral face's coordinates with Candide-3's along x and along y. What is normalized has 0.99, whoever's face it is and
-/// however it was turned; below, nodes lie elsewhere.
+/// Smallest accepted correlation of a neutral face's coordinates with Candide-3's, along x and along y. Normalized models have 0.99 for
+/// any person and head rotation; below the limit, the nodes are not Candide-3's.
 const LEAST_LIKENESS: f64 = 0.7;
-/// Largest factor between a neutral face's width or height and Candide-3's. What is normalized stays within 1.25.
+/// Largest accepted ratio of a neutral face's width or height to Candide-3's, in either direction. Normalized models stay within 1.25.
 const MOST_STRETCH: f64 = 2.0;
 
-/// A neutral face that is not in face units: x to the right of the picture, y up, the eyes 1024 apart.
+/// Error for a neutral face that is not in face units: x to the right of the picture, y up, the eyes 1024 apart.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum NotFaceUnits {
     /// y points down.
@@ -132,9 +132,9 @@ pub enum NotFaceUnits {
          the same factor"
     )]
     Scale {
-        /// Width over that of Candide-3 in face units.
+        /// Width relative to Candide-3 in face units.
         width: f64,
-        /// Height over that of Candide-3 in face units.
+        /// Height relative to Candide-3 in face units.
         height: f64,
     },
     /// The nodes lie elsewhere.
@@ -145,13 +145,15 @@ pub enum NotFaceUnits {
     Unlike {
         /// Correlation of the nodes' x with Candide-3's, -1 to 1.
         x: f64,
-        /// The same of y.
+        /// Correlation of the nodes' y with Candide-3's, -1 to 1.
         y: f64,
     },
 }
 
-/// Checks that a neutral face over Candide-3's nodes, which a file calls face units, is upright, unmirrored and of about its size. Limits are
-/// wide: they tell mistakes, not faces. Faces of another number of nodes are not looked at.
+/// Checks that a neutral face in face units is upright, not mirrored and of about Candide-3's size.
+///
+/// The limits are wide: they detect mistakes in a file, not unusual faces. Faces whose number of nodes is not Candide-3's are not
+/// checked.
 ///
 /// # Errors
 /// [`NotFaceUnits`].
@@ -162,7 +164,7 @@ pub fn check_face_units(neutral: &[Point2<f64>]) -> Result<(), NotFaceUnits> {
     if neutral.len() != expected.len() {
         return Ok(());
     }
-    // Size over the expected one (the slope of the regression), and correlation.
+    // Size relative to the expected one (slope of the regression), and correlation.
     let along = |axis: usize| {
         let mean = |points: &[Point2<f64>]| points.iter().map(|p| p[axis]).sum::<f64>() / points.len() as f64;
         let (found_mean, expected_mean) = (mean(neutral), mean(expected));
@@ -198,14 +200,14 @@ mod tests {
             let points: Vec<_> = neutral.iter().map(|p| Point2::from(<[f64; 2]>::from(change(p.x, p.y)))).collect();
             check_face_units(&points)
         };
-        // Odd faces: narrow, long, shifted, a little turned in the plane.
+        // Unusual faces: narrow, long, shifted, slightly rotated in the plane.
         assert_eq!(changed(&|x, y| (x, y)), Ok(()));
         assert_eq!(changed(&|x, y| (0.7 * x + 900.0, 1.4 * y - 3e3)), Ok(()));
         assert_eq!(changed(&|x, y| (0.94 * x - 0.34 * y, 0.34 * x + 0.94 * y)), Ok(()));
         assert_eq!(changed(&|x, y| (x, -y)), Err(NotFaceUnits::UpsideDown));
         assert_eq!(changed(&|x, y| (-x, y)), Err(NotFaceUnits::Mirrored));
         assert_eq!(changed(&|x, y| (-x, -y)), Err(NotFaceUnits::Turned));
-        // Pixels of a face with its eyes 100 apart, y down.
+        // Pixels of a face with eyes 100 apart, y down.
         assert_eq!(changed(&|x, y| (x / 10.0 + 300.0, 200.0 - y / 10.0)), Err(NotFaceUnits::UpsideDown));
         assert!(
             matches!(changed(&|x, y| (x / 10.0, y / 10.0)), Err(NotFaceUnits::Scale { width, .. }) if (width - 0.1).abs() < 0.01)

@@ -1,5 +1,6 @@
-//! Tables of node positions, `frame,node,x,y`: the one reader of tracks, normalized models, representatives, corrections and exact
-//! positions.
+//! Tables of node positions with the columns `frame,node,x,y`.
+//!
+//! This is the only reader for tracks, normalized models, representatives, corrections and exact positions.
 
 use std::path::{Path, PathBuf};
 
@@ -11,7 +12,7 @@ use crate::{
     units::{NodeId, Unit},
 };
 
-/// Positions that do not read, or do not make whole frames.
+/// Error for a table of positions that cannot be read or does not make whole frames.
 #[derive(Debug, thiserror::Error)]
 pub enum PositionsError {
     /// The table, one of its rows or one of its fields.
@@ -28,7 +29,7 @@ pub enum PositionsError {
         frame: u32,
         /// Node found.
         found: NodeId,
-        /// Node expected.
+        /// Node index expected.
         expected: usize,
     },
     /// Nothing moves in fewer than two frames.
@@ -46,7 +47,7 @@ pub enum PositionsError {
         path: PathBuf,
         /// Frame number.
         frame: u32,
-        /// Number of the frame before it.
+        /// Number of the previous frame.
         previous: u32,
     },
     /// Frames over different wireframes.
@@ -56,11 +57,11 @@ pub enum PositionsError {
         path: PathBuf,
         /// Frame number.
         frame: u32,
-        /// Its nodes.
+        /// Number of nodes of that frame.
         found: usize,
         /// Number of the first frame.
         first: u32,
-        /// Its nodes.
+        /// Number of nodes of the first frame.
         expected: usize,
     },
     /// Frames that make no model.
@@ -68,44 +69,45 @@ pub enum PositionsError {
     Model {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// Cause.
         source: ModelError,
     },
 }
 
-/// A table with the columns `frame`, `node`, `x` and `y`, and others, in any order and in letters of either case.
+/// A table with the columns `frame`, `node`, `x` and `y`. Their order and the case of their names do not matter; further columns are
+/// allowed.
 #[derive(Clone, Debug)]
 pub struct PositionTable {
     csv: CsvFile,
     columns: [usize; 4],
 }
 
-/// One position.
+/// Position of one node in one frame.
 #[derive(Clone, Debug)]
 pub struct PositionRow<'a> {
     /// Frame number.
     pub frame: u32,
     /// The node.
     pub node: NodeId,
-    /// Where it is, in the table's unit.
+    /// Position in the table's unit.
     pub position: Point2<f64>,
-    /// The row, for further columns and for errors.
+    /// The row, for reading further columns and for error messages.
     pub row: CsvRow<'a>,
 }
 
-/// Frames by ascending number, each with a value for every node from 0.
+/// Frames by ascending number, each with one value per node, from node 0.
 pub type Frames<T> = Vec<(u32, Vec<T>)>;
 
 impl PositionTable {
     /// Opens a table.
     ///
     /// # Errors
-    /// [`InputError`] for a file that cannot be read, is no table, or lacks a column.
+    /// [`InputError`] for a file that cannot be read, is not a table, or lacks a column.
     pub fn open(path: &Path) -> Result<Self, InputError> {
         Self::new(CsvFile::open(path)?)
     }
 
-    /// The positions in a table at hand.
+    /// Makes a position table from an open CSV table.
     ///
     /// # Errors
     /// [`InputError`] for a missing column.
@@ -118,22 +120,22 @@ impl PositionTable {
         Ok(Self { csv, columns })
     }
 
-    /// The file's path.
+    /// Returns the file's path.
     pub fn path(&self) -> &Path {
         self.csv.path()
     }
 
-    /// Index of a further column, or `None`.
+    /// Returns the index of the column `name` (case-insensitive), or `None`.
     pub fn column(&self, name: &str) -> Option<usize> {
         self.csv.column_of_any_case(name)
     }
 
-    /// Whether the nodes have states: a track, in px. A model in face units has none.
+    /// Returns whether the table is a track in px: it has a column `state`. Models in face units have none.
     pub fn is_track(&self) -> bool {
         self.column("state").is_some()
     }
 
-    /// All rows in the order of the file; any nodes of any frames.
+    /// Returns all rows in file order. Frames need not be complete.
     pub fn rows(&self) -> impl Iterator<Item = Result<PositionRow<'_>, InputError>> {
         let [frame, node, x, y] = self.columns;
         self.csv.rows().map(move |row| {
@@ -144,10 +146,10 @@ impl PositionTable {
         })
     }
 
-    /// Whole frames: at least two, ascending, all over the same nodes from 0 in order; `node` makes a value of each row.
+    /// Returns whole frames: at least two, ascending, all with the same nodes from 0 in order. `node` converts a row to a value.
     ///
     /// # Errors
-    /// [`PositionsError`], and what `node` says.
+    /// [`PositionsError`], and the errors of `node`.
     pub fn frames<T, E: From<PositionsError>>(
         &self,
         mut node: impl FnMut(&PositionRow<'_>) -> Result<T, E>,
@@ -190,7 +192,7 @@ impl PositionTable {
         }
     }
 
-    /// The frames as a dynamic model.
+    /// Returns the frames as a dynamic model.
     ///
     /// # Errors
     /// As [`PositionTable::frames`].

@@ -1,9 +1,10 @@
-//! The order statistic that tracking and statistics share.
+//! Robust statistics that tracking and the statistics share.
 
-/// Standard deviation of a normal distribution over its median absolute deviation.
+/// Ratio of the standard deviation of a normal distribution to its median absolute deviation.
 pub const MAD_TO_SIGMA: f64 = 1.4826;
 
-/// Median of the values, which it reorders; of an even number the mean of the two middle ones; `None` of none.
+/// Returns the median of the values, or `None` if there are none. For an even number it is the mean of the two middle values. Reorders
+/// `values`.
 pub fn median(values: &mut [f64]) -> Option<f64> {
     let half = values.len() / 2;
     if values.is_empty() {

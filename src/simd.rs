@@ -1,17 +1,16 @@
-//! The widest vectors that the processor has, for loops over many numbers.
+//! Runs loops with the widest vectors of the processor.
 //!
-//! Programs are compiled for any 64-bit processor, whose vectors hold four single-precision numbers; nearly every one of the last ten years has
-//! some of eight. A loop that runs within [`widest`] is compiled twice, and the version that the processor at hand understands is taken. Both
-//! give the same bits: sums are written in lanes whose number does not depend on the processor, and products and sums are never
-//! fused.
+//! Programs are compiled for any 64-bit processor, whose vectors hold four single-precision numbers; nearly every one of the last ten years
+//! also has vectors of eight. A loop within [`widest`] is compiled for both, and the version for the processor at hand is chosen at run time. Both
+//! give the same bits: sums use a number of lanes that does not depend on the processor, and products and sums are never fused.
 
-/// Runs `work` compiled for vectors of eight numbers where the processor has them. `work`, and what it calls, must be `#[inline(always)]`, or
-/// is compiled for four as everything else.
+/// Runs `work` compiled for vectors of eight numbers if the processor has them. `work` and everything it calls must be `#[inline(always)]`;
+/// otherwise it is compiled for four like all other code.
 #[inline]
 pub fn widest<R>(work: impl FnOnce() -> R) -> R {
     #[cfg(target_arch = "x86_64")]
     if std::is_x86_feature_detected!("avx2") {
-        // SAFETY: the processor has been asked for what the function needs.
+        // SAFETY: the processor has been checked for the required feature.
         #[allow(unsafe_code)]
         return unsafe { with_avx2(work) };
     }

@@ -1,8 +1,8 @@
-//! Texts of other people's files as messages show them: printable and of bounded length.
+//! Prepares text from other people's files for messages: printable and of limited length.
 //!
-//! A field of a file may hold escape sequences that a terminal obeys, or be as long as the file. Whatever quotes one takes its
-//! [`excerpt`]; where messages leave the library's hands (terminal, `failures.csv`, the page of `annotate`) they pass through [`message`],
-//! which also tames what other crates quote.
+//! A field of a file may contain escape sequences that a terminal executes, or be as long as the file. Code that quotes a field uses
+//! [`excerpt`]. Messages that leave the library (terminal, `failures.csv`, the page of `annotate`) pass through [`message`], which also
+//! handles text quoted by other crates.
 
 use std::borrow::Cow;
 
@@ -11,32 +11,32 @@ use unicode_normalization::UnicodeNormalization;
 /// Most characters of a quoted field.
 const EXCERPT: usize = 60;
 
-/// Characters of a message that stay when it is too long: before and behind what is left out.
+/// Characters kept of a message that is too long: at its start and at its end.
 const MESSAGE: (usize, usize) = (1500, 500);
 
-/// Characters that a message may have beyond that, so that one that was shortened is not shortened again.
+/// Characters that a message may have beyond that, so that a shortened message is not shortened again.
 const SLACK: usize = 64;
 
-/// Whether a terminal may take a character for more than a sign: controls, and what turns the direction of writing.
+/// Whether a terminal may execute a character: controls, and characters that change the writing direction.
 fn is_command(c: char) -> bool {
     (c.is_control() && c != '\n' && c != '\t')
         || matches!(c, '\u{202A}'..='\u{202E}' | '\u{2066}'..='\u{2069}' | '\u{200E}' | '\u{200F}')
 }
 
-/// Words, whatever their case, by which R, pandas, SQL and spreadsheets write that there is no value.
+/// Words, in any case, by which R, pandas, SQL and spreadsheets denote a missing value.
 const MISSING_WORDS: [&str; 4] = ["na", "n/a", "nan", "null"];
 
-/// Whether a text is a word for no value.
+/// Whether a text denotes a missing value.
 pub fn is_missing_word(value: &str) -> bool {
     MISSING_WORDS.iter().any(|word| value.trim().eq_ignore_ascii_case(word))
 }
 
-/// A text with accents in their letters: those that stand behind them, as macOS writes names, are the same text.
+/// Returns a text in composed form. Accents that follow their letters, as in macOS file names, are combined with them.
 pub fn composed(text: &str) -> String {
     text.nfc().collect()
 }
 
-/// A field or word as messages quote it: its first 60 characters, everything in them printable, and `...` where there are more.
+/// Shortens a field or word for a message: its first 60 characters, all printable, and `...` if there are more.
 pub fn excerpt(text: &str) -> String {
     let sign = |c: char| match c {
         '\'' | '"' | '\\' => Cow::Owned(c.to_string()),
@@ -50,7 +50,7 @@ pub fn excerpt(text: &str) -> String {
     shown
 }
 
-/// A text as it may be printed on a terminal: what the terminal would obey is escaped (`\u{1b}`); line breaks and tabs stay.
+/// Escapes what a terminal would execute (`\u{1b}`); line breaks and tabs stay.
 pub fn printable(text: &str) -> Cow<'_, str> {
     if !text.contains(is_command) {
         return Cow::Borrowed(text);
@@ -62,7 +62,7 @@ pub fn printable(text: &str) -> Cow<'_, str> {
     Cow::Owned(shown)
 }
 
-/// A name or path as it stands within a line: what would break the line or a terminal obeys is escaped.
+/// Escapes a name or path for use within a line: line breaks and what a terminal would execute.
 pub fn single_line(text: &str) -> Cow<'_, str> {
     if !text.contains(|c: char| is_command(c) || c.is_control()) {
         return Cow::Borrowed(text);
@@ -74,8 +74,8 @@ pub fn single_line(text: &str) -> Cow<'_, str> {
     Cow::Owned(shown)
 }
 
-/// A whole message: printable, and of about 2000 characters at most. What is too long loses its middle, since the file stands at the
-/// front and what was expected at the end.
+/// Returns a complete message: printable, and at most about 2000 characters. A longer one loses its middle, since the file is named at the
+/// start and the expected value at the end.
 pub fn message(text: &str) -> Cow<'_, str> {
     let (front, back) = MESSAGE;
     let most = front + back + SLACK;

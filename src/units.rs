@@ -1,8 +1,8 @@
 //! Units and identifiers shared by every stage.
 //!
-//! Two spaces exist. *Image space*: pixels, x right, y **down**, the centre of the top-left pixel is (0, 0). *Face space*:
-//! Candide-3's axes, x to the subject's left, y **up**. A model carries its unit in its type ([`Px`], [`FaceUnit`]), so that a
-//! tracked model in pixels cannot be handed to a statistic in face units.
+//! There are two coordinate spaces. *Image space* is in pixels, x to the right, y **down**; the centre of the top-left pixel is (0, 0).
+//! *Face space* has Candide-3's axes, x to the subject's left, y **up**. A model carries its unit in its type ([`Px`], [`FaceUnit`]), so
+//! that a tracked model in pixels cannot be passed to a function for face units.
 
 use std::{fmt, str::FromStr};
 
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 /// A unit of length that a model can be expressed in.
 ///
-/// A unit of one's own keeps models of other lengths apart.
+/// Implement it for your own unit to keep models in that unit apart from others.
 /// ```
 /// use grimace::{model::FrameExpressionModel, units::Unit};
 /// use nalgebra::Point2;
@@ -26,7 +26,7 @@ use serde::{Deserialize, Serialize};
 /// assert_eq!((frame.node_count(), Millimetre::NAME), (1, "mm"));
 /// ```
 pub trait Unit: Copy + Send + Sync + 'static {
-    /// The unit as it is written in reports and JSON files.
+    /// Name of the unit in reports and JSON files.
     const NAME: &'static str;
 }
 
@@ -72,7 +72,7 @@ impl Unit for FaceUnit {
 pub struct NodeId(pub u16);
 
 impl NodeId {
-    /// The node's place in an array over all nodes.
+    /// Returns the node's index in an array over all nodes.
     pub fn index(self) -> usize {
         usize::from(self.0)
     }
@@ -102,11 +102,11 @@ pub struct FeaturePoint {
     pub point: u8,
 }
 
-/// Points of each group of MPEG-4, from 1: 84 in all.
+/// Number of points in each group of MPEG-4, as (group, points); points are numbered from 1. There are 84 in all.
 const FEATURE_POINTS: [(u8, u8); 10] = [(2, 14), (3, 14), (4, 6), (5, 4), (6, 4), (7, 1), (8, 10), (9, 15), (10, 10), (11, 6)];
 
 impl FeaturePoint {
-    /// Whether it is one of the 84 of MPEG-4.
+    /// Returns whether it is one of the 84 feature points of MPEG-4.
     pub fn is_of_mpeg4(self) -> bool {
         FEATURE_POINTS.iter().any(|&(group, points)| group == self.group && (1..=points).contains(&self.point))
     }
@@ -118,7 +118,7 @@ impl fmt::Display for FeaturePoint {
     }
 }
 
-/// A text that is no `group.point`, or none of MPEG-4's 84 feature points.
+/// Error for a text that is not `group.point` or not one of MPEG-4's 84 feature points.
 ///
 /// ```
 /// use grimace::units::FeaturePoint;
@@ -144,7 +144,7 @@ impl FromStr for FeaturePoint {
     }
 }
 
-/// Identity of one sequence: who, and which recording.
+/// Identity of one sequence: subject and recording.
 ///
 /// ```
 /// use grimace::units::SequenceId;

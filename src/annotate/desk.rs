@@ -1,9 +1,9 @@
 //! The sequences of a dataset and their marks, as the page reads and saves them.
 //!
-//! A sequence's marks are in its correspondence file: the one its manifest names, else `SUBJECT/SEQUENCE/correspondences.csv`,
-//! which is then written into the manifest. Every save states the version it was made from (a hash of the file and of what the
-//! manifest says of the sequence, which is read again whenever it has changed): when another tab, program or person has changed
-//! any of it since, nothing is written and the page is told what is there.
+//! Marks are in a sequence's correspondence file: the one named in the manifest, else `SUBJECT/SEQUENCE/correspondences.csv`, which is then
+//! entered in the manifest. Every save states the version it is based on: a hash of the file and of the sequence's manifest entries, which
+//! are read again whenever the manifest changes. If another tab, program or person has changed any of it since, nothing is written and the
+//! page receives the current state.
 
 use std::{
     collections::BTreeMap,
@@ -34,24 +34,24 @@ use crate::{
     units::SequenceId,
 };
 
-/// A dataset on the desk.
+/// A dataset opened for marking.
 pub struct Desk {
     /// Wireframe, fitter, tables.
     pub bench: Workbench,
     root: PathBuf,
     manifest: Mutex<Option<PathBuf>>,
-    /// The dataset is one picture: no manifest says anything of it.
+    /// Whether the dataset is one picture without a manifest.
     is_picture: bool,
-    /// BLAKE3 of the manifest that `items` is read from.
+    /// BLAKE3 of the manifest from which `items` was read.
     manifest_read: Mutex<Option<blake3::Hash>>,
     items: Mutex<Vec<Item>>,
-    /// Places in `items` of the sequences on the page.
+    /// Indices in `items` of the sequences on the page.
     worklist: Vec<usize>,
     failures: Vec<String>,
     cascade_folder: Option<PathBuf>,
     cascades: OnceLock<Mutex<Result<Cascades, CascadeError>>>,
     shelf: FrameShelf,
-    /// The frame that is marked.
+    /// The frame being marked.
     pub(super) live: LiveFrame,
 }
 
@@ -80,7 +80,7 @@ impl Desk {
             let reason = failures.first().cloned().or(skipped).unwrap_or_default();
             return Err(AnnotateError::NoSequence { path: path.to_owned(), reason });
         }
-        // What was proposed, a person looks at, marks or not.
+        // Sequences proposed by `segment` are always reviewed, with marks or without.
         let is_work = |item: &Item| options.all || item.marks < ENOUGH_MARKS || confidence(&item.entry).is_some();
         let worklist = (0..items.len()).filter(|&k| is_work(&items[k])).collect();
         let folder = if path.is_file() { path.parent().filter(|p| !p.as_os_str().is_empty()) } else { Some(path) };
@@ -101,22 +101,22 @@ impl Desk {
         })
     }
 
-    /// Sequences on the page, and how many of them are left.
+    /// Number of sequences on the page, and of those left to mark.
     pub fn counts(&self) -> (usize, usize) {
         (self.worklist.len(), self.left(&self.lock()))
     }
 
-    /// Sequences of the dataset.
+    /// Number of sequences in the dataset.
     pub fn total(&self) -> usize {
         self.lock().len()
     }
 
-    /// What in the dataset is no sequence.
+    /// Rows or folders of the dataset that are not valid sequences.
     pub fn failures(&self) -> &[String] {
         &self.failures
     }
 
-    /// The dataset's folder, without links.
+    /// The dataset's folder with links resolved.
     fn resolved(&self) -> PathBuf {
         fs::canonicalize(&self.root).unwrap_or_else(|_| self.root.clone())
     }
@@ -126,7 +126,7 @@ impl Desk {
         self.resolved().file_name().map_or_else(|| "dataset".to_owned(), |name| name.to_string_lossy().into_owned())
     }
 
-    /// What tells this dataset from others of its name, in 16 digits.
+    /// Key of 16 digits that distinguishes this dataset from others with the same name.
     pub fn key(&self) -> String {
         blake3::hash(self.resolved().as_os_str().as_encoded_bytes()).to_hex()[..16].to_owned()
     }
@@ -182,7 +182,7 @@ impl Desk {
         })
     }
 
-    /// Saves the marks of a sequence, all of them anew; none takes the file away.
+    /// Saves all marks of a sequence; without marks, removes the file.
     pub fn save_marks(&self, id: &str, request: &SaveMarks) -> Result<Saved, RequestError> {
         let mut items = self.lock();
         self.refresh(&mut items, id)?;
@@ -199,7 +199,7 @@ impl Desk {
         })?;
         let mut marks: Vec<Correspondence> = request.marks.iter().map(Correspondence::from).collect();
         marks.sort_by_key(|m| m.node);
-        // A save that was answered into a broken connection comes again.
+        // The page repeats a save whose answer was lost.
         let repeated = current == marks;
         if request.version != version(&item.entry) && !repeated {
             return Err(RequestError::conflict(&self.open_item(item)?));
@@ -208,7 +208,7 @@ impl Desk {
             self.write_marks(&mut item.entry, &marks)?;
         }
         item.marks = marks.len();
-        // What is read next time is what the next save is compared with.
+        // The next save is compared with this state.
         self.refresh(&mut items, id)?;
         let version = version(&find(&mut items, id)?.entry);
         Ok(Saved { version, left: self.left(&items) })
@@ -218,7 +218,7 @@ impl Desk {
         let file = entry.marks_path().to_owned();
         let manifest = self.manifest();
         if marks.is_empty() {
-            // Without marks the sequence is as it was before the first one: landmarks serve again where there are any.
+            // Without marks the sequence returns to its initial state: landmarks are used again, if there are any.
             if let Some(manifest) = manifest.as_ref().filter(|_| entry.correspondences_path.is_some()) {
                 set_fields(manifest, &entry.id, &[("correspondences", String::new())]).map_err(RequestError::failed)?;
                 entry.correspondences_path = None;
@@ -235,7 +235,7 @@ impl Desk {
         Ok(())
     }
 
-    /// Saves which frames are neutral and apex, in the manifest.
+    /// Saves the numbers of the neutral and the apex frame in the manifest.
     pub fn save_frames(&self, id: &str, request: &SaveFrames) -> Result<Opened, RequestError> {
         let mut items = self.lock();
         self.refresh(&mut items, id)?;
@@ -309,7 +309,7 @@ impl Desk {
         }
     }
 
-    /// Sequences on the page without marks, and those with too few or with marks that do not read, each with that reason.
+    /// Sequences on the page without marks, and those with too few or unreadable marks, each with the reason.
     pub(super) fn unmarked(&self) -> (Vec<SequenceId>, Vec<(SequenceId, String)>) {
         let items = self.lock();
         let (mut without, mut left) = (Vec::new(), Vec::new());
@@ -336,7 +336,7 @@ impl Desk {
         frames_of(&entry)
     }
 
-    /// Saves marks of a sequence that has none; `false`, and nothing is written, where it has some by now.
+    /// Saves marks of a sequence without marks. Returns `false`, without writing, if it has marks by now.
     pub(super) fn save_found(&self, id: &SequenceId, marks: &[Correspondence]) -> Result<bool, RequestError> {
         let mut items = self.lock();
         let id = id.to_string();
@@ -351,7 +351,7 @@ impl Desk {
         Ok(true)
     }
 
-    /// A frame of a sequence, grey.
+    /// A frame of a sequence in grey.
     pub(super) fn grey(&self, id: &str, number: u32) -> Result<GrayImage, RequestError> {
         let entry = find(&mut self.lock(), id)?.entry.clone();
         self.shelf.grey(&entry.frames_path, (entry.first_frame, entry.last_frame), number)
@@ -363,7 +363,7 @@ impl Desk {
         self.shelf.picture(&entry.frames_path, (entry.first_frame, entry.last_frame), number)
     }
 
-    /// Reads the manifest again where its content has changed, by whomever, and takes from it what it says of the sequences now.
+    /// Reads the manifest again if its content has changed, and updates the sequences from it.
     fn refresh(&self, items: &mut [Item], id: &str) -> Result<(), RequestError> {
         if self.is_picture {
             return Ok(());
@@ -425,7 +425,7 @@ impl Desk {
         Ok(item.frames.insert(frames).clone())
     }
 
-    /// The marks of a sequence; none where there is no file.
+    /// The marks of a sequence; empty without a file.
     fn read_marks(&self, entry: &SequenceEntry) -> Result<Vec<Correspondence>, String> {
         let path = entry.marks_path();
         if !path.exists() {

@@ -1,4 +1,4 @@
-//! Marks that were found in the neutral frame: proposed, and accepted without a look where they are sure enough.
+//! Marks found in the neutral frame: proposed to the user, or accepted without a review if they are accurate enough.
 
 use image::RgbImage;
 use rayon::prelude::*;
@@ -12,10 +12,11 @@ use crate::{
     units::SequenceId,
 };
 
-/// Proposals from the face found in a frame, which may be given in `colour`, too, and a note where it is not trusted; `None` where there is no face.
+/// Proposals from the face found in a frame, and a note if it is not trusted; `None` without a face. `colour` is the same frame in colour,
+/// if available.
 ///
 /// # Errors
-/// What is wrong with the locator's model.
+/// The error of the locator's model.
 pub fn propose_from_face(frame: &Frame, colour: Option<&RgbImage>) -> Result<Option<(ProposedMarks, Option<String>)>, String> {
     let Some(face) = found_face(frame, colour).map_err(|e| e.to_string())? else { return Ok(None) };
     let covered = covered(&face);
@@ -30,26 +31,26 @@ pub fn propose_from_face(frame: &Frame, colour: Option<&RgbImage>) -> Result<Opt
     Ok(Some((ProposedMarks { source: ProposalSource::Found, marks }, note)))
 }
 
-/// That parts of a face are covered, so that a person has to say where they are.
+/// Message that parts of a face are covered and the user has to mark them.
 fn covered(face: &FoundFace) -> Option<String> {
     let parts = FacePart::listed(&face.covered);
     (!face.covered.is_empty())
         .then(|| format!("probably covered: {parts}; the points there are estimated from the rest of the face"))
 }
 
-/// What [`Annotator::accept`](super::Annotator::accept) did.
+/// Result of [`Annotator::accept`](super::Annotator::accept).
 #[derive(Clone, Debug, Default)]
 pub struct Accepted {
     /// Sequences whose found marks were saved.
     pub accepted: Vec<SequenceId>,
-    /// Sequences that need a look, each with the reason.
+    /// Sequences to review, each with the reason.
     pub left: Vec<(SequenceId, String)>,
 }
 
 impl Desk {
-    /// Saves the marks found in every sequence that has none, where half of them are expected to be less than `limit` percent of the eye
-    /// distance off and no single one is expected to be more than three times that: those are left out. A mark set by hand always wins,
-    /// and of several faces a person has to say which one is meant.
+    /// Saves the marks found in every sequence that has none, if their median expected error is below `limit` percent of the eye distance.
+    /// Single marks with more than three times that are left out. Hand-set marks always have precedence. If there are several faces, the
+    /// user has to choose.
     pub fn accept(&self, limit: f64, progress: impl Fn(usize, usize) + Sync) -> Accepted {
         let (open, left) = self.unmarked();
         let done = std::sync::atomic::AtomicUsize::new(0);

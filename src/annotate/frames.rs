@@ -1,4 +1,4 @@
-//! Frames as a browser shows them: the dataset's own image files, or what OpenCV decodes of others.
+//! Frames for the browser: the dataset's own image files, or pictures decoded by OpenCV.
 
 use std::{
     path::{Path, PathBuf},
@@ -16,10 +16,10 @@ use crate::{
 /// Most frames of a video that are kept for scrubbing.
 const MAX_VIDEO_FRAMES: u32 = 2000;
 
-/// The frames of a sequence that its manifest or track names: neutral and apex, in either order.
+/// Numbers of the neutral and the apex frame in the manifest or track, in either order.
 pub type Named = (Option<u32>, Option<u32>);
 
-/// A frame's bytes and their type.
+/// A frame's bytes and their media type.
 pub struct Picture {
     /// `image/png`, `image/jpeg` or `image/webp`.
     pub mime: &'static str,
@@ -27,7 +27,7 @@ pub struct Picture {
     pub bytes: Vec<u8>,
 }
 
-/// All frames of one sequence, whatever its neutral and apex frame; of a long video those around them.
+/// All frames of one sequence, also beyond its neutral and apex frame; of a long video only those around them.
 #[derive(Clone, Debug)]
 pub struct FrameList {
     /// Frame numbers, ascending.
@@ -36,7 +36,7 @@ pub struct FrameList {
     pub size: ImageSize,
 }
 
-/// Lists and shows frames; keeps the decoded frames of one video, because a video only decodes in order.
+/// Lists and returns frames. It keeps the decoded frames of one video, because a video can only be decoded in order.
 #[derive(Default)]
 pub struct FrameShelf {
     video: Mutex<Option<Shelved>>,
@@ -55,11 +55,11 @@ struct VideoFrame {
 }
 
 impl FrameShelf {
-    /// The frames of a folder, a video or a picture; of a video of more than 2,000 frames those around the `named` ones, every second or
-    /// fewer where these lie further apart.
+    /// Lists the frames of a folder, a video or a picture. Of a video with more than 2,000 frames it lists those around the `named` ones,
+    /// or every second or fewer if these are further apart.
     ///
     /// # Errors
-    /// [`RequestError::Refused`] when there are none, or the first one does not decode.
+    /// [`RequestError::Refused`] when there are none, or the first one cannot be decoded.
     pub fn list(&self, path: &Path, named: Named) -> Result<FrameList, RequestError> {
         match frames_at(path)? {
             FrameSource::Images(files) => {
@@ -75,10 +75,10 @@ impl FrameShelf {
         }
     }
 
-    /// One frame for the browser.
+    /// Returns one frame for the browser.
     ///
     /// # Errors
-    /// [`RequestError`] when there is no such frame or it does not decode.
+    /// [`RequestError`] when the frame does not exist or cannot be decoded.
     pub fn picture(&self, path: &Path, named: Named, number: u32) -> Result<Picture, RequestError> {
         let missing = || RequestError::NotFound(format!("there is no frame {number}"));
         match frames_at(path)? {
@@ -94,7 +94,7 @@ impl FrameShelf {
         }
     }
 
-    /// One frame, grey, as it is tracked.
+    /// Returns one frame in grey, as used for tracking.
     ///
     /// # Errors
     /// As [`FrameShelf::picture`].
@@ -109,12 +109,12 @@ impl FrameShelf {
         Ok(image::load_from_memory(&picture.bytes).map_err(RequestError::failed)?.into_luma8())
     }
 
-    /// One frame for the browser, be it among those that a list has or not: of a long video those around it are kept.
+    /// Returns one frame for the browser, whether it is in the list or not. Of a long video the frames around it are kept.
     ///
     /// # Errors
     /// As [`FrameShelf::picture`].
     pub fn any_picture(&self, path: &Path, number: u32) -> Result<Picture, RequestError> {
-        /// Frames of a video that are kept for one another.
+        /// Number of frames of a video that are kept together.
         const BLOCK: u32 = 1000;
         let kept = {
             let shelf = self.video.lock().unwrap_or_else(PoisonError::into_inner);
@@ -132,7 +132,7 @@ impl FrameShelf {
         }
         let read = |named: Named| window(SequenceReader::open(source).map_err(RequestError::refused)?, named, MAX_VIDEO_FRAMES);
         let (mut frames, end) = read(named)?;
-        // A frame that the video does not reach says nothing of where to look.
+        // A number beyond the end of the video does not determine the range.
         let reached = |n: Option<u32>| n.filter(|n| *n <= end);
         if (reached(named.0), reached(named.1)) != named {
             frames = read((reached(named.0), reached(named.1)))?.0;
@@ -143,9 +143,11 @@ impl FrameShelf {
     }
 }
 
-/// At most about `most` frames: those around the `named` ones; every second, every fourth and so on where the named ones lie further apart,
-/// or where it is the end of the video that is named by nothing. What is named, the first and the last frame of the video, where nothing
-/// names them, are among them, and a few of what lies before, to go back to. With them, the last number that was read.
+/// Selects about `most` frames at most: those around the `named` ones, or every second, every fourth and so on if these are further apart,
+/// or if only the end of the video bounds the range.
+///
+/// The selection contains the named frames or, without them, the first and the last frame of the video, and a few earlier frames. Also
+/// returns the last number that was read.
 fn window(reader: SequenceReader, (neutral, apex): Named, most: u32) -> Result<(Vec<VideoFrame>, u32), RequestError> {
     let to_end = neutral.is_none() || apex.is_none();
     let (low, high) = (neutral.min(apex).or(neutral).or(apex).unwrap_or(1), neutral.max(apex).unwrap_or(1));
@@ -194,10 +196,9 @@ fn frames_at(path: &Path) -> Result<FrameSource, RequestError> {
     list_readable(path).map_err(RequestError::refused)
 }
 
-/// An image file of a sequence that begins with the picture `first`: as it is where browsers show it right, decoded to grey where they do
-/// not.
+/// An image file of a sequence whose first picture is `first`: unchanged if browsers show it correctly, otherwise decoded to grey.
 fn image_file(path: &Path, first: &Path) -> Result<Picture, RequestError> {
-    // Only a whole image is given out, whatever the file is called: this decodes it.
+    // Decoding ensures that only a complete image is sent, whatever the file's name.
     let frame = read_frame_of(path, first).map_err(RequestError::refused)?;
     let bytes = crate::input::read(path).map_err(RequestError::failed)?;
     match browser_type(&bytes) {
@@ -206,16 +207,16 @@ fn image_file(path: &Path, first: &Path) -> Result<Picture, RequestError> {
     }
 }
 
-/// The type of bytes that a browser shows as OpenCV decodes them.
+/// Media type of bytes that a browser shows like OpenCV.
 fn browser_type(bytes: &[u8]) -> Option<&'static str> {
-    /// Place of the bit depth in a PNG file. Browsers show 16 bits by the upper 8: a 12-bit camera would give black.
+    /// Offset of the bit depth in a PNG file. Browsers show the upper 8 of 16 bits, so pictures of a 12-bit camera would be black.
     const PNG_DEPTH: usize = 24;
-    /// Flag of a WebP file that holds Exif data.
+    /// Flag of a WebP file with Exif data.
     const WEBP_EXIF: u8 = 0x08;
     match bytes {
         [0xFF, 0xD8, 0xFF, ..] => Some("image/jpeg"),
         [0x89, b'P', b'N', b'G', ..] if bytes.get(PNG_DEPTH) != Some(&16) => Some("image/png"),
-        // Browsers do not turn these as their Exif data say; the reader does.
+        // Browsers do not rotate these by their Exif data, but the reader does.
         [b'R', b'I', b'F', b'F', _, _, _, _, b'W', b'E', b'B', b'P', b'V', b'P', b'8', b'X', _, _, _, _, flags, ..]
             if flags & WEBP_EXIF != 0 =>
         {
@@ -273,11 +274,11 @@ mod tests {
         let picture = FrameShelf::default().picture(folder.path(), (None, None), 1).ok().unwrap();
         let shown = image::load_from_memory(&picture.bytes).unwrap().to_luma8();
         assert_eq!((picture.mime, shown.get_pixel(1, 1).0[0]), ("image/png", 250));
-        // A PNG file of 16 bits per sample is decoded as well.
+        // A PNG file with 16 bits per sample is decoded, too.
         let mut deep = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\0\x01\0\0\0\x01".to_vec();
         deep.push(16);
         assert_eq!((browser_type(&deep), browser_type(&[0xFF, 0xD8, 0xFF, 0])), (None, Some("image/jpeg")));
-        // So is a WebP file that may have to be turned.
+        // So is a WebP file that may need rotation.
         let webp = |flags: u8| [b"RIFF\0\0\0\0WEBPVP8X\x0A\0\0\0".as_slice(), &[flags]].concat();
         assert_eq!((browser_type(&webp(0x08)), browser_type(&webp(0x10))), (None, Some("image/webp")));
     }
@@ -301,9 +302,9 @@ mod tests {
         assert_eq!(numbers((Some(40), Some(44)), 10), around);
         assert_eq!(numbers((Some(44), Some(40)), 10), around, "against the time, too");
         assert_eq!(numbers((Some(2), Some(5)), 10), (1..=8).collect::<Vec<_>>());
-        // Further apart than can be kept: fewer of them, but both.
+        // Further apart than can be kept: fewer frames, but both named ones.
         assert_eq!(numbers((Some(10), Some(50)), 10), [1, 9, 10, 17, 25, 33, 41, 49, 50]);
-        // To the end of the video, wherever that is.
+        // To the end of the video, wherever it is.
         assert_eq!(numbers((None, None), 8), [1, 9, 17, 25, 33, 41, 49, 57, 60]);
         assert_eq!(numbers((Some(31), None), 8), [1, 27, 31, 35, 43, 51, 59, 60]);
     }

@@ -1,4 +1,4 @@
-//! One sequence on the desk: what the manifest says of it, and the version that a page has read.
+//! One sequence opened for marking: its manifest entries, and the version that a page has read.
 
 use std::{
     collections::BTreeMap,
@@ -14,21 +14,21 @@ use crate::{
     units::SequenceId,
 };
 
-/// How sure it is that a sequence which `segment` proposed is one.
+/// Confidence of a sequence that `segment` proposed.
 pub fn confidence(entry: &SequenceEntry) -> Option<f64> {
     entry.metadata.get("confidence")?.trim().parse().ok().filter(|c| (0.0..=1.0).contains(c))
 }
 
-/// A sequence on the desk.
+/// A sequence opened for marking.
 pub struct Item {
     pub entry: SequenceEntry,
-    /// The manifest has it, as far as is known.
+    /// Whether the manifest lists it, as far as is known.
     pub listed: bool,
     pub marks: usize,
     pub frames: Option<FrameList>,
 }
 
-/// One picture as a sequence of one frame, its marks beside it as a `.csv` of its name.
+/// One picture as a sequence of one frame, with marks in a `.csv` of the same name.
 pub fn picture_entry(path: &Path) -> SequenceEntry {
     let name = path.file_stem().unwrap_or_default().to_string_lossy().replace('_', "-");
     SequenceEntry {
@@ -60,8 +60,8 @@ pub fn find<'a>(items: &'a mut [Item], id: &str) -> Result<&'a mut Item, Request
     items.iter_mut().find(|item| item.entry.id.to_string() == id).ok_or_else(|| no_sequence(id))
 }
 
-/// Neutral and apex frame of a sequence: those that the manifest names, else the first and the last; and what is to be said where it names
-/// one that is not there, before anything is marked on another.
+/// Numbers of the neutral and the apex frame: those in the manifest, else the first and the last. Also returns a message, shown before
+/// marking, if the manifest names a frame that does not exist.
 pub fn cut(entry: &SequenceEntry, frames: &FrameList) -> Result<(u32, u32, Option<String>), RequestError> {
     let none = || RequestError::Refused("the sequence has no frames".to_owned());
     let (first, last) = (*frames.numbers.first().ok_or_else(none)?, *frames.numbers.last().ok_or_else(none)?);
@@ -82,7 +82,7 @@ pub fn manifest_blake3(path: &Path) -> Option<blake3::Hash> {
     crate::input::read(path).ok().map(|bytes| blake3::hash(&bytes))
 }
 
-/// What a page has read of a sequence, in 16 digits: its file of marks, and which files and frames the manifest gives it.
+/// Version of a sequence in 16 digits: a hash of its marks file and of the files and frames in its manifest entry.
 pub fn version(entry: &SequenceEntry) -> String {
     let mut hasher = blake3::Hasher::new();
     match crate::input::read(entry.marks_path()) {
@@ -90,7 +90,7 @@ pub fn version(entry: &SequenceEntry) -> String {
         Err(_) => hasher.update(&[0]),
     };
     let SequenceEntry { frames_path, first_frame, last_frame, landmarks_paths, .. } = entry;
-    // The path of the marks, not who names it: the first save enters the default path into the manifest.
+    // The path of the marks counts, and not whether the manifest names it: the first save enters the default path there.
     for path in [entry.marks_path(), frames_path].into_iter().chain(landmarks_paths.iter().map(PathBuf::as_path)) {
         hasher.update(path.as_os_str().as_encoded_bytes()).update(&[0]);
     }

@@ -1,4 +1,4 @@
-//! The fit that the page shows while marks are set: the one that tracking begins with.
+//! The fit that the page shows during marking, equal to the one with which tracking begins.
 
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
@@ -14,20 +14,20 @@ use crate::{
     track::eye_distance_px,
 };
 
-/// The frame that was marked last: it is fitted to with every move of a mark.
+/// The frame that was marked last; every move of a mark fits to it.
 #[derive(Default)]
 pub struct LiveFrame(Mutex<Option<(String, u32, Arc<Shown>)>>);
 
-/// A frame and its faces, which are found once, when they are first asked for.
+/// A frame and its faces, which are detected on the first request.
 #[derive(Default)]
 struct Shown {
-    /// `None` where it does not decode, which is said where it is shown.
+    /// `None` if it cannot be decoded; the error appears where the frame is shown.
     picture: Option<GrayImage>,
     faces: OnceLock<Vec<LocatedFace>>,
 }
 
 impl Desk {
-    /// Fits the wireframe to marks that need not be saved, and to what is read in their frame, as far as the request names it, at nodes without one.
+    /// Fits the wireframe to marks, saved or not, and to points read in their frame, if the request names it, at nodes without a mark.
     pub fn fit(&self, request: &ToFit) -> Fit {
         let marks: Vec<Correspondence> = request.marks.iter().map(Correspondence::from).collect();
         if let Err(error) = validate_correspondences(&marks, request.width, request.height) {
@@ -68,7 +68,7 @@ impl Desk {
         })
     }
 
-    /// What is known of the frame that was marked last is read again when it is next fitted to: a sequence was opened anew.
+    /// Discards the data of the frame that was marked last, because a sequence was opened again.
     pub(super) fn forget_shown(&self) {
         *self.live.0.lock().unwrap_or_else(PoisonError::into_inner) = None;
     }

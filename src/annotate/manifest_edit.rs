@@ -1,7 +1,7 @@
-//! Fields of a manifest set one by one, every other byte left as it was.
+//! Sets single fields of a manifest and keeps all other bytes.
 //!
-//! Line ends, quotes, order, spaces and columns that the program does not know stay. A column that is not there yet is added at the
-//! end of the header and of every row. The file is replaced as a whole, atomically.
+//! Line ends, quotes, order, spaces and unknown columns stay. A missing column is added at the end of the header and of every row. The file
+//! is replaced as a whole, atomically.
 
 use std::{
     fs, io,
@@ -17,7 +17,7 @@ use crate::{
     units::SequenceId,
 };
 
-/// A manifest that cannot be changed.
+/// Why a manifest cannot be changed.
 #[derive(Debug, thiserror::Error)]
 pub enum ManifestEditError {
     /// It does not read.
@@ -44,12 +44,12 @@ pub enum ManifestEditError {
     Output(#[from] OutputError),
 }
 
-/// Sets columns of one sequence's row.
+/// Sets columns in one sequence's row.
 ///
 /// # Errors
-/// [`ManifestEditError`]; the file is then as it was.
+/// [`ManifestEditError`]; the file is then unchanged.
 pub fn set_fields(path: &Path, id: &SequenceId, fields: &[(&str, String)]) -> Result<(), ManifestEditError> {
-    // A link stays a link: the file behind it is replaced.
+    // A link is kept: its target is replaced.
     let file = fs::canonicalize(path).map_err(|source| ManifestEditError::Io { path: path.to_owned(), source })?;
     let mut bytes = crate::input::read(&file).map_err(|source| ManifestEditError::Io { path: path.to_owned(), source })?;
     let before = bytes.clone();
@@ -106,7 +106,7 @@ fn set_field(path: &Path, bytes: Vec<u8>, id: &SequenceId, column: &str, value: 
     Ok(out)
 }
 
-/// A manifest that says what the layout of Cohn-Kanade said: every sequence with its label, frames and landmarks.
+/// Text of a manifest equivalent to a Cohn-Kanade layout: every sequence with its label, frames and landmarks.
 pub fn manifest_text(root: &Path, entries: &[SequenceEntry]) -> String {
     let mut text = "subject,sequence,emotion,frames,first_frame,last_frame,correspondences,landmarks\n".to_owned();
     for entry in entries {
@@ -127,7 +127,7 @@ pub fn manifest_text(root: &Path, entries: &[SequenceEntry]) -> String {
     text
 }
 
-/// A path as the manifest in `root` names it, with `/` between folders.
+/// A path as written in the manifest in `root`, with `/` between folders.
 pub fn relative(root: &Path, path: &Path) -> String {
     let joined =
         |parts: &[std::path::Component<'_>]| parts.iter().map(|c| c.as_os_str().to_string_lossy()).collect::<Vec<_>>().join("/");
@@ -135,7 +135,7 @@ pub fn relative(root: &Path, path: &Path) -> String {
         return joined(&inside.components().collect::<Vec<_>>());
     }
     let resolve = |p: &Path| {
-        // The file itself may not be there yet.
+        // The file itself may not exist yet.
         let resolved = fs::canonicalize(p);
         resolved.ok().or_else(|| Some(fs::canonicalize(p.parent()?).ok()?.join(p.file_name()?))).unwrap_or_else(|| p.to_owned())
     };
@@ -154,7 +154,7 @@ fn quoted(value: &str, separator: u8) -> String {
     }
 }
 
-/// Lines with their ends: LF, CRLF or CR, as the reader has them.
+/// Lines including their ends: LF, CRLF or CR, as in the reader.
 fn lines(bytes: &[u8]) -> Vec<Range<usize>> {
     let mut ranges = Vec::new();
     let mut start = 0;
@@ -168,7 +168,7 @@ fn lines(bytes: &[u8]) -> Vec<Range<usize>> {
     ranges
 }
 
-/// Rows with the numbers of their first lines: lines, those of `long` rows together.
+/// Rows with the numbers of their first lines; the lines of each `long` row are joined.
 fn rows(bytes: &[u8], long: impl Iterator<Item = Range<usize>>) -> Vec<(usize, Range<usize>)> {
     let mut long = long.peekable();
     let mut rows: Vec<(usize, Range<usize>)> = Vec::new();
@@ -182,7 +182,7 @@ fn rows(bytes: &[u8], long: impl Iterator<Item = Range<usize>>) -> Vec<(usize, R
     rows
 }
 
-/// Places of the fields of a line, quotes included. A quotation mark opens a quoted field only at its start, as in the reader.
+/// Ranges of the fields of a line, quotes included. A quotation mark opens a quoted field only at its start, as in the reader.
 fn fields_of(content: &[u8], separator: u8) -> Vec<Range<usize>> {
     let mut fields = Vec::new();
     let (mut start, mut k) = (0, 0);
@@ -237,7 +237,7 @@ mod tests {
 
     #[test]
     fn a_column_is_added_to_every_row() {
-        // No line end behind the last line, a byte order mark, and a row that a spreadsheet filled up.
+        // No line end after the last line, a byte order mark, and a row padded by a spreadsheet.
         let text = "\u{feff}subject,sequence,emotion\nS1,1,joy\nS1,2,joy,,\nS1,3,joy";
         let expected = "\u{feff}subject,sequence,emotion,last_frame\nS1,1,joy,\nS1,2,joy,9,\nS1,3,joy,";
         assert_eq!(set(text, &[("last_frame", "9")]).unwrap(), expected);
@@ -286,7 +286,7 @@ mod tests {
         fs::create_dir_all(&landmarks).unwrap();
         assert_eq!(relative(folder.path(), &images.join("marks.csv")), "images/S1/marks.csv");
         assert_eq!(relative(&folder.path().join("images"), &landmarks), "../Landmarks");
-        // A folder that is a link is named as the user knows it.
+        // A folder that is a link keeps the name that the user knows.
         #[cfg(unix)]
         {
             std::os::unix::fs::symlink(&landmarks, folder.path().join("link")).unwrap();
@@ -297,9 +297,9 @@ mod tests {
     proptest! {
         #[test]
         fn what_is_set_is_read_and_the_others_stay(value in "[ -~]{0,12}", other in "[ -~]{0,12}") {
-            // A field is trimmed when it is read; a lone quotation mark within is text.
+            // Reading trims a field; a single quotation mark inside is text.
             let (value, other) = (value.trim(), other.trim());
-            // An apostrophe in front is what keeps a spreadsheet from taking a text for a formula; reading takes it off.
+            // A leading apostrophe prevents a spreadsheet from reading a text as a formula; reading removes it.
             prop_assume!(!value.starts_with('\'') && !other.starts_with('\''));
             let text = format!("subject,sequence,emotion,a,b\nS1,2,joy,{},{}\n", quoted("old", b','), quoted(other, b','));
             let new = set(&text, &[("a", value)]).unwrap();

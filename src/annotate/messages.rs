@@ -1,4 +1,4 @@
-//! What goes to and from the page about the sequences of a dataset.
+//! Messages between server and page about the sequences of a dataset.
 
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
@@ -9,7 +9,7 @@ use crate::{
     units::NodeId,
 };
 
-/// A mark on its way to and from the page.
+/// A mark in a message.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Mark {
     /// The node.
@@ -21,7 +21,7 @@ pub struct Mark {
     /// Mark or hard position.
     #[serde(default)]
     pub kind: MarkKind,
-    /// Expected error of a mark that nobody set, px.
+    /// Expected error of a mark that was not set by hand, px.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expected_error: Option<f64>,
 }
@@ -43,9 +43,9 @@ impl From<&Mark> for Correspondence {
 pub struct Listed {
     pub id: String,
     pub emotion: String,
-    /// Marks in its file.
+    /// Number of marks in its file.
     pub marks: usize,
-    /// How sure it is that a proposed sequence is one, 0 to 1.
+    /// Confidence of a proposed sequence, 0 to 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub confidence: Option<f64>,
 }
@@ -54,14 +54,14 @@ pub struct Listed {
 #[derive(Serialize)]
 pub struct List {
     pub sequences: Vec<Listed>,
-    /// Sequences with fewer than [`ENOUGH_MARKS`] marks.
+    /// Number of sequences with fewer than [`ENOUGH_MARKS`] marks.
     pub left: usize,
-    /// Sequences of the dataset, on the page or not.
+    /// Number of sequences in the dataset, on the page or not.
     pub total: usize,
     pub failures: Vec<String>,
 }
 
-/// One sequence with all that the page shows of it.
+/// One sequence with all data for the page.
 #[derive(Serialize)]
 pub struct Opened {
     pub id: String,
@@ -74,9 +74,9 @@ pub struct Opened {
     pub height: u32,
     pub marks: Vec<Mark>,
     pub version: String,
-    /// Where the marks are saved, as the manifest names it.
+    /// Path of the marks, as named in the manifest.
     pub file: String,
-    /// What keeps the marks from being read.
+    /// Why the marks cannot be read.
     pub problem: Option<String>,
 }
 
@@ -94,25 +94,25 @@ pub struct SaveFrames {
     pub version: String,
     pub neutral: u32,
     pub apex: u32,
-    /// Whether a manifest may be written for a dataset that has none.
+    /// Whether a manifest may be created for a dataset without one.
     #[serde(default)]
     pub create_manifest: bool,
 }
 
-/// What a save gave.
+/// Result of a save.
 #[derive(Serialize)]
 pub struct Saved {
     pub version: String,
     pub left: usize,
 }
 
-/// Marks to fit, on an image of a size.
+/// Marks to fit, with the size of their image.
 #[derive(Deserialize)]
 pub struct ToFit {
     pub marks: Vec<Mark>,
     pub width: u32,
     pub height: u32,
-    /// The frame that they are on.
+    /// Frame of the marks.
     pub frame: Option<MarkedFrame>,
 }
 
@@ -123,7 +123,7 @@ pub struct MarkedFrame {
     pub number: u32,
 }
 
-/// A fit, or why there is none.
+/// A fit, or the reason why there is none.
 #[derive(Serialize)]
 #[serde(rename_all = "camelCase", untagged)]
 pub enum Fit {
@@ -131,17 +131,17 @@ pub enum Fit {
     Fitted {
         /// Positions in node order, px.
         nodes: Vec<[f64; 2]>,
-        /// Distance of the node of every mark to its mark, px, in the order of the marks.
+        /// Distance of every mark from its node, px, in the order of the marks.
         residuals: Vec<f64>,
         /// ES0, px.
         #[serde(rename = "eyeDistance")]
         eye_distance: f64,
     },
-    /// What is wrong with the marks.
+    /// A problem with the marks.
     Problem {
         /// In a sentence.
         problem: String,
-        /// The mark that is likeliest wrong.
+        /// The mark that is most likely wrong.
         node: Option<NodeId>,
     },
 }
@@ -151,7 +151,7 @@ pub enum Fit {
 pub struct Proposed {
     pub source: Option<ProposalSource>,
     pub marks: Vec<Mark>,
-    /// Why there are none, and what would help.
+    /// Why there are none, with advice.
     pub note: Option<String>,
 }
 
@@ -162,7 +162,7 @@ impl Proposed {
     }
 }
 
-/// Px with two digits: what a screen can show.
+/// Rounds px to two decimals, the resolution of a screen.
 pub fn hundredth(value: f64) -> f64 {
     (value * 100.0).round() / 100.0
 }

@@ -1,12 +1,12 @@
-//! Marking points on a local web page: the server behind `grimace annotate`.
+//! Marks points on a local web page: the server of `grimace annotate`.
 //!
-//! The page shows the neutral frame of a sequence, takes marks (correspondences), shows the fitted wireframe while a mark is dragged, and
-//! saves every change at once into the dataset's own correspondence files. With the tracks of a run it steps through tracked frames,
-//! takes corrections, and tracks again from a corrected frame.
+//! The page shows the neutral frame of a sequence, accepts marks (correspondences), shows the fitted wireframe while a mark is dragged, and
+//! saves every change immediately into the dataset's own correspondence files. With the tracks of a run it shows tracked frames, accepts
+//! corrections, and tracks again from a corrected frame.
 //!
-//! [`Annotator::bind`] opens the port, [`Annotator::serve`] answers until it is told to stop. What the page asks for is in `routes`, who
-//! may ask in `security`, what a connection may cost in `serve`, marks and frames of a dataset in `desk`, tracks in `retrack`;
-//! files are written by the writers of [`crate::fit`] and [`crate::track`] and, for the manifest, by `manifest_edit`.
+//! [`Annotator::bind`] opens the port, [`Annotator::serve`] answers requests until it is stopped. Requests are defined in `routes`, access
+//! control in `security`, limits of connections in `serve`, marks and frames of a dataset in `desk`, tracks in `retrack`. Files are written
+//! by [`crate::fit`] and [`crate::track`], and the manifest by `manifest_edit`.
 
 mod desk;
 mod found;
@@ -45,31 +45,31 @@ pub use proposals::{CascadeError, Cascades, ProposalSource, ProposedMarks};
 use request::RequestError;
 use security::Guard;
 
-/// Marks from which on a sequence counts as marked: the lower end of KP's working range, 5 to 8.
+/// Number of marks from which a sequence counts as marked: the lower end of KP's working range, 5 to 8.
 pub const ENOUGH_MARKS: usize = 5;
 
-/// Port that is tried first, so that the address stays the same from start to start: Candide-3's number of nodes behind a 7.
+/// Port that is tried first, so that the address remains the same: 7 followed by Candide-3's number of nodes.
 pub const USUAL_PORT: u16 = 7113;
 
-/// How often the server looks whether it is to stop.
+/// Interval at which the server checks whether to stop.
 const STOP_INTERVAL: Duration = Duration::from_millis(100);
 
-/// What to serve, and where.
+/// Options of [`Annotator`].
 #[derive(Clone, Debug)]
 pub struct AnnotateOptions {
     /// The dataset: a folder with `manifest.csv`, a manifest, a folder in the layout of Cohn-Kanade, or one picture, whose marks are saved
-    /// beside it as a `.csv` of its name. With tracks it is where their frames
-    /// are, and may be left out where it is beside them under the name that `run.json` has.
+    /// beside it in a `.csv` of the same name. With tracks it contains their frames, and may be omitted if it lies beside them under the
+    /// name in `run.json`.
     pub dataset: Option<PathBuf>,
     /// Output folder of a run, or a folder of tracks, to correct instead of marking.
     pub tracks: Option<PathBuf>,
-    /// All sequences, and not only those with fewer than [`ENOUGH_MARKS`] marks.
+    /// Whether to show all sequences instead of those with fewer than [`ENOUGH_MARKS`] marks.
     pub all: bool,
     /// Address to listen on.
     pub host: IpAddr,
-    /// Port; `None` for [`USUAL_PORT`], or any other where that is taken.
+    /// Port; `None` for [`USUAL_PORT`], or any free port if that is taken.
     pub port: Option<u16>,
-    /// Folder of OpenCV's Haar cascades; `None` for the first of [`CASCADE_FOLDERS`] that is there.
+    /// Folder of OpenCV's Haar cascades; `None` for the first of [`CASCADE_FOLDERS`] that exists.
     pub cascades: Option<PathBuf>,
 }
 
@@ -93,7 +93,7 @@ pub enum AnnotateError {
     NoSequence {
         /// The dataset.
         path: PathBuf,
-        /// The first of its failures; empty where there is none.
+        /// Its first failure; empty if there is none.
         reason: String,
     },
     /// No track in the folder.
@@ -120,7 +120,7 @@ pub enum AnnotateError {
     DatasetNotFound {
         /// The output folder.
         path: PathBuf,
-        /// Name of the dataset, as the run noted it.
+        /// Name of the dataset in the run's record.
         name: String,
     },
     /// A folder of tracks that cannot be read.
@@ -154,7 +154,7 @@ fn first_problem(reason: &str) -> String {
     if reason.is_empty() { ": it has none".to_owned() } else { format!("; the first problem: {reason}") }
 }
 
-/// What every request works on.
+/// Shared state of all requests.
 struct App {
     guard: Guard,
     work: Work,
@@ -162,7 +162,7 @@ struct App {
 
 type Shared = Arc<App>;
 
-/// The two jobs of the page.
+/// Tasks of the page.
 enum Work {
     /// Marking the neutral frames of a dataset.
     Marks(Box<desk::Desk>),
@@ -170,17 +170,17 @@ enum Work {
     Tracks(Box<retrack::TrackDesk>),
 }
 
-/// A server that has its port and waits to be started.
+/// A server with an open port, ready to start.
 pub struct Annotator {
     listener: TcpListener,
     app: Shared,
 }
 
 impl Annotator {
-    /// Opens dataset or tracks and the port. From here on the address is known and connections wait.
+    /// Opens the dataset or tracks, and the port. After it, the address is known and connections wait.
     ///
     /// # Errors
-    /// [`AnnotateError`] for anything but the running server.
+    /// [`AnnotateError`] for everything except the running server.
     pub fn bind(options: &AnnotateOptions, bench: Workbench) -> Result<Self, AnnotateError> {
         let work = match (&options.tracks, &options.dataset) {
             (Some(out), dataset) => Work::Tracks(Box::new(retrack::TrackDesk::open(out, dataset.as_deref(), bench)?)),
@@ -198,7 +198,7 @@ impl Annotator {
         self.app.guard.url()
     }
 
-    /// Sequences on the page, and how many of them are left to mark (for tracks: all of them).
+    /// Number of sequences on the page, and of those left to mark (for tracks: all).
     pub fn sequences(&self) -> (usize, usize) {
         match &self.app.work {
             Work::Marks(desk) => desk.counts(),
@@ -206,7 +206,7 @@ impl Annotator {
         }
     }
 
-    /// Sequences of the dataset, those that are not on the page, too.
+    /// Number of sequences in the dataset, including those not on the page.
     pub fn total(&self) -> usize {
         match &self.app.work {
             Work::Marks(desk) => desk.total(),
@@ -214,7 +214,7 @@ impl Annotator {
         }
     }
 
-    /// Rows of the dataset that are no sequences and not on the page, each with its reason.
+    /// Rows of the dataset that are not valid sequences and not on the page, each with its reason.
     pub fn failures(&self) -> &[String] {
         match &self.app.work {
             Work::Marks(desk) => desk.failures(),
@@ -222,9 +222,9 @@ impl Annotator {
         }
     }
 
-    /// Saves found marks of sequences that have none, where half of them are expected to be less than `limit` percent of the eye distance
-    /// off; a mark set by hand always wins. `progress` is told how many of how many sequences have been looked at, from any thread.
-    /// Nothing to do for tracks.
+    /// Saves the marks found in sequences without marks, if their median expected error is below `limit` percent of the eye distance.
+    /// Hand-set marks always have precedence. `progress` is called from any thread with the number of processed and of all sequences. It
+    /// does nothing for tracks.
     pub fn accept(&self, limit: f64, progress: impl Fn(usize, usize) + Sync) -> Accepted {
         match &self.app.work {
             Work::Marks(desk) => desk.accept(limit, progress),
@@ -235,7 +235,7 @@ impl Annotator {
     /// Answers requests until `stop` is set.
     ///
     /// # Errors
-    /// [`AnnotateError::Server`] when the system takes the port away or gives no threads.
+    /// [`AnnotateError::Server`] when the system closes the port or provides no threads.
     pub fn serve(self, stop: &AtomicBool) -> Result<(), AnnotateError> {
         let runtime =
             tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().map_err(AnnotateError::Server)?;
@@ -245,7 +245,7 @@ impl Annotator {
             self.listener.set_nonblocking(true).map_err(AnnotateError::Server)?;
             let listener = tokio::net::TcpListener::from_std(self.listener).map_err(AnnotateError::Server)?;
             let serving = serve::serve(listener, router, limits);
-            // Every change was saved when it was made: connections may be cut.
+            // Every change is already saved, so connections may be closed at any time.
             tokio::select! {
                 ended = serving => ended.map_err(AnnotateError::Server),
                 () = stopped(stop) => Ok(()),

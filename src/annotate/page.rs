@@ -1,4 +1,4 @@
-//! The page itself: files embedded in the binary, and what it must know of the wireframe.
+//! The page itself: files embedded in the binary, and the wireframe data that it needs.
 
 use std::collections::BTreeMap;
 
@@ -17,10 +17,10 @@ use crate::{
 /// Feature contours as node chains, as in the report.
 const CONTOURS: &str = include_str!("../report/assets/contours.csv");
 
-/// Marks that are asked for before the page says that it is enough: with these the suggested nodes begin.
+/// Number of marks that the page asks for; the suggested nodes begin with these.
 const ASKED_FOR: usize = DEFAULT_LANDMARK_NODES.len();
 
-/// Name, type and content of every file of the page.
+/// Name, media type and content of every file of the page.
 const FILES: [(&str, &str, &str); 10] = [
     ("", "text/html; charset=utf-8", include_str!("assets/index.html")),
     ("app.css", "text/css; charset=utf-8", include_str!("assets/app.css")),
@@ -35,12 +35,12 @@ const FILES: [(&str, &str, &str); 10] = [
 ];
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 
-/// Type and content of a file of the page.
+/// Media type and content of a file of the page.
 pub fn file(name: &str) -> Option<(&'static str, &'static str)> {
     FILES.iter().find(|(known, ..)| *known == name).map(|&(_, kind, content)| (kind, content))
 }
 
-/// A node as the page names it.
+/// A node in the page's data.
 #[derive(Serialize)]
 struct Node {
     id: NodeId,
@@ -51,11 +51,11 @@ struct Node {
     fp: Option<String>,
     region: crate::wireframe::Region,
     live: bool,
-    /// Whether a person can find it in an image.
+    /// Whether a person can locate it in an image.
     markable: bool,
 }
 
-/// What the page must know before it shows a sequence.
+/// Data that the page needs before it shows a sequence.
 pub fn setup(bench: &Workbench, mode: &str, title: &str, key: &str) -> Value {
     let frontal = bench.wireframe.frontal();
     let fps: BTreeMap<NodeId, &crate::wireframe::FeaturePointRow> = bench
@@ -105,12 +105,12 @@ fn state((state, [red, green, blue]): (NodeState, [u8; 3])) -> Value {
     json!({ "name": state.name(), "colour": format!("#{red:02x}{green:02x}{blue:02x}") })
 }
 
-/// Suggested nodes, best first, as far as the wireframe has them.
+/// Suggested nodes of the wireframe, best first.
 fn suggested(node_count: usize) -> Vec<NodeId> {
     suggested_marks().iter().map(|m| m.node).filter(|n| n.index() < node_count).collect()
 }
 
-/// Chains of nodes of a weight, as far as the wireframe has them.
+/// Chains of nodes of a weight that exist in the wireframe.
 fn contours(weight: &str, node_count: usize) -> Vec<Vec<u16>> {
     let rows = CONTOURS.lines().skip(1).filter_map(|line| line.split_once(',')?.1.split_once(','));
     let chain = |nodes: &str| nodes.split_whitespace().map(|n| n.parse().ok().filter(|&n| usize::from(n) < node_count)).collect();

@@ -1,11 +1,11 @@
-//! Marks proposed for a neutral frame: from the dataset's landmarks, else from the face that [`crate::locate`] finds, else by OpenCV's
-//! Haar cascades. They are never saved by themselves; a person accepts or moves them.
+//! Proposes marks for a neutral frame: from the dataset's landmarks, else from the face that [`crate::locate`] finds, else by OpenCV's Haar
+//! cascades. Proposals are never saved automatically; the user accepts or moves them.
 //!
-//! The cascades find a face and the eyes in its upper half; within each eye's box the iris is the darkest blurred spot. Eye and mouth
-//! corners are then placed as in the mean of real faces ([`ShapePrior::faces`]) by the similarity that takes its pupils to the irises.
-//! The mouth moves along the face to the darkest line near its expected place, the one between the lips, and each corner to where that
-//! line leads from the middle. (Of OpenCV's cascades only one is for mouths, for smiling ones; it put neutral mouths off by more than
-//! the mean face does.)
+//! The cascades find a face and the eyes in its upper half. Within each eye's box, the iris is the darkest spot after blurring. Eye and
+//! mouth corners are placed as in the mean of real faces ([`ShapePrior::faces`]), by the similarity that maps its pupils to the irises. The
+//! mouth is then moved along the face to the darkest line near its expected position, which is the line between the lips, and each corner
+//! to where that line leads from the middle. OpenCV has only one mouth cascade, for smiles; on neutral mouths its error is larger than that
+//! of the mean face.
 
 use std::{
     ffi::OsStr,
@@ -30,7 +30,7 @@ use crate::{
     wireframe::Tables,
 };
 
-/// Where Debian's package `opencv-data` and OpenCV's own installation put the cascades.
+/// Folders in which Debian's package `opencv-data` and OpenCV's own installation put the cascades.
 pub const CASCADE_FOLDERS: [&str; 4] = [
     "/usr/share/opencv4/haarcascades",
     "/usr/local/share/opencv4/haarcascades",
@@ -39,45 +39,45 @@ pub const CASCADE_FOLDERS: [&str; 4] = [
 ];
 
 const FACE: &str = "haarcascade_frontalface_alt2.xml";
-/// Tried one after the other; the second sees eyes behind glasses.
+/// Tried in this order; the second one detects eyes behind glasses.
 const EYES: [&str; 2] = ["haarcascade_eye.xml", "haarcascade_eye_tree_eyeglasses.xml"];
 
 /// Outer and inner corner of the left eye, inner and outer corner of the right eye, left and right corner of the mouth.
 const PROPOSED: [NodeId; 6] = [NodeId(20), NodeId(23), NodeId(56), NodeId(53), NodeId(31), NodeId(64)];
 const MOUTH_CORNERS: [NodeId; 2] = [NodeId(31), NodeId(64)];
 
-/// Blur that turns an iris into one dark spot, and how far beside the middle of the eye's box that spot may lie; over the distance of
-/// the boxes. Up and down the boxes are right, and lashes and brows are dark too.
+/// Blur that turns an iris into one dark spot, and largest horizontal distance of that spot from the middle of the eye's box, as shares of
+/// the distance of the boxes. The vertical position of the boxes is accurate, and vertically lashes and brows are dark, too.
 const IRIS_BLUR: f64 = 0.07;
 const IRIS_REACH: f64 = 0.1;
 
-/// The line between the lips: half its width, steps along the face, how far from its expected place it is looked for, the standard
-/// deviation of that place between people, and the length over which brightness is compared; all over the eye distance.
+/// Parameters of the line between the lips, in eye distances: half its width, step along the face, search distance from its expected
+/// position, standard deviation of that position between people, and length over which brightness is compared.
 const LIPS_HALF_WIDTH: f64 = 0.2;
 const LIPS_STEP: f64 = 0.01;
 const LIPS_REACH: f64 = 0.3;
 const LIPS_DEVIATION: f64 = 0.11;
 const LIPS_SURROUND: f64 = 0.15;
 
-/// Following the line between the lips: how far it may go up or down in a step of [`LIPS_STEP`] along it, in such steps; what each of
-/// them costs in grey levels; how far from the middle's height it may end; the smoothing of the picture. The lengths are over the eye
-/// distance.
+/// Parameters for following the line between the lips: most steps of [`LIPS_STEP`] up or down per step along it; cost of each in grey
+/// levels; largest distance of the end from the middle's height; smoothing of the picture. Lengths in eye distances.
 const FOLLOW_STEPS: i32 = 2;
 const FOLLOW_COST: f64 = 0.6;
 const FOLLOW_REACH: f64 = 0.12;
 const FOLLOW_BLUR: f64 = 0.015;
 
-/// Steepest line through the eyes, radians, and least and greatest eye distance over the width of the face box, to be believed.
+/// Limits of plausible detections: steepest line through the eyes, radians, and smallest and largest eye distance divided by the width of
+/// the face box.
 const EYE_LINE: f64 = 0.35;
 const EYE_SPAN: (f64, f64) = (0.28, 0.62);
 
-/// Where proposals come from.
+/// Source of proposals.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ProposalSource {
     /// Landmarks of the dataset.
     Landmarks,
-    /// The face that was found in the picture, each mark with its expected error.
+    /// The face found in the picture, each mark with its expected error.
     Found,
     /// OpenCV's Haar cascades.
     Cascades,
@@ -86,13 +86,13 @@ pub enum ProposalSource {
 /// Marks proposed for a frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ProposedMarks {
-    /// Where they come from.
+    /// Their source.
     pub source: ProposalSource,
     /// The marks.
     pub marks: Vec<Correspondence>,
 }
 
-/// Cascades that cannot be used.
+/// Why cascades cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum CascadeError {
     /// No folder of cascades.
@@ -110,7 +110,7 @@ pub enum CascadeError {
     /// The detector failed.
     #[error("OpenCV's detector failed: {reason}")]
     Detector {
-        /// What it says.
+        /// Its message.
         reason: String,
     },
 }
@@ -119,17 +119,17 @@ pub enum CascadeError {
 #[derive(Debug)]
 pub struct Cascades {
     folder: PathBuf,
-    /// The program that has them loaded; started by the first picture, and again after one that it did not survive.
+    /// The program that has loaded them. It is started for the first picture, and again if it crashed.
     companion: Option<Companion>,
     mean: Vec<Point2<f64>>,
     pupils: [Vec<NodeId>; 2],
 }
 
 impl Cascades {
-    /// Loads the cascades of a folder; of the first of [`CASCADE_FOLDERS`] that is there if `None`.
+    /// Loads the cascades of a folder; `None` selects the first of [`CASCADE_FOLDERS`] that exists.
     ///
     /// # Errors
-    /// [`CascadeError`] when they are not there or do not load.
+    /// [`CascadeError`] when they do not exist or cannot be loaded.
     pub fn load(folder: Option<&Path>, tables: &Tables) -> Result<Self, CascadeError> {
         let usual = || CASCADE_FOLDERS.iter().map(PathBuf::from).find(|f| f.join(FACE).is_file());
         let folder = folder.map(Path::to_owned).or_else(usual).ok_or(CascadeError::NotInstalled)?;
@@ -137,12 +137,12 @@ impl Cascades {
             return Err(CascadeError::DoesNotLoad { path });
         }
         let pupil = |fp: &str| fp.parse().ok().and_then(|fp| tables.feature_point_nodes(fp)).unwrap_or_default().to_vec();
-        // Where people set marks, not networks.
+        // The prior for marks set by people rather than by networks.
         let [_, by_hand] = ShapePrior::faces();
         Ok(Self { folder, companion: None, mean: by_hand.mean, pupils: ["3.5", "3.6"].map(pupil) })
     }
 
-    /// What the cascades see in a picture.
+    /// Boxes that the cascades find in a picture.
     fn boxes(&mut self, image: &GrayImage) -> Result<Option<FaceBoxes>, CascadeError> {
         #[allow(clippy::single_match_else)]
         let mut companion = match self.companion.take() {
@@ -170,7 +170,7 @@ impl Cascades {
         }
     }
 
-    /// Corners of eyes and mouth of the largest face; `None` when no face with two eyes is found.
+    /// Corners of eyes and mouth of the largest face; `None` without a face with two eyes.
     ///
     /// # Errors
     /// [`CascadeError::Detector`], and [`CascadeError::Program`].
@@ -229,7 +229,7 @@ fn eye_centres(FaceBoxes { face, eyes }: &FaceBoxes) -> Option<[Point2<f64>; 2]>
     })
 }
 
-/// The darkest blurred spot beside the middle of an eye.
+/// The darkest spot, after blurring, beside the middle of an eye.
 fn iris(image: &GrayImage, middle: Point2<f64>, eye_distance: f64) -> Point2<f64> {
     let margin = (3.0 * IRIS_BLUR * eye_distance).ceil();
     let range = |centre: f64, reach: f64, size: u32| {
@@ -243,7 +243,7 @@ fn iris(image: &GrayImage, middle: Point2<f64>, eye_distance: f64) -> Point2<f64
     let blurred = smoothed(region.collect(), columns.len(), IRIS_BLUR * eye_distance);
     let row = (middle.y.round().max(0.0) as usize).saturating_sub(rows.start as usize).min(rows.len() - 1);
     let values = &blurred[row * columns.len()..][..columns.len()];
-    // Whole grey levels: the middle wins among places that look alike.
+    // Rounded to whole grey levels, so that the most central of similar pixels is chosen.
     let near = columns.zip(values).map(|(column, value)| (value.round() as u8, f64::from(column)));
     let darkest = near
         .filter(|(_, column)| (column - middle.x).abs() <= reach)
@@ -251,10 +251,10 @@ fn iris(image: &GrayImage, middle: Point2<f64>, eye_distance: f64) -> Point2<f64
     Point2::new(darkest.map_or(middle.x, |(_, column)| column), middle.y)
 }
 
-/// From the expected middle of the mouth to the line between the lips, along the face; `None` where the image does not reach so far.
+/// Vector from the expected middle of the mouth to the line between the lips, along the face; `None` where the image ends too early.
 ///
-/// Of the places t eye distances off, the one is taken with the least z(t) + t^2 / (2 d^2): z is the mean brightness of a line across
-/// the mouth less that of its surround, in standard deviations; d is [`LIPS_DEVIATION`].
+/// It minimizes z(t) + t^2 / (2 d^2) over offsets t in eye distances: z is the mean brightness of a line across the mouth minus that of its
+/// surroundings, in standard deviations; d is [`LIPS_DEVIATION`].
 fn lips_offset(image: &GrayImage, [left, right]: [Point2<f64>; 2], expected: Point2<f64>) -> Option<Vector2<f64>> {
     let across = left - right;
     let down = Vector2::new(-across.y, across.x);
@@ -289,8 +289,8 @@ fn lips_offset(image: &GrayImage, [left, right]: [Point2<f64>; 2], expected: Poi
     costs.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, t)| down * t)
 }
 
-/// From the expected corner of a mouth to where the line between the lips leads, along the face, from its `middle`; `None` where the
-/// image does not reach so far.
+/// Vector along the face from the expected corner of a mouth to the end of the line between the lips, followed from its `middle`; `None`
+/// where the image ends too early.
 fn follow_lips(
     image: &GrayImage,
     [left, right]: [Point2<f64>; 2],
@@ -327,7 +327,7 @@ fn follow_lips(
     Some(down * height)
 }
 
-/// Middle of a box found within another, px of the image.
+/// Centre of a box found within another one, px of the image.
 fn centre([x, y, width, height]: [i32; 4], within: [i32; 4]) -> Point2<f64> {
     Point2::new(
         f64::from(within[0]) + f64::from(x) + f64::from(width - 1) / 2.0,
@@ -335,7 +335,7 @@ fn centre([x, y, width, height]: [i32; 4], within: [i32; 4]) -> Point2<f64> {
     )
 }
 
-/// Proposals of cascades shared by all requests.
+/// Proposals from cascades, which all requests share.
 ///
 /// # Errors
 /// As [`Cascades::find`], and the reason why there are no cascades.
@@ -357,10 +357,10 @@ pub fn propose_from_cascades(
         .filter(|p| !p.marks.is_empty()))
 }
 
-/// Proposals from the landmarks of the neutral frame; `None` for a sequence without.
+/// Proposals from the landmarks of the neutral frame; `None` for a sequence without landmarks.
 ///
 /// # Errors
-/// The reason why there are landmarks that do not serve.
+/// The reason why existing landmarks cannot be used.
 pub fn propose_from_landmarks(entry: &SequenceEntry, neutral: u32, tables: &Tables) -> Result<Option<ProposedMarks>, String> {
     let Some(track) = entry.landmarks().map_err(|e| e.to_string())? else { return Ok(None) };
     let points = track.frame(neutral).map_err(|e| e.to_string())?;
@@ -387,7 +387,7 @@ mod tests {
         let eyes = [Point2::new(140.0, 60.0), Point2::new(60.0, 60.0)];
         let offset = lips_offset(&image, eyes, Point2::new(100.0, 140.0)).unwrap();
         assert!(offset.x.abs() < 1e-9 && (offset.y - 8.0).abs() < 1.0, "{offset}");
-        // Nothing to see: it stays. Too near to the border: no answer.
+        // Without a line it keeps its position. Too near to the border: no answer.
         let plain = GrayImage::from_pixel(200, 220, image::Luma([90]));
         assert_eq!(lips_offset(&plain, eyes, Point2::new(100.0, 140.0)), Some(Vector2::zeros()));
         assert_eq!(lips_offset(&plain, eyes, Point2::new(100.0, 210.0)), None);
@@ -404,7 +404,7 @@ mod tests {
         let (right, left) = (follow(&image, 124.0, 148.0).unwrap(), follow(&image, 76.0, 148.0).unwrap());
         assert!((right.y - 4.0).abs() < 1.0 && (left.y + 4.0).abs() < 1.0, "{left} {right}");
         assert!(right.x.abs() < 1e-9);
-        // Nothing to follow: it stays. Beyond the image: no answer.
+        // Without a line it keeps its position. Beyond the image: no answer.
         let plain = GrayImage::from_pixel(200, 220, image::Luma([90]));
         assert_eq!(follow(&plain, 124.0, 148.0), Some(Vector2::zeros()));
         assert_eq!(follow(&plain, 260.0, 148.0), None);
@@ -412,11 +412,11 @@ mod tests {
 
     #[test]
     fn the_iris_is_the_darkest_spot_beside_the_middle_of_the_eye() {
-        // A disc of 7 px around (66, 60); looked for up to 8 px beside (60, 60).
+        // A disc of 7 px around (66, 60); the search covers up to 8 px beside (60, 60).
         let dark = |x: u32, y: u32| (f64::from(x) - 66.0).hypot(f64::from(y) - 60.0) <= 7.0;
         let image = GrayImage::from_fn(200, 120, |x, y| image::Luma([if dark(x, y) { 30 } else { 200 }]));
         assert_eq!(iris(&image, Point2::new(60.0, 60.0), 80.0), Point2::new(66.0, 60.0));
-        // At the border of the image and beyond it does not fail.
+        // At and beyond the border of the image it does not fail.
         assert!(iris(&image, Point2::new(2.0, 119.0), 80.0).x < 20.0);
         iris(&image, Point2::new(-40.0, 500.0), 80.0);
     }

@@ -1,4 +1,4 @@
-//! Requests of the page that cannot be fulfilled, and how that is said.
+//! Errors of requests from the page, and their responses.
 
 use axum::{
     Json,
@@ -10,33 +10,33 @@ use serde_json::{Value, json};
 
 use crate::text::message;
 
-/// Why a request is not fulfilled.
+/// Why a request fails.
 #[derive(Debug)]
 pub enum RequestError {
     /// No such sequence, frame or file.
     NotFound(String),
-    /// The request cannot be taken as it is: a position outside the image, a file that does not read.
+    /// The request is invalid: a position outside the image, a file that cannot be read.
     Refused(String),
-    /// Someone else has changed the sequence since the page read it; with what is there now.
+    /// The sequence was changed elsewhere since the page read it; with its current state.
     Conflict(Value),
-    /// Something must be allowed by the user first.
+    /// The user must first allow something.
     Consent(String),
     /// The disk or the native library failed.
     Failed(String),
 }
 
 impl RequestError {
-    /// A refusal in the words of an error.
+    /// A refusal with the text of an error.
     pub fn refused(error: impl std::fmt::Display) -> Self {
         Self::Refused(message(&error.to_string()).into_owned())
     }
 
-    /// A failure in the words of an error.
+    /// A failure with the text of an error.
     pub fn failed(error: impl std::fmt::Display) -> Self {
         Self::Failed(message(&error.to_string()).into_owned())
     }
 
-    /// A conflict with what is there now.
+    /// A conflict with the current state.
     pub fn conflict(current: &impl Serialize) -> Self {
         Self::Conflict(serde_json::to_value(current).unwrap_or_default())
     }
@@ -51,7 +51,7 @@ impl std::fmt::Display for RequestError {
     }
 }
 
-/// What a conflict is called.
+/// Message of a conflict.
 const CHANGED_ELSEWHERE: &str = "the sequence was changed elsewhere";
 
 impl IntoResponse for RequestError {

@@ -1,8 +1,8 @@
-//! The tracks of a run: looked at frame by frame, corrected by hand, tracked again from a corrected frame.
+//! Shows the tracks of a run frame by frame, corrects them by hand, and tracks again from a corrected frame.
 //!
-//! A correction is saved in the file of corrections, which is on the disk before anything else happens, then written into the track by
-//! the track's own writer; frames behind it stay as they are until they are tracked again. `grimace run` takes such a track as it is, and
-//! applies the corrections anew whenever it has to track again.
+//! A correction is first saved in the corrections file, which is on disk before anything else happens. Then the track's own writer adds it
+//! to the track. Later frames stay unchanged until they are tracked again. `grimace run` accepts such a track unchanged, and applies the
+//! corrections again whenever it has to track anew.
 
 use std::{
     collections::BTreeMap,
@@ -41,11 +41,11 @@ pub struct Listed {
     /// Share of nodes that were not lost, 0 to 1.
     tracked_share: f64,
     frames: usize,
-    /// Nodes set by hand behind the neutral frame.
+    /// Number of hand-set nodes after the neutral frame.
     corrected: usize,
 }
 
-/// The list of tracks, the one that lost most first.
+/// The list of tracks, sorted by descending share of lost nodes.
 #[derive(Serialize)]
 pub struct List {
     sequences: Vec<Listed>,
@@ -71,12 +71,12 @@ pub struct Opened {
     frames: Vec<FrameNodes>,
     version: String,
     file: String,
-    /// Where the points of its neutral frame came from, as the track's file has it.
+    /// Source of the points of its neutral frame, as in the track's file.
     #[serde(rename = "marksFrom")]
     marks_from: String,
 }
 
-/// Corrections of one frame: all that it is to have.
+/// All corrections of one frame.
 #[derive(Deserialize)]
 pub struct Correct {
     #[serde(default)]
@@ -85,7 +85,7 @@ pub struct Correct {
     corrections: Vec<Mark>,
 }
 
-/// The frame from which on to track again.
+/// The frame from which to track again.
 #[derive(Deserialize)]
 pub struct Retrack {
     version: String,
@@ -109,7 +109,7 @@ struct Item {
     corrected: usize,
 }
 
-/// A frame as the tracker alone leaves it, kept while a node of it is dragged.
+/// A frame before corrections, cached while a node of it is dragged.
 struct Base {
     id: String,
     frame: u32,
@@ -117,7 +117,7 @@ struct Base {
     nodes: Vec<TrackedNode>,
 }
 
-/// The tracks of a run on the desk.
+/// The tracks of a run opened for correction.
 pub struct TrackDesk {
     /// Wireframe, tracking plan, tables.
     pub bench: Workbench,
@@ -203,13 +203,13 @@ impl TrackDesk {
         self.open_item(find(&items, id)?)
     }
 
-    /// One frame for the browser.
+    /// Returns one frame for the browser.
     pub fn picture(&self, id: &str, number: u32) -> Result<Picture, RequestError> {
         let path = find(&self.lock(), id)?.frames_path.clone();
         self.shelf.any_picture(&path, number)
     }
 
-    /// A frame with corrections that are not saved: what the page shows while a node is dragged.
+    /// A frame with unsaved corrections, shown while a node is dragged.
     pub fn preview(&self, id: &str, request: &Correct) -> Result<FrameNodes, RequestError> {
         let items = self.lock();
         let item = find(&items, id)?;
@@ -217,7 +217,7 @@ impl TrackDesk {
         Ok(frame_nodes(&TrackedFrame { number: request.frame, nodes }))
     }
 
-    /// Puts corrections into a frame, in place of those it had, and writes the track.
+    /// Replaces the corrections of a frame, and writes the track.
     pub fn correct(&self, id: &str, request: &Correct) -> Result<Corrected, RequestError> {
         let mut items = self.lock();
         let item = find_mut(&mut items, id)?;
@@ -237,7 +237,7 @@ impl TrackDesk {
         Ok(Corrected { version: version(&item.csv), frame: frame_nodes(&frames[place]) })
     }
 
-    /// Tracks all frames behind a frame again, with every correction there is, and writes the track.
+    /// Tracks all frames after a frame again, with all corrections, and writes the track.
     pub fn retrack(&self, id: &str, request: &Retrack) -> Result<Opened, RequestError> {
         let mut items = self.lock();
         let item = find_mut(&mut items, id)?;
@@ -266,7 +266,7 @@ impl TrackDesk {
         if version(&item.csv) == given { Ok(()) } else { Err(RequestError::conflict(&self.open_item(item)?)) }
     }
 
-    /// The nodes of a frame: a step from the frame before it, with the corrections asked for.
+    /// The nodes of a frame: one step from the previous frame, with the requested corrections.
     fn corrected_nodes(&self, item: &Item, frames: &[TrackedFrame], request: &Correct) -> Result<Vec<TrackedNode>, RequestError> {
         let place = index_of(frames, request.frame)?;
         if place == 0 {
@@ -299,7 +299,7 @@ impl TrackDesk {
         correct_nodes(&self.bench.wireframe, &self.springs, &nodes, &hard).map_err(RequestError::refused)
     }
 
-    /// Tracks from one place in the list of frames to another.
+    /// Tracks from one index in the list of frames to another.
     fn track(
         &self,
         item: &Item,
@@ -331,13 +331,13 @@ impl TrackDesk {
             .map_err(RequestError::refused)
     }
 
-    /// Saves the corrections, then the track with them: killed between the two, the track is made again from the corrections.
+    /// Saves the corrections, then the track with them. After an interruption in between, the track is made again from the corrections.
     fn write(&self, item: &mut Item, frames: &[TrackedFrame], corrections: &Corrections) -> Result<(), RequestError> {
         let mut info = info_of(&item.csv)?;
         let earlier = info.corrections.take();
         let is_first = saved_corrections(item)?.is_none() && item.corrected == 0;
         let saved = write_corrections(&item.csv, corrections).map_err(RequestError::failed)?;
-        // What cannot be judged, for a frame does not read, keeps what was said of it.
+        // If a frame cannot be read, the previous judgement is kept.
         let far = self.far(item, frames, &info, (corrections, is_first));
         let far = far.unwrap_or_else(|_| earlier.as_ref().map(|c| c.far.clone()).unwrap_or_default());
         info.corrections = Some(TrackCorrections {
@@ -355,8 +355,8 @@ impl TrackDesk {
         Ok(())
     }
 
-    /// Which corrections lie far from where the face is expected, as `run` says it: by the track without corrections; and whether they are the
-    /// first of this track.
+    /// Corrections that lie far from the expected face, by the track without corrections, with the messages of `run`; and whether they are
+    /// the first of this track.
     fn far(
         &self,
         item: &Item,
@@ -369,7 +369,7 @@ impl TrackDesk {
         let mut places = frames.iter().enumerate().filter(|(_, frame)| fit.contains_key(&frame.number)).map(|(place, _)| place);
         let Some(first) = places.next() else { return Ok(Vec::new()) };
         let last = places.next_back().unwrap_or(first);
-        // Of a track that nobody has corrected yet, what is before the first correction is the tracker's.
+        // In a track without earlier corrections, the frames before the first correction come from the tracker.
         let known = if is_first { first } else { 1 };
         let track = |known: &[TrackedFrame]| {
             let from = known.len() - 1;
@@ -385,9 +385,9 @@ impl TrackDesk {
     }
 }
 
-/// The dataset of a run, by the name that `run.json` has, here or in a folder above the output.
+/// The dataset of a run, by its name in `run.json`, in the current folder or a parent of the output.
 fn beside(out: &Path) -> Result<Dataset, AnnotateError> {
-    /// All that is asked for, so that records of other versions' options serve.
+    /// Only the needed fields, so that records with options of other versions can be read.
     #[derive(serde::Deserialize)]
     struct Named {
         dataset: String,
@@ -445,7 +445,7 @@ fn info_of(csv: &Path) -> Result<TrackInfo, RequestError> {
     })
 }
 
-/// The track as it is to be shown: with corrections that are saved but did not get into it, because the process was killed in between.
+/// The track to show. It includes corrections that were saved but not added, because the process was killed in between.
 fn read_frames(item: &Item, bench: &Workbench, springs: &Springs) -> Result<Vec<TrackedFrame>, RequestError> {
     let mut frames = read_track(&item.csv).map_err(RequestError::refused)?;
     let info = info_of(&item.csv)?;
@@ -462,7 +462,7 @@ fn read_frames(item: &Item, bench: &Workbench, springs: &Springs) -> Result<Vec<
     Ok(frames)
 }
 
-/// The corrections in the track's file of them; `None` where there is none yet.
+/// The corrections in the track's corrections file; `None` without one.
 fn saved_corrections(item: &Item) -> Result<Option<Corrections>, RequestError> {
     let saved = read_corrections(&item.csv).map_err(RequestError::refused)?;
     Ok(saved.map(|saved| saved.corrections))
@@ -500,7 +500,7 @@ fn index_of(frames: &[TrackedFrame], number: u32) -> Result<usize, RequestError>
     place.ok_or_else(|| RequestError::NotFound(format!("the track has no frame {number}")))
 }
 
-/// What a page has read of a track, in 16 digits: the track and its corrections.
+/// Version of a track in 16 digits: a hash of the track and its corrections.
 fn version(csv: &Path) -> String {
     let mut hasher = blake3::Hasher::new();
     for path in [csv, &corrections_path(csv)] {

@@ -1,4 +1,4 @@
-//! What the page asks for, by address. Everything is below `/TOKEN/`.
+//! Requests of the page, by address. All are below `/TOKEN/`.
 //!
 //! | address | gives |
 //! | --- | --- |
@@ -15,7 +15,7 @@
 //! | `PUT /api/sequences/ID/corrections` | corrects a frame of a track |
 //! | `POST /api/sequences/ID/retrack` | tracks again |
 //!
-//! A sequence is named by its id and looked up in the list, a frame by its number: no part of an address ever becomes a path.
+//! A sequence is looked up in the list by its id, a frame by its number: no part of an address ever becomes a path.
 
 use axum::{
     Json, Router,
@@ -97,7 +97,7 @@ fn asset(name: &str) -> Response {
     }
 }
 
-/// Runs work that reads, computes or writes on a thread of its own and answers with JSON.
+/// Runs blocking work on a separate thread and answers with JSON.
 async fn answer<T: Serialize + Send + 'static>(
     app: Shared,
     work: impl FnOnce(&App) -> Result<T, RequestError> + Send + 'static,
@@ -131,7 +131,7 @@ fn json<T: Serialize>(value: &T) -> Result<serde_json::Value, RequestError> {
     serde_json::to_value(value).map_err(RequestError::failed)
 }
 
-/// A request's body, or why it does not read.
+/// A request's body, or the reason why it cannot be read.
 type Body<T> = Result<Json<T>, JsonRejection>;
 
 /// Answers a request with a body.
@@ -198,7 +198,7 @@ async fn fit(State(app): State<Shared>, request: Body<ToFit>) -> Response {
     answer_body(app, request, |app, request| Ok(desk(app)?.fit(request))).await
 }
 
-/// Answers requests with a body that work on one sequence or track.
+/// Answers requests with a body that act on one sequence or track.
 fn change<B, T>(method: MethodFilter, work: fn(&App, &str, &B) -> Result<T, RequestError>) -> MethodRouter<Shared>
 where
     B: DeserializeOwned + Send + 'static,

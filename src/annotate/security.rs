@@ -1,8 +1,8 @@
-//! Who may ask: only a page that this server itself has given out, in a browser of this machine.
+//! Access control: only the page sent by this server, in a browser on this machine, may make requests.
 //!
-//! The address holds a random token, so that no other page or program that does not know it can ask for anything. A request whose
-//! `Host` is not this server's own address is refused (another site's name that resolves to this machine), and so is one whose
-//! `Origin` or `Sec-Fetch-Site` says that another page sent it. Every answer forbids the browser to load anything from elsewhere.
+//! The address contains a random token that other pages and programs do not know. The server rejects a request whose `Host` is not its own
+//! address (another site's name may resolve to this machine), and one whose `Origin` or `Sec-Fetch-Site` names another page. Every response
+//! forbids the browser to load anything from elsewhere.
 
 use std::net::{IpAddr, SocketAddr};
 
@@ -36,7 +36,7 @@ const HEADERS: [(&str, &str); 7] = [
     ("permissions-policy", "camera=(), microphone=(), geolocation=()"),
 ];
 
-/// What a request must know and say to be answered.
+/// Requirements for a request to be answered.
 #[derive(Clone, Debug)]
 pub struct Guard {
     token: String,
@@ -44,10 +44,10 @@ pub struct Guard {
 }
 
 impl Guard {
-    /// A guard for a server at an address, with a token of its own.
+    /// Creates a guard with a new token for a server at an address.
     ///
     /// # Errors
-    /// When the system has no randomness to give.
+    /// When the system provides no random numbers.
     pub fn new(address: SocketAddr) -> Result<Self, getrandom::Error> {
         let mut bytes = [0; TOKEN_BYTES];
         getrandom::fill(&mut bytes)?;
@@ -58,13 +58,13 @@ impl Guard {
     pub fn url(&self) -> String {
         let mut address = self.address;
         if address.ip().is_unspecified() {
-            // `0.0.0.0` is no address to go to.
+            // `0.0.0.0` is not an address that a browser can open.
             address.set_ip(IpAddr::from([127, 0, 0, 1]));
         }
         format!("http://{address}/{}/", self.token)
     }
 
-    /// Whether a path starts with `/TOKEN/`; takes as long for a wrong token as for a nearly right one.
+    /// Whether a path starts with `/TOKEN/`, compared in constant time.
     fn has_token(&self, path: &str) -> bool {
         let (given, known) = (path.as_bytes(), self.token.as_bytes());
         let end = known.len() + 1;
@@ -72,7 +72,7 @@ impl Guard {
         token.iter().zip(known).fold(0, |differ, (a, b)| differ | (a ^ b)) == 0
     }
 
-    /// Whether `name:port` is this server: a name of this machine itself, or the address that was asked for.
+    /// Whether `name:port` is this server: a name of this machine, or the address it listens on.
     fn is_own(&self, authority: &str) -> bool {
         const HTTP_PORT: u16 = 80;
         let after_bracket = authority.rfind(']').unwrap_or(0);
@@ -86,14 +86,14 @@ impl Guard {
         let here = self.address.ip();
         let address: Option<IpAddr> = name.trim_start_matches('[').trim_end_matches(']').parse().ok();
         let named = match address {
-            // Whoever names a number cannot have been led here by another site's name.
+            // A numeric address cannot come from another site's name.
             Some(ip) => ip == here || here.is_unspecified() || (ip.is_loopback() && here.is_loopback()),
             None => name.eq_ignore_ascii_case("localhost") && (here.is_loopback() || here.is_unspecified()),
         };
         named && port == Some(self.address.port())
     }
 
-    /// Why a request is refused; `None` when it is not.
+    /// Why a request is refused; `None` if it is accepted.
     fn refusal(&self, uri: &Uri, headers: &HeaderMap) -> Option<(StatusCode, &'static str)> {
         let text = |name: HeaderName| headers.get_all(name).iter().map(|v| v.to_str().unwrap_or("?")).collect::<Vec<_>>();
         let hosts = text(HOST);
@@ -103,7 +103,7 @@ impl Guard {
         }
         let own_origin = |origin: &str| origin.strip_prefix("http://").is_some_and(|authority| self.is_own(authority));
         let says = |name, values: &[&str]| text(HeaderName::from_static(name)).into_iter().all(|v| values.contains(&v));
-        // A link on another page, such as a terminal in the browser, may open the page: nothing is done or read by that.
+        // A link on another page, such as a terminal in the browser, may open the page. This neither changes nor reveals anything.
         let opens_page = uri.path().len() == self.token.len() + 2
             && headers.contains_key("sec-fetch-mode")
             && says("sec-fetch-mode", &["navigate"])
@@ -122,7 +122,7 @@ impl Guard {
     }
 }
 
-/// Lets through what the guard allows, and puts the headers on every answer.
+/// Passes accepted requests on, and adds the headers to every response.
 pub async fn check(State(app): State<Shared>, request: Request, next: Next) -> Response {
     let mut response = match app.guard.refusal(request.uri(), request.headers()) {
         Some(refusal) => refusal.into_response(),
@@ -181,7 +181,7 @@ mod tests {
             "é]",
         ];
         assert!(!foreign.iter().any(|host| g.is_own(host)), "{foreign:?}");
-        // Asked to listen on a network, its own number there is its host too, but no name is.
+        // A server on a network accepts its own numeric address as host, but no name.
         let g = guard("192.168.0.7:80");
         assert!(g.is_own("192.168.0.7:80") && g.is_own("192.168.0.7"));
         assert!(!g.is_own("localhost:80") && !g.is_own("evil.example") && !g.is_own("127.0.0.1"));
@@ -207,7 +207,7 @@ mod tests {
         assert_eq!(with("sec-fetch-site", "none"), None);
         assert_eq!(with("sec-fetch-site", "same-site"), Some(403));
         assert_eq!(with("sec-fetch-site", "cross-site"), Some(403));
-        // A link elsewhere may open the page itself, in a window of its own, and nothing else.
+        // A link elsewhere may open only the page itself, in its own window.
         let opened = |path: &str, dest| {
             let headers = [("host", "127.0.0.1:7113"), ("sec-fetch-site", "cross-site"), ("sec-fetch-mode", "navigate")];
             refused(&g, path, &[&headers[..], &[("sec-fetch-dest", dest)]].concat())

@@ -1,7 +1,7 @@
-//! Connections to the page: how many there may be, and how long each may keep the server waiting.
+//! Limits the number of connections to the page, and their waiting times.
 //!
-//! A browser sends a request in a moment. Whoever opens a connection and says nothing, sends a header or a body byte by byte, or does not
-//! take the answer, is cut off, so that the page goes on answering its user.
+//! A browser sends a request at once. A connection that sends nothing, sends a header or a body byte by byte, or does not read the
+//! response, is closed, so that the page remains responsive.
 
 use std::{
     io,
@@ -32,19 +32,19 @@ use tower_service::Service;
 /// Largest body of a request, bytes: more than the marks of all nodes need.
 pub const BODY_LIMIT: usize = 64 * 1024;
 
-/// Wait before connections are taken again when the system gives none, as with too many open files.
+/// Pause before accepting connections again after the system refused one, as with too many open files.
 const AFTER_FAILURE: Duration = Duration::from_millis(500);
 
-/// What a connection may cost.
+/// Limits of connections.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
-    /// Connections at a time; others wait until one ends.
+    /// Largest number of concurrent connections; others wait until one ends.
     pub connections: usize,
-    /// Time for the head of a request, from the connection or the answer before.
+    /// Time for the head of a request, from the connection or the previous response.
     pub head: Duration,
     /// Time for the body of a request.
     pub body: Duration,
-    /// Time in which some of an answer must be taken.
+    /// Time within which some of a response must be read.
     pub answer: Duration,
 }
 
@@ -56,7 +56,7 @@ impl Default for Limits {
     }
 }
 
-/// Answers connections for ever.
+/// Serves connections without end.
 pub async fn serve(listener: TcpListener, router: Router, limits: Limits) -> io::Result<()> {
     let places = Arc::new(Semaphore::new(limits.connections));
     loop {
@@ -76,20 +76,20 @@ pub async fn serve(listener: TcpListener, router: Router, limits: Limits) -> io:
             let stream = TokioIo::new(Impatient { stream, limit: limits.answer, stalled: None });
             let mut builder = http1::Builder::new();
             builder.timer(TokioTimer::new()).header_read_timeout(limits.head);
-            // A connection that fails is the browser's business; the next one is answered.
+            // A failed connection is ignored; the next one is served.
             let _ = builder.serve_connection(stream, answer).await;
             drop(place);
         });
     }
 }
 
-/// Whether a connection was gone before it was taken.
+/// Whether a connection was closed before it was accepted.
 fn is_of_peer(error: &io::Error) -> bool {
     use io::ErrorKind::{ConnectionAborted, ConnectionRefused, ConnectionReset};
     matches!(error.kind(), ConnectionAborted | ConnectionRefused | ConnectionReset)
 }
 
-/// Reads the whole body of a request before anything works on it.
+/// Reads the whole body of a request before it is processed.
 pub async fn whole_body(State(limits): State<Limits>, request: Request, next: Next) -> Response {
     let (parts, body) = request.into_parts();
     let said = |status: StatusCode, reason: &str| (status, Json(serde_json::json!({ "error": reason }))).into_response();
@@ -100,7 +100,7 @@ pub async fn whole_body(State(limits): State<Limits>, request: Request, next: Ne
     }
 }
 
-/// A connection that fails when the other side takes nothing for a while.
+/// A connection that fails when the peer reads nothing for a while.
 struct Impatient {
     stream: TcpStream,
     limit: Duration,
@@ -109,7 +109,7 @@ struct Impatient {
 }
 
 impl Impatient {
-    /// What a write gave, or a failure when it has waited for too long.
+    /// The result of a write, or an error after waiting for too long.
     fn in_time<T>(&mut self, context: &mut Context<'_>, written: Poll<io::Result<T>>) -> Poll<io::Result<T>> {
         if written.is_ready() {
             self.stalled = None;
@@ -158,7 +158,7 @@ mod tests {
     const SHORT: Duration = Duration::from_millis(150);
     const LONG: Duration = Duration::from_secs(20);
 
-    /// Serves on a thread of its own: `POST /` gives its body back, `/large` is more than a connection holds.
+    /// Starts a server on its own thread: `POST /` returns its body, `/large` is more than a connection buffers.
     fn started(limits: Limits) -> SocketAddr {
         let (tell, told) = std::sync::mpsc::channel();
         std::thread::spawn(move || {
@@ -182,11 +182,11 @@ mod tests {
         client
     }
 
-    /// Sends a text and gives all that comes until the other side ends the connection.
+    /// Sends a text and returns everything received until the connection ends.
     fn answer(mut client: Client, text: &str) -> String {
         client.write_all(text.as_bytes()).unwrap();
         let mut answer = Vec::new();
-        // A connection that is cut may end in a reset.
+        // A closed connection may end with a reset.
         let _ = client.read_to_end(&mut answer);
         String::from_utf8_lossy(&answer).into_owned()
     }
@@ -197,7 +197,7 @@ mod tests {
     fn connections_that_say_nothing_are_ended_and_others_are_answered() {
         let limits = Limits { connections: 2, head: SHORT, body: SHORT, answer: LONG };
         let address = started(limits);
-        // As many as there may be, half open; one has begun a head.
+        // The largest allowed number, half open; one has started a head.
         let silent = client(address);
         let mut slow = client(address);
         slow.write_all(b"POST / HTTP/1.1\r\nhost:").unwrap();
@@ -224,7 +224,7 @@ mod tests {
         let address = started(limits);
         let mut deaf = client(address);
         deaf.write_all(b"POST /large HTTP/1.1\r\nhost: a\r\ncontent-length: 0\r\n\r\n").unwrap();
-        // The only place becomes free although `deaf` stays open and reads nothing.
+        // The only slot becomes free although `deaf` stays open and reads nothing.
         assert!(answer(client(address), WHOLE).ends_with("hello"));
         drop(deaf);
     }

@@ -1,4 +1,4 @@
-//! Tracks as the tracker alone leaves them, by which corrections are judged as `run` judges them.
+//! Tracks without corrections, by which corrections are judged as in `run`.
 
 use std::{
     collections::BTreeMap,
@@ -8,19 +8,19 @@ use std::{
 use super::RequestError;
 use crate::track::TrackedFrame;
 
-/// The frames of every sequence that was asked for, from the neutral one on, as far as they were needed.
+/// The needed frames of every requested sequence, from the neutral one on.
 #[derive(Default)]
 pub struct Untouched(Mutex<BTreeMap<String, Sequence>>);
 
 struct Sequence {
-    /// What its track was made from: another track of that name is tracked anew.
+    /// Hash of its track's inputs; a track with the same name and other inputs is tracked anew.
     inputs_blake3: String,
     frames: Vec<TrackedFrame>,
 }
 
 impl Untouched {
-    /// Frames 0 to `last` of a sequence. `known` are frames from the first on that no correction has touched, of which the neutral one is one
-    /// always; `track` makes from the frames there are those behind them, up to `last`.
+    /// Frames 0 to `last` of a sequence. `known` are uncorrected frames from the first on, at least the neutral one. `track` computes the
+    /// following frames up to `last` from the existing ones.
     ///
     /// # Errors
     /// Those of `track`.

@@ -1,48 +1,48 @@
-//! Lips and lids as arches, and corners of the mouth at the ends of the lips: what a mouth and an eye do, whatever a median over people or a
-//! tracker makes of their nodes.
+//! Shapes lips and lids as arches and keeps the corners of the mouth at the ends of the lips. This corrects artefacts that a median over
+//! people or a tracker leaves in the nodes.
 
 use nalgebra::{Point2, Rotation2, Vector2};
 
 use super::target::Target;
 use crate::{interpolation::smooth_step, warp::OPENINGS};
 
-/// Most that a lip beside its middle opens, over the middle.
+/// Largest opening of a lip beside its middle, relative to the middle.
 const LIP_ROUND: f64 = 0.97;
-/// How round the least is: 1 is a parabola, 0.5 an ellipse.
+/// Exponent of the least round shape: 1 is a parabola, 0.5 an ellipse.
 const LIP_FULLNESS: f64 = 0.7;
-/// Least and most that a lid goes beside its middle, over the middle's way, and what is about as far: over that way, and over the eye
-/// distance.
+/// Least and greatest motion of a lid beside its middle, relative to the middle's. `LID_ABOUT`: tolerance, relative to that motion, plus a
+/// fraction of the eye distance.
 const LID_SHARES: (f64, f64) = (0.45, 1.0);
 const LID_ABOUT: (f64, f64) = (0.20, 0.006);
-/// Distance of the lips over the eye distance at which the lower lip begins to lose its bow, and at which it has none.
+/// Distances of the lips, in eye distances, at which the lower lip begins to lose its bow and has lost it.
 const PARTED: (f64, f64) = (0.06, 0.20);
 /// The same for the bow of the upper lip.
 const STRETCHED: (f64, f64) = (0.03, 0.10);
 /// Ends of the opening between the lips, and the corners of the mouth beyond them.
 const CORNERS: [(usize, usize); 2] = [(88, 31), (89, 64)];
-/// Most that the way from one to the other turns, radians, and its least and greatest length over the neutral one.
+/// Largest turn of the piece between them, radians, and (`CORNER_LENGTHS`) its least and greatest length relative to neutral.
 const CORNER_TURN: f64 = 0.55;
 const CORNER_LENGTHS: (f64, f64) = (0.6, 1.15);
 
 impl Target {
-    /// Makes lips, lids and corners of nodes that were asked for go as those of a face do.
+    /// Shapes lips, lids and corners of the requested nodes like those of a face.
     pub(super) fn shape_openings(&self, nodes: &mut [Point2<f64>]) {
         self.keep_corners(nodes);
         let down = self.warp().down();
-        // The further lips part, the less is left of their bow.
+        // The bow of the lip flattens as the lips part.
         let flat = smooth_step(PARTED.0, PARTED.1, self.parted(nodes));
         let inner = [88, 89];
         self.round_lip(nodes, (40, [83, 84], inner), down, flat, Some(LIP_ROUND));
         self.round_lip(nodes, (87, [81, 82], inner), -down, 0.0, Some(LIP_ROUND));
-        // The lower one's outer edge goes as round as its inner one: it would be a point otherwise, and the lip thin beside it. Below a smile it may
-        // stay where it is, as flat as its corners leave it.
+        // The outer edge of the lower lip is at least as round as its inner one; otherwise it would be pointed, and the lip thin beside it. Below
+        // a smile it may stay as flat as its corners leave it.
         self.round_lip(nodes, (8, [85, 86], [31, 64]), down, 0.0, None);
         self.stretch_upper_lip(nodes);
         self.arch_lids(nodes);
     }
 
-    /// Takes the ends of the opening along with the corners of the mouth: the lips are one there, a short piece that hardly turns and stretches.
-    /// A tracker that loses one of them would draw that piece into a hook.
+    /// Moves the ends of the opening with the corners of the mouth: the lips form one short piece there that hardly turns or stretches. If a
+    /// tracker loses one of these points, the piece would become a hook.
     fn keep_corners(&self, nodes: &mut [Point2<f64>]) {
         let neutral = self.fitted.model.nodes();
         for (inner, outer) in CORNERS {
@@ -55,11 +55,10 @@ impl Target {
         }
     }
 
-    /// Makes the lips open round: seen from the corners, the points of a lip beside its middle go away from the other lip at least as far as
-    /// on an arch through the middle, between a parabola and an ellipse, and at most nearly as far as the middle. A median over people, and a
-    /// tracker on lips that part, may leave a notch or a point; no mouth has one, and a source whose nodes lie farther from the middle than the
-    /// target's has another share; `most` is that share of the middle's way; `None` sets no limit. Of the bow that the closed lip has, a share of `flat` is taken away. The
-    /// change is the least in squares.
+    /// Makes a lip open round. Relative to the corners, the points beside its middle move away from the other lip at least as far as on an arch
+    /// through the middle (between a parabola and an ellipse), and at most by `most` times the middle's motion (`None`: no limit). Notches and peaks
+    /// come from a median over people, from a tracker on parting lips, or from a source whose nodes lie farther from the middle than the
+    /// target's. A fraction `flat` of the closed lip's bow is removed. The change is minimal in the sense of least squares.
     fn round_lip(
         &self,
         nodes: &mut [Point2<f64>],
@@ -74,7 +73,7 @@ impl Target {
         let corners = f64::midpoint(moved(first), moved(last));
         let beside = f64::midpoint(moved(beside_nodes[0]), moved(beside_nodes[1])) - corners;
         let middle = moved(middle_node) - corners;
-        // Where they are between the middle (0) and the corners (1).
+        // Their position between the middle (0) and the corners (1).
         let width = (neutral[first] - neutral[last]).norm();
         let place =
             if width > 0.0 { ((neutral[beside_nodes[0]] - neutral[beside_nodes[1]]).norm() / width).min(1.0) } else { 0.5 };
@@ -93,12 +92,12 @@ impl Target {
         }
     }
 
-    /// Distance of the middles of the lips over the eye distance.
+    /// Distance of the middles of the lips, in eye distances.
     fn parted(&self, nodes: &[Point2<f64>]) -> f64 {
         (nodes[40] - nodes[87]).dot(&self.warp().down()) / self.warp().eye_distance()
     }
 
-    /// Takes the bow out of the upper lip's inner edge the further the lips part: a lip that is drawn over teeth is straight.
+    /// Removes the bow of the upper lip's inner edge as the lips part: a lip that is drawn over teeth is straight.
     fn stretch_upper_lip(&self, nodes: &mut [Point2<f64>]) {
         let down = self.warp().down();
         let neutral = self.fitted.model.nodes();
@@ -110,9 +109,9 @@ impl Target {
         }
     }
 
-    /// Makes lids rise and fall as arches: beyond what the corners do, the places beside the middle of a lid go about the share of the
-    /// middle's way that the eye is open there on the photograph. A median over people, and a tracker between lashes, leave a peak or a dent
-    /// above the iris. The middle, MPEG-4's feature point, goes where it was asked to.
+    /// Makes lids rise and fall as arches. Beyond the motion of the corners, the points beside the middle follow its motion in proportion to the
+    /// opening of the eye there on the photograph, within a tolerance. A median over people, or a tracker between lashes, leaves a peak or a dent
+    /// above the iris. The middle, MPEG-4's feature point, stays where it was requested.
     fn arch_lids(&self, nodes: &mut [Point2<f64>]) {
         let down = self.warp().down();
         let neutral = self.fitted.model.nodes();

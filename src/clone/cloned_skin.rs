@@ -1,4 +1,4 @@
-//! The folds of a class on one face.
+//! The skin change of a class on one face.
 
 use image::RgbImage;
 use nalgebra::{Point2, Vector2};
@@ -10,37 +10,37 @@ use super::{
 };
 use crate::warp::{SHARP, Texture, one_tone};
 
-/// The skin of a class on a target: how it looks, and how far a motion has gone towards it.
+/// The skin change of a class on a target, and the measure of how far a motion has progressed towards it.
 #[derive(Debug)]
 pub struct ClonedSkin {
-    /// Where it changes the target's photograph, line by line: row, first column, and the level of the skin's picture at each pixel.
+    /// Changed pixels of the target's photograph, line by line: row, first column, and the level of the skin's picture at each pixel.
     lines: Vec<(usize, usize, Vec<u8>)>,
-    /// Apex offsets of the class's representative over its eye separation.
+    /// Apex offsets of the class's representative, relative to its eye separation.
     apex: Vec<Vector2<f64>>,
     lighter: f32,
-    /// Powers of the ratio of brightnesses, for red, green and blue.
+    /// Exponents of the ratio of brightness for red, green and blue.
     powers: [f32; 3],
 }
 
-/// Most of a skin that is applied: a motion stronger than the class's own has no deeper folds than this.
+/// Largest strength of a skin change: a motion stronger than the class's own gets no deeper folds than this.
 pub const MOST_SKIN: f64 = 1.3;
-/// Red, green and blue of a fold: what lies in shadow is lit through the skin around it. Powers of the ratio of brightnesses, as measured on the
-/// cheeks of 90 people who smile (of their mean 0.76, 1.09, 1.16; of their own fine shading 0.82, 1.06, 1.14).
+/// Exponents of the ratio of brightness for red, green and blue in a fold: shadows are lit through the skin around them. Measured on the cheeks
+/// of 90 smiling people (on their mean 0.76, 1.09, 1.16; on their own fine shading 0.82, 1.06, 1.14).
 const CHANNELS: [f32; 3] = [0.80, 1.07, 1.15];
-/// How much softer a camera and what stores its pictures leave faint shades of skin than the edges of eyes, px (sigma).
+/// Additional blur of faint skin shades against the edges of eyes, from cameras and picture compression, px (sigma).
 const FAINT: f64 = 1.3;
-/// Softening that is not seen, px of the layout.
+/// Smallest blur that is applied, px of the layout; less is not visible.
 const LEAST_SOFTENING: f64 = 0.25;
-/// Share of a skin under which none is applied.
+/// Smallest strength that is applied.
 const LEAST_SKIN: f64 = 0.01;
 
-/// Powers of the ratio of brightnesses that folds have on a target, for red, green and blue: all the same on a photograph in one tone.
+/// Exponents of the ratio of brightness in the folds of a target, for red, green and blue; all are 1 on a photograph in one tone.
 pub fn fold_powers(target: &Target) -> [f32; 3] {
     let toned = one_tone(target.texture(), target.warp().texture_nodes());
     CHANNELS.map(|power| power + (1.0 - power) * toned)
 }
 
-/// Sigma of the Gaussian that makes folds as soft as a target's photograph shows skin, px of the layout; 0 where that is not seen.
+/// Sigma of the Gaussian that blurs folds like the skin on a target's photograph, px of the layout; 0 if that is not visible.
 pub fn fold_softening(target: &Target) -> f64 {
     let softness = target.warp().softness();
     let beyond = (softness * softness - SHARP * SHARP).max(0.0).sqrt();
@@ -48,10 +48,10 @@ pub fn fold_softening(target: &Target) -> f64 {
     if sigma >= LEAST_SOFTENING { sigma } else { 0.0 }
 }
 
-/// Where every vertex of a target's mesh lies on the layout, as shares of its width and height.
+/// Positions of the vertices of a target's mesh on the layout, as fractions of its width and height.
 ///
 /// # Errors
-/// [`CloneError::Warp`] never for a target that could be made.
+/// [`CloneError::Warp`]; does not occur for a target that could be created.
 pub fn places_on_skin(target: &Target) -> Result<Vec<Point2<f64>>, CloneError> {
     let placement = target.warp().place(&layout_nodes())?;
     let share = |p: &Point2<f64>| Point2::new((p.x + 0.5) / f64::from(SIZE.0), (p.y + 0.5) / f64::from(SIZE.1));
@@ -59,10 +59,10 @@ pub fn places_on_skin(target: &Target) -> Result<Vec<Point2<f64>>, CloneError> {
 }
 
 impl ClonedSkin {
-    /// Carries the skin of a class onto a target; `representative` is the class's own motion.
+    /// Maps the skin change of a class to a target; `representative` is the class's own motion.
     ///
     /// # Errors
-    /// [`CloneError::Warp`] never for a target that could be made.
+    /// [`CloneError::Warp`]; does not occur for a target that could be created.
     pub fn new(target: &Target, skin: &Skin, representative: &SourceMotion) -> Result<Self, CloneError> {
         let (width, height) = target.picture.dimensions();
         let mut carried = RgbImage::from_pixel(width, height, image::Rgb([NO_CHANGE; 3]));
@@ -70,7 +70,7 @@ impl ClonedSkin {
         let picture = skin.softened(fold_softening(target));
         target.warp().unwarp(&Texture::from_gray(&picture), &placement, &mut carried);
         let mask = detail::mask(target);
-        // It ends softly where the face does: a fit knows little of where a forehead ends.
+        // Faded out at the border of the face, because a fit does not know where a forehead ends.
         let levels: Vec<u8> = carried.pixels().zip(&mask).map(|(p, share)| bordered(p.0[0], *share)).collect();
         let changes = |level: &u8| *level != NO_CHANGE;
         let line = |(y, row): (usize, &[u8])| {
@@ -82,7 +82,7 @@ impl ClonedSkin {
         Ok(Self { lines, apex, lighter: skin.lighter, powers: fold_powers(target) })
     }
 
-    /// How far a moment of a motion has gone the way of the class: 0 at neutral, 1 where it is as the representative's apex.
+    /// Progress of a moment towards the class's motion: 0 at neutral, 1 at the representative's apex, at most [`MOST_SKIN`].
     pub fn growth(&self, source: &SourceMotion, moment: &Moment, emphasis: f64) -> f64 {
         let (mut along, mut whole) = (0.0, 0.0);
         for (offset, apex) in moment.offsets.iter().zip(&self.apex) {
@@ -92,10 +92,10 @@ impl ClonedSkin {
         if whole > 0.0 { (emphasis * along / whole).clamp(0.0, MOST_SKIN) } else { 0.0 }
     }
 
-    /// The target's texture with the skin grown to a share of the class's; `None` where there is none yet.
+    /// The target's texture with the skin change at a strength; `None` if it is too weak.
     pub fn texture(&self, target: &Target, growth: f64) -> Option<Texture> {
         (growth >= LEAST_SKIN).then(|| {
-            // What grows lighter is skin that bulges towards another light than this one: most of it is left out.
+            // Lightening comes from skin that bulges towards a light other than this one; most of it is omitted.
             let log = |level: usize| log_of(level as u8) * if level > usize::from(NO_CHANGE) { self.lighter } else { 1.0 };
             let factors = self
                 .powers
@@ -120,7 +120,7 @@ mod tests {
         let soft = image::imageops::blur(&sharp, 2.0);
         let (sharp, soft) = (target(sharp), target(soft));
         let [before, after] = [&sharp, &soft].map(fold_softening);
-        // The root of what the squares differ by, of 2 px and the photograph's own, on a layout with 60 px between the eyes.
+        // Difference of squares of 2 px and the photograph's own blur, on a layout with 60 px between the eyes.
         let unit = 60.0 / soft.warp().eye_distance();
         assert!((after.powi(2) - before.powi(2) - (2.0 * unit).powi(2)).abs() < 0.4 * (2.0 * unit).powi(2), "{before} {after}");
         let motion = SourceMotion::read("fixtures/golden/representatives/happiness.csv".as_ref(), &face).unwrap();

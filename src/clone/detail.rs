@@ -1,12 +1,11 @@
-//! What no warp gives: wrinkles and teeth, taken from the source's own frames.
+//! Wrinkles and teeth of the source's own frames, which no warp produces.
 //!
-//! Wrinkles are an expression ratio image (Liu, Shan and Zhang, *Expressive expression mapping with ratio images*, SIGGRAPH 2001):
-//! where a frame of the source is darker or lighter than its neutral frame at the same point of the skin, the target becomes so by
-//! the same factor. Both pictures are carried into the geometry of the target's photograph by the mesh; the ratio of their grey
-//! levels counts less where it cannot be trusted: slow changes (light, exposure) are taken out, strong edges of the source's two
-//! frames (hair, brows, nostrils, lips), which lie elsewhere on another face, are left out with what is near them, and no factor goes
-//! beyond a limit. It fades out at the border of the face. Teeth come from between the source's lips, in the light of the target, where these are
-//! the target's own or asked for.
+//! Wrinkles follow the expression ratio image (Liu, Shan and Zhang, *Expressive expression mapping with ratio images*, SIGGRAPH 2001):
+//! where a source frame is darker or lighter than the neutral frame at the same point of the skin, the target changes by the same factor.
+//! The mesh maps both source pictures to the geometry of the target's photograph, and the ratio of their grey levels is applied. The ratio is
+//! reduced where it is unreliable: slow changes (light, exposure) are removed, strong edges of either source frame (hair, brows, nostrils,
+//! lips) and their neighbourhood are down-weighted because they lie elsewhere on another face, and factors are limited. The effect fades
+//! out at the border of the face. The inside of the source's mouth is shown, in the target's light, on the source's own face or on request.
 
 use std::sync::Arc;
 
@@ -25,7 +24,7 @@ use crate::{
     warp::{MouthInside, Placement, Texture, Warp, byte},
 };
 
-/// What shows between open lips.
+/// What an open mouth shows.
 ///
 /// ```
 /// use grimace::clone::{CloneOptions, Teeth};
@@ -37,52 +36,51 @@ use crate::{
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Teeth {
-    /// Teeth that are drawn; on the neutral frame of the source itself, whose frames are given, the inside of the source's mouth. Teeth are
-    /// part of who somebody is, and on another face they lie in another light, as sharp as another camera saw them, between lips that part
-    /// otherwise.
+    /// The inside of the source's mouth if the source's frames are given and the target is its own neutral frame; drawn teeth otherwise. Teeth
+    /// belong to a person: on another face the light, the sharpness of the camera and the opening of the lips do not match.
     #[default]
     Auto,
-    /// The inside of the source's mouth on every face, where the source's frames are given.
+    /// The inside of the source's mouth on every face, if the source's frames are given.
     Source,
-    /// Always a dark mouth.
+    /// Always a dark mouth without teeth.
     Dark,
-    /// Always teeth that are drawn.
+    /// Always drawn teeth.
     Drawn,
 }
 
-/// Smoothing of the two pictures before their ratio is taken, over the eye distance.
+/// Sigma of the smoothing of both pictures before their ratio is taken, in eye distances.
 const SMOOTHING: f64 = 0.010;
-/// Grey levels added to both before the ratio: noise in the dark is no wrinkle.
+/// Grey levels added to both pictures before the ratio, so that noise in dark areas does not count as a wrinkle.
 pub(super) const FLOOR: f32 = 12.0;
-/// Limit that the logarithm of a ratio approaches.
+/// Asymptotic limit of the logarithm of a ratio.
 const LOG_LIMIT: f32 = 0.38;
-/// Width of what counts as light and not as a wrinkle, over the eye distance, and the share of it that is taken out.
+/// Sigma (in eye distances) of the changes that count as light rather than wrinkles, and the fraction of them that is removed.
 const SLOW: (f64, f32) = (0.20, 0.75);
-/// Slope of the logarithm of grey levels per eye distance at which the ratio is trusted by half: in the neutral frame, and in the
-/// other one, where wrinkles are edges as well, but not such as hair.
+/// Slope of the logarithm of grey levels per eye distance that halves the weight of the ratio: `EDGE` in the neutral frame, `MOVED_EDGE` in the
+/// other frame, where wrinkles are edges, too, but weaker than hair.
 pub(super) const EDGE: f32 = 6.0;
 pub(super) const MOVED_EDGE: f32 = 14.0;
-/// How far an edge spoils what is around it, over the eye distance.
+/// Radius in which an edge lowers the weight, in eye distances.
 const EDGE_REACH: f64 = 0.022;
-/// Share of the ratio that is applied to lips, whose colour and shine is everybody's own.
+/// Fraction of the ratio that is applied to lips, whose colour and shine differ between people.
 pub(super) const LIPS: f32 = 0.35;
-/// How much brighter than its surroundings (logarithm) a place of the source may be before it counts as shine, and where it wholly does:
-/// shine goes with the skin's oil and the lamp, not with the expression.
+/// Logarithm of brightness relative to the surroundings at which a point of the source begins to count as shine, and counts fully.
+/// Shine depends on the skin's oil and the lamp, not on the expression.
 const SHINE: (f64, f64) = (0.16, 0.40);
-/// Width of what counts as the light of a face, over the eye distance.
+/// Sigma of the smoothing that leaves the light of a face, in eye distances.
 const LIGHT: f64 = 0.35;
-/// Likeness (correlation) of the light on two faces up to which a fold keeps the least share of its strength, from which on all of it,
-/// and that share: lit from the other side a furrow is bright where the source's is dark.
+/// Correlation of the light on both faces up to which wrinkles keep `LEAST_ALIKE` of their strength, and from which they keep all of it. Lit
+/// from the other side, a furrow is bright where the source's is dark.
 const LIGHT_ALIKE: (f64, f64) = (0.0, 0.75);
 const LEAST_ALIKE: f64 = 0.35;
-/// Least and greatest factor on the light of a source's teeth: they must not glare.
+/// Least and greatest factor on the brightness of the source's mouth; the limit keeps teeth from glaring.
 const LIGHT_LIMITS: (f32, f32) = (0.6, 1.15);
-/// Width of the fade at the border of the face, over the eye distance.
+/// Width of the fade at the border of the face, in eye distances.
 const FADE: f64 = 0.30;
-/// Lips of the source nearer than this, over its eye distance, show no teeth.
+/// Lips of the source nearer than this, in its eye distances, count as closed.
 const TEETH_GAP: f64 = 0.012;
 
-/// Wrinkles and teeth of a source's frames.
+/// Wrinkles and teeth of a source's frames, prepared for one target.
 ///
 /// ```
 /// # use grimace::{clone as cloning, correspondence, fit, sequence};
@@ -103,28 +101,28 @@ const TEETH_GAP: f64 = 0.012;
 #[derive(Debug)]
 pub struct Details {
     frames: Arc<[RgbImage]>,
-    /// Neutral frame in the geometry of the target.
+    /// Grey levels of the neutral frame in the geometry of the target.
     neutral: Vec<f32>,
     placements: Vec<Placement>,
-    /// Whether the lips of each frame are open.
+    /// Whether the lips of each frame are apart.
     open: Vec<bool>,
     /// Whether the target is the source's own neutral frame.
     same_face: bool,
-    /// Share of the ratio that is applied, per pixel of the target.
+    /// Weight of the ratio for each pixel of the target.
     mask: Vec<f32>,
-    /// Brightness of the target over that of the source.
+    /// Brightness of the target relative to the source.
     light: f32,
-    /// Share of the strength that the likeness of their light allows.
+    /// Factor on the strength of wrinkles from the similarity of the light on both faces.
     alike: f32,
     sigma_px: f64,
 }
 
 impl Details {
-    /// Prepares the details of a source for a target; `frames` are the colour pictures of the source's track, in its order. They are not
-    /// copied: a caller who needs them, too, or again for another target, shares them as an [`Arc`].
+    /// Prepares the details of a source for a target. `frames` are the colour pictures of the source's track, in its order. They are not
+    /// copied: pass an [`Arc`] to share them with other targets.
     ///
     /// # Errors
-    /// [`CloneError::NoSourceFrames`] when the source is no track or has other frames.
+    /// [`CloneError::NoSourceFrames`] if the source is not a track or has another number of frames.
     pub fn new(target: &Target, source: &SourceMotion, frames: impl Into<Arc<[RgbImage]>>) -> Result<Self, CloneError> {
         let frames = frames.into();
         if source.frames.is_empty() {
@@ -166,19 +164,19 @@ impl Details {
         Ok(details)
     }
 
-    /// Grey levels of a frame of the source in the geometry of the target's photograph.
+    /// Grey levels of a source frame in the geometry of the target's photograph.
     fn carried(&self, target: &Target, frame: usize) -> Vec<f32> {
         let mut picture = target.picture.clone();
         target.warp().unwarp(&Texture::new(&self.frames[frame]), &self.placements[frame], &mut picture);
         grey(&picture)
     }
 
-    /// Share of the wrinkles' strength that the likeness of the light on source and target allows, 0 to 1.
+    /// Factor on the strength of wrinkles from the similarity of the light on source and target, 0 to 1.
     pub fn light_share(&self) -> f64 {
         f64::from(self.alike)
     }
 
-    /// The target's texture with the wrinkles of a frame, `strength` 1 as the source has them where the light is alike.
+    /// Returns the target's texture with the wrinkles of a frame. A `strength` of 1 gives those of the source where the light is alike.
     pub fn texture(&self, target: &Target, frame: usize, strength: f64) -> Texture {
         let mut picture = target.picture.clone();
         let (width, height) = picture.dimensions();
@@ -190,7 +188,7 @@ impl Details {
         let weighted: Vec<f32> = logs.iter().zip(&mask).map(|(l, m)| l * m).collect();
         let slow_px = SLOW.0 * target.warp().eye_distance();
         let (sums, weights) = (smooth(&weighted, width, height, slow_px), smooth(&mask, width, height, slow_px));
-        // The surroundings are those of the neutral frame, which does not shine where the other one does.
+        // The surroundings come from the neutral frame, which does not shine where the other frame does.
         let around = smooth(&neutral, width, height, slow_px);
         let strength = strength as f32 * self.alike;
         for (k, pixel) in picture.pixels_mut().enumerate() {
@@ -208,12 +206,12 @@ impl Details {
         Texture::new(&picture)
     }
 
-    /// Whether a clone shows the inside of the source's mouth.
+    /// Whether the clone shows the inside of the source's mouth.
     pub(super) fn show_mouth(&self, teeth: Teeth) -> bool {
         teeth == Teeth::Source || (teeth == Teeth::Auto && self.same_face)
     }
 
-    /// What a frame of the source shows between its lips, in the light of the target; `None` while they are closed.
+    /// The source frame with the inside of its mouth, in the light of the target, and its mesh; `None` while the lips are closed.
     pub fn mouth(&self, frame: usize) -> Option<(Texture, &Placement)> {
         self.open[frame].then(|| {
             let mut picture = self.frames[frame].clone();
@@ -225,8 +223,8 @@ impl Details {
     }
 }
 
-/// Where the mesh lies on each frame of a source. The edges of lids and lips lie elsewhere on its neutral frame than its nodes say, as they do on the
-/// target, and go along; `neutral` is that frame where it is not the target's own photograph.
+/// Places the mesh on each frame of a source, with the edges of lids and lips shifted to where the neutral frame shows them. `neutral` is that
+/// frame, or `None` if it is the target's own photograph, whose shifts are already known.
 fn placements(warp: &Warp, source: &SourceMotion, neutral: Option<&RgbImage>) -> Result<Vec<Placement>, CloneError> {
     let Some((_, first)) = source.frames.first() else { return Ok(Vec::new()) };
     let shifts = match neutral {
@@ -246,12 +244,12 @@ fn placements(warp: &Warp, source: &SourceMotion, neutral: Option<&RgbImage>) ->
     source.frames.iter().map(placed).collect()
 }
 
-/// Lowers a mask near strong edges of a smoothed picture in the geometry of the target, by half at the slope `edge`.
+/// Lowers a mask near strong edges of a smoothed picture in the geometry of the target; the slope `edge` halves it.
 fn distrust_edges(mask: &mut [f32], smoothed: &[f32], edge: f32, target: &Target) {
     distrust_edges_of(mask, smoothed, edge, target.picture.dimensions(), target.warp().eye_distance());
 }
 
-/// [`distrust_edges`] in a picture of another size, with px between the eyes.
+/// [`distrust_edges`] for a picture of any size; `unit` is its eye distance, px.
 pub(super) fn distrust_edges_of(mask: &mut [f32], smoothed: &[f32], edge: f32, (width, height): (u32, u32), unit: f64) {
     let logs: Vec<f32> = smoothed.iter().map(|v| (v + FLOOR).ln()).collect();
     let (w, h) = (width as usize, height as usize);
@@ -269,8 +267,7 @@ pub(super) fn distrust_edges_of(mask: &mut [f32], smoothed: &[f32], edge: f32, (
     }
 }
 
-/// Share of the strength of wrinkles that the likeness of the light on two faces allows: the correlation of their slow courses of
-/// brightness over the skin.
+/// Factor on the strength of wrinkles from the correlation of the two faces' smoothed brightness over the skin.
 fn light_alike(own: &[f32], other: &[f32], mask: &[f32], target: &Target) -> f32 {
     let (width, height) = target.picture.dimensions();
     let sigma = LIGHT * target.warp().eye_distance();
@@ -294,7 +291,7 @@ fn light_alike(own: &[f32], other: &[f32], mask: &[f32], target: &Target) -> f32
     (LEAST_ALIKE + (1.0 - LEAST_ALIKE) * smooth_step(LIGHT_ALIKE.0, LIGHT_ALIKE.1, correlation)) as f32
 }
 
-/// The inside of the mouth as the warp wants it.
+/// Converts the inside of the mouth to what the warp renders.
 pub fn inside<'a>(mouth: Option<&'a (Texture, &'a Placement)>, teeth: Teeth) -> MouthInside<'a> {
     match mouth {
         Some((texture, placement)) => MouthInside::Picture { texture, placement },
@@ -314,12 +311,12 @@ fn grey(picture: &RgbImage) -> Vec<f32> {
     luma.as_raw().iter().map(|&v| f32::from(v)).collect()
 }
 
-/// 1 on the face, fading to 0 at its border and at the eyes, whose lids hide other things on every face.
+/// Mask that is 1 on the face and fades to 0 at its border and at the eyes, where lids hide something else on every face.
 pub(super) fn mask(target: &Target) -> Vec<f32> {
     mask_of(target.fitted.model.nodes(), target.warp().eye_distance(), target.picture.dimensions(), LIPS)
 }
 
-/// [`mask`] for nodes in a picture, with the share that lips have.
+/// [`mask`] for nodes in a picture, with the value for lips.
 pub(super) fn mask_of(nodes: &[Point2<f64>], unit: f64, (width, height): (u32, u32), lip_share: f32) -> Vec<f32> {
     let outline: Vec<Point2<f64>> = OUTLINE.iter().map(|&n| nodes[n]).collect();
     let lips: Vec<Point2<f64>> = LIP_OUTLINE.iter().map(|&n| nodes[n]).collect();
@@ -341,14 +338,14 @@ pub(super) fn mask_of(nodes: &[Point2<f64>], unit: f64, (width, height): (u32, u
     mask
 }
 
-/// Outline of the face between hair line and chin.
+/// Outline of the face between hairline and chin.
 const OUTLINE: [usize; 14] = [2, 13, 14, 29, 28, 30, 32, 10, 65, 63, 61, 62, 47, 46];
 /// Outline of the lips.
 const LIP_OUTLINE: [usize; 10] = [31, 79, 33, 7, 66, 80, 64, 86, 8, 85];
 /// The lid margins.
 const EYES: [[usize; 8]; 2] = [[20, 97, 21, 105, 23, 107, 22, 99], [53, 98, 54, 106, 56, 108, 55, 100]];
 
-/// Gaussian smoothing, separable, the border's values going on beyond it.
+/// Separable Gaussian smoothing; the values at the border continue beyond it.
 pub(super) fn smooth(values: &[f32], width: u32, height: u32, sigma_px: f64) -> Vec<f32> {
     gaussian(values, width as usize, height as usize, (sigma_px, sigma_px))
 }
@@ -369,7 +366,7 @@ mod tests {
         let frames: Arc<[RgbImage]> = vec![picture.clone(), picture.clone()].into();
         let details = Details::new(&target, &source, Arc::clone(&frames)).unwrap();
         assert!(Arc::ptr_eq(&details.frames, &frames));
-        // Its own mouth on its own face; on another picture only where it is asked for.
+        // By default, the own mouth on the own face only; on another picture only on request.
         let shown =
             |details: &Details| [Teeth::Auto, Teeth::Source, Teeth::Drawn, Teeth::Dark].map(|teeth| details.show_mouth(teeth));
         assert_eq!(shown(&details), [true, true, false, false]);

@@ -1,9 +1,8 @@
-//! From the few points that a FAP file drives to all nodes.
+//! Converts the FAPs of a file to offsets of all nodes.
 //!
-//! A FAP says where its driving node goes along one axis. Candide-3's own vector of the same FAP names the nodes that go with it (the
-//! lid's outer parts with its middle, the underside of the brow with its top); they follow in the vector's proportions. The springs
-//! place the rest. Eye corners, the bone of the nose and the skull do not move, and every other node is drawn back to rest a little,
-//! so that a motion stays in its region.
+//! A FAP moves its driving node along one axis. Candide-3's own vector for the same FAP lists companion nodes (the lid's outer parts
+//! for its middle, the underside of the brow for its top), which follow in the vector's proportions. The springs place all other nodes.
+//! Eye corners, the nose bone and the skull do not move. A weak pull draws every other node towards rest, so that a motion stays in its region.
 
 use std::collections::BTreeMap;
 
@@ -18,28 +17,28 @@ use crate::{
     wireframe::{Axis, Face, Region, UnitKind},
 };
 
-/// Gain of a node that a FAP drives, over the stiffness of a spring: as good as exact.
+/// Gain of a node driven by a FAP, relative to the stiffness of a spring: practically exact.
 const DRIVEN: f64 = 1e6;
-/// Gain of a node that goes with a driving node.
+/// Gain of a companion node.
 const COMPANION: f64 = 40.0;
-/// Gain of an axis that nothing drives.
+/// Gain along an axis that nothing drives.
 const FREE: f64 = 1e-6;
-/// Gain that draws other nodes to rest.
+/// Gain that pulls other nodes to rest.
 const REST: f64 = 0.4;
-/// The same for brows that nothing drives, and for lids where brows are driven: a lid that closes does not pull the brow down, nor does a brow
-/// that is raised open the eye.
+/// The same for brows that nothing drives, and for lids if brows are driven: a closing lid does not pull the brow down, and a raised
+/// brow does not open the eye.
 const REST_BROW: f64 = 6.0;
-/// The same, across the face, for lips where cheeks are driven and neither lips nor jaw are: a puffed cheek stands off from the teeth, and
-/// the muscle around the mouth holds the lips shut and in place.
+/// The same, across the face, for lips if cheeks are driven and neither lips nor jaw are: a puffed cheek stands off from the teeth, and the
+/// muscle around the mouth holds the lips shut and in place.
 const REST_LIPS: f64 = 20.0;
 
-/// Offsets of all nodes, frame by frame.
+/// Offsets of all nodes for each frame.
 type NodeOffsets = Vec<Vec<Vector2<f64>>>;
 
-/// Neutral offsets of all nodes for every frame, face units, and the FAPs with values that do not show.
+/// Computes the offsets of all nodes from neutral for each frame, in face units, and the FAPs with values that do not show from the front.
 pub fn offsets(name: &str, sequence: &FapSequence, face: &Face) -> Result<(NodeOffsets, Vec<FapNumber>), CloneError> {
     let catalog = FapCatalog::mpeg4();
-    // Files leave out of a frame what rests in it.
+    // Files omit FAPs that are at rest in a frame.
     let sequence = &{
         let mut sequence = sequence.clone();
         sequence.apply_mask(&FapMask::Set);
@@ -63,7 +62,7 @@ pub fn offsets(name: &str, sequence: &FapSequence, face: &Face) -> Result<(NodeO
     let mut frames = Vec::with_capacity(sequence.frames.len());
     for frame in &sequence.frames {
         let driven = offsets_from_frame(&with_lids_that_meet(frame), &canonical.fapus, catalog)?;
-        // Offset and gain along x and y of every node that is driven or goes along.
+        // Offset and gain along x and y of every driven or companion node.
         let mut wanted: BTreeMap<NodeId, [Option<(f64, f64)>; 2]> = BTreeMap::new();
         for (&node, offset) in &driven {
             let slot = wanted.entry(node).or_default();
@@ -111,10 +110,10 @@ pub fn offsets(name: &str, sequence: &FapSequence, face: &Face) -> Result<(NodeO
 
 /// The FAPs of the upper and the lower lid, of either eye.
 const LIDS: [(u8, u8); 2] = [(19, 21), (20, 22)];
-/// Closing of both lids of an eye together with which they meet.
+/// Sum of the closing of both lids of an eye at which they meet.
 const SHUT: f64 = 1024.0;
 
-/// A frame whose lids close until they meet and no further, each giving way in proportion.
+/// Limits the closing of lids to where they meet; each gives way in proportion.
 fn with_lids_that_meet(frame: &FapFrame) -> FapFrame {
     let mut frame = frame.clone();
     for lids in LIDS {
@@ -123,7 +122,7 @@ fn with_lids_that_meet(frame: &FapFrame) -> FapFrame {
             continue;
         };
         let closing = [upper, lower].map(|fap| frame.value(fap).unwrap_or(0.0).max(0.0));
-        // A lid that opens meanwhile makes room for the other.
+        // A lid that opens gives the other one room.
         let room = [upper, lower].map(|fap| frame.value(fap).unwrap_or(0.0).min(0.0)).iter().sum::<f64>();
         let share = (SHUT - room) / (closing[0] + closing[1]).max(1e-9);
         if share < 1.0 {
@@ -135,14 +134,14 @@ fn with_lids_that_meet(frame: &FapFrame) -> FapFrame {
     frame
 }
 
-/// Nodes that no expression moves: eye corners and nose bone, the skull's outline, the irises (they are driven by the gaze or stay).
+/// Nodes that no expression moves: eye corners and nose bone, the skull's outline, the irises (driven by the gaze or at rest).
 fn still_nodes(face: &Face) -> Vec<NodeId> {
     let mut still: Vec<NodeId> =
         stable_nodes(&face.tables, face.wireframe.node_count()).into_iter().map(|k| NodeId(k as u16)).collect();
     let catalog = FapCatalog::mpeg4();
     let gaze = catalog.rows().iter().filter(|r| !r.relative_to.is_empty()).flat_map(|r| r.nodes.iter().copied());
     still.extend(gaze);
-    // The brow line is the upper end of what moves.
+    // Everything well above the brow line is fixed.
     let top = (0..face.wireframe.node_count() as u16).map(NodeId).filter(|&n| {
         let high = face.wireframe.vertices()[n.index()].y > 0.75;
         high && matches!(face.tables.region(n), Region::Forehead | Region::Contour)
@@ -153,7 +152,7 @@ fn still_nodes(face: &Face) -> Vec<NodeId> {
     still
 }
 
-/// Driving node, node that goes with it, axis, and the share it takes, from the FAP vectors of the wireframe.
+/// Companions from the FAP vectors of the wireframe: driving node, companion node, axis, and fraction of the motion.
 fn companions(face: &Face, catalog: &FapCatalog) -> Vec<(NodeId, NodeId, Axis, f64)> {
     let mut found = Vec::new();
     for unit in face.wireframe.action_units() {
@@ -169,7 +168,7 @@ fn companions(face: &Face, catalog: &FapCatalog) -> Vec<(NodeId, NodeId, Axis, f
             found.push((*driver, *node, axis, along(offset) / own));
         }
     }
-    // The lips are one at their ends: a file that moves the inner corners alone takes the outer ones along.
+    // The lips are joined at their ends: if a file moves the inner corners alone, the outer ones follow.
     for (inner, outer) in [(88, 31), (89, 64)] {
         found.extend([Axis::X, Axis::Y].map(|axis| (NodeId(inner), NodeId(outer), axis, 1.0)));
     }
@@ -190,9 +189,9 @@ mod tests {
         let value = |frame: &FapFrame, fap: u8| frame.value(FapNumber::try_from(fap).unwrap());
         let far = frame(&[(19, 5000.0), (20, 900.0), (22, 300.0), (3, 2000.0)]);
         assert_eq!((value(&far, 19), value(&far, 21), value(&far, 3)), (Some(1024.0), None, Some(2000.0)));
-        // Together 1200: each gives way by 176 / 1200 of itself.
+        // Together 1200: each gives way by 176 / 1200 of its own value.
         assert_eq!((value(&far, 20), value(&far, 22)), (Some(900.0 * (1024.0 / 1200.0)), Some(300.0 * (1024.0 / 1200.0))));
-        // A lower lid that opens by 500 lets the upper one follow; what does not meet is as it was.
+        // A lower lid that opens by 500 lets the upper one follow; lids that do not meet are unchanged.
         let open = frame(&[(19, 1500.0), (21, -500.0), (20, 700.0), (22, 300.0)]);
         assert_eq!((value(&open, 19), value(&open, 20), value(&open, 22)), (Some(1500.0), Some(700.0), Some(300.0)));
     }

@@ -1,6 +1,7 @@
-//! Folds of a motion for which no pictures are at hand: those that its form makes ([`crate::synthesis`]' embedded head, bent as the nodes go), and
-//! where it raises the upper lip the fold of the cheek that people have who do so. A coarse head bulges there and does not fold: its shading is an arc
-//! around the wing of the nose.
+//! Folds for a motion without pictures, computed from its form: the shading of [`crate::synthesis`]' embedded head, deformed by the nodes.
+//!
+//! Where the motion raises the upper lip, the cheek gets the fold measured on smiling people instead: a coarse head bulges there without
+//! folding, and its shading is only an arc around the wing of the nose.
 
 use std::sync::OnceLock;
 
@@ -12,35 +13,37 @@ use super::{
 };
 use crate::{geometry::polygon::inside_depth, interpolation::smooth_step, synthesis::Relief, warp::fill_triangle};
 
-/// What 90 people's smiles do to their skin, on the layout (`scripts/smile_skin`).
+/// Skin change of 90 people's smiles on the layout (made by `scripts/smile_skin`).
 const SMILE: &[u8] = include_bytes!("../../candide/smile_skin.png");
-/// How deep that fold is without a smile's wide mouth, which draws it out to below the corners: as deep as in a smile, and as long, it was a stain.
+/// Strength of that fold without a smile's wide mouth, which extends it below the corners; at full strength and length it looks like a stain.
 const OF_SMILE: f32 = 0.55;
-/// Nodes of the upper lip and beside the corners of the mouth, and how far they rise on the mean, over the eye distance, where cheeks begin to fold and do as in a smile.
+/// Nodes of the upper lip and beside the corners of the mouth. `FOLDS`: their mean rise, in eye distances, at which cheeks begin to fold, and fold
+/// as in a smile.
 const RAISED: [usize; 4] = [79, 80, 90, 91];
 const FOLDS: (f64, f64) = (0.02, 0.09);
-/// The cheeks, in units of the wireframe: from the nose outwards and from above the wings of the nose downwards, each with where it is wholly cheek.
+/// Borders of the cheeks in units of the wireframe: outwards from the nose, and down from the wings of the nose. Each pair goes from not cheek to
+/// fully cheek.
 const BESIDE_NOSE: (f64, f64) = (0.12, 0.22);
 const OUTWARDS: (f64, f64) = (0.85, 0.70);
 const BELOW_EYES: (f64, f64) = (0.06, -0.06);
 const ABOVE_CHIN: (f64, f64) = (-0.80, -0.62);
 const ABOVE_MOUTH: (f64, f64) = (-0.40, -0.22);
 
-/// Share of what grows lighter that a clone shows: half of what 90 people's smiling cheeks do, for there it is one soft light, and here a wedge.
+/// Fraction of the lightening that a clone shows: half of that of 90 people's smiling cheeks, where it is soft light; here it is a wedge.
 const LIGHTER: f32 = 0.25;
-/// By how much what is darker is darker than the form of a head tells, which has hollows and no folds. People who smile have a logarithm of -0.20 in
-/// the darkest fiftieth beside the mouth, the form alone -0.09; twice as dark as that it looks like smears, for it is wider than a fold.
+/// Factor on the darkening, because the head has hollows but no folds. The darkest fiftieth beside the mouth has a logarithm of -0.20 on smiling
+/// people and -0.09 with the form alone. A factor of two looks smeared, because the shade is wider than a fold.
 const DARKER: f32 = 1.5;
-/// Smoothing of what is drawn triangle by triangle, px of the layout.
+/// Sigma of the smoothing after drawing triangle by triangle, px of the layout.
 const SMOOTHING: f64 = 1.8;
-/// Room around the nostrils, over the eye distance.
+/// Margin around the nostrils, in eye distances.
 const NOSTRIL_ROOM: f64 = 0.06;
 
 impl Skin {
-    /// The folds that the form of an average head makes in the strongest frame of a motion.
+    /// Computes the folds that the form of an average head makes in the strongest frame of a motion.
     ///
     /// # Errors
-    /// [`CloneError::Bank`] never for the head that is compiled in.
+    /// [`CloneError::Bank`]; does not occur with the embedded head.
     pub fn of_form(motion: &SourceMotion) -> Result<Self, CloneError> {
         let relief = Relief::shipped()?;
         let offsets: Vec<Vector2<f64>> = motion.offsets[motion.apex()].iter().map(|o| o / motion.fapus.es).collect();
@@ -78,7 +81,7 @@ impl Skin {
     }
 }
 
-/// Logarithms of what smiles do; `None` if the picture could not be decoded.
+/// Logarithms of the skin change in smiles; `None` if the picture cannot be decoded.
 fn smile() -> Option<&'static [f32]> {
     static LOGS: OnceLock<Option<Vec<f32>>> = OnceLock::new();
     let read = || {
@@ -88,23 +91,23 @@ fn smile() -> Option<&'static [f32]> {
     LOGS.get_or_init(read).as_deref()
 }
 
-/// Where a pixel of the layout lies, in units of the wireframe: beside the middle of the face, and upwards.
+/// Position of a pixel of the layout in units of the wireframe: distance from the midline, and height.
 fn place(k: usize) -> (f64, f64) {
     let (x, y) = (f64::from(k as u32 % SIZE.0), f64::from(k as u32 / SIZE.0));
     (((x - ORIGIN.0) / SCALE).abs(), (ORIGIN.1 - y) / SCALE)
 }
 
-/// 0 at the first place, and before it, to 1 at the second.
+/// Smooth step from 0 at `from` to 1 at `to`; `to` may be below `from`.
 fn share((from, to): (f64, f64), at: f64) -> f64 {
     smooth_step(0.0, 1.0, (at - from) / (to - from))
 }
 
-/// How far the fold reaches a pixel of the layout, 0 to 1.
+/// Weight of the fold at a pixel of the layout, 0 to 1.
 fn above_mouth(k: usize) -> f32 {
     share(ABOVE_MOUTH, place(k).1) as f32
 }
 
-/// How far a pixel of the layout is cheek, 0 to 1.
+/// Weight of a pixel of the layout as cheek, 0 to 1.
 fn cheek(k: usize) -> f32 {
     let (x, y) = place(k);
     (share(BESIDE_NOSE, x) * share(OUTWARDS, x) * share(BELOW_EYES, y) * share(ABOVE_CHIN, y)) as f32
@@ -115,7 +118,7 @@ mod tests {
     use super::*;
     use crate::wireframe::Face;
 
-    /// Shading at a node of the layout, and so far from it, in units of Candide-3.
+    /// Shading at an offset from a node of the layout, in units of Candide-3.
     fn at(skin: &Skin, node: usize, off: (f64, f64)) -> f32 {
         let p = layout_nodes()[node] + Vector2::new(off.0, -off.1) * SCALE;
         skin.logs[(p.y.round() as u32 * SIZE.0 + p.x.round() as u32) as usize]

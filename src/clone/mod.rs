@@ -1,12 +1,12 @@
 //! Cloning: an expression on a new face [KP, section 5].
 //!
-//! A [`SourceMotion`] is a tracked sequence, a representative, a normalized model or a FAP file: neutral offsets of all nodes over
-//! time, upright, in the source's own units. A [`Target`] is a neutral photograph with the wireframe fitted to it. The offsets are
-//! rescaled by target over source FAPU, region by region (`transfer`), turned by the target's roll, put on its neutral nodes, and
-//! the photograph is moved along by [`crate::warp`]. [`Details`] carries wrinkles and teeth of the source's frames over.
+//! A [`SourceMotion`] is a tracked sequence, a representative, a normalized model or a FAP file: upright offsets of all nodes from
+//! neutral over time, in the source's own units. A [`Target`] is a neutral photograph with the wireframe fitted to it. The offsets are
+//! rescaled by target over source FAPU in each region ([`Target::nodes_at`]), rotated by the target's roll and added to its neutral nodes;
+//! [`crate::warp`] then warps the photograph. [`Details`] transfers wrinkles and teeth from the source's frames.
 //!
-//! KP add the displacement vectors of the source to the target. Neutral offsets are their sums, so nothing is lost, and nothing
-//! accumulates; the rescaling is ours: KP's own models have equal FAPUs before the transfer.
+//! KP add the displacement vectors of the source to the target. Offsets from neutral are the sums of these vectors, so the result is the
+//! same without accumulating errors. The rescaling is an addition: KP's models have equal FAPUs before the transfer.
 
 mod arches;
 mod cloned_skin;

@@ -1,4 +1,4 @@
-//! The files of a clone.
+//! Writes a clone to files: frames, films, track, FAP file, overlay, sheet and `clone.json`.
 
 use std::{collections::BTreeMap, fs, io, path::Path};
 
@@ -24,7 +24,7 @@ use crate::{
     wireframe::Face,
 };
 
-/// A film in one file.
+/// A kind of film file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Film {
     /// Animated GIF.
@@ -53,7 +53,7 @@ impl Film {
 /// Version of the schema of `clone.json`.
 pub const CLONE_SCHEMA: u32 = 1;
 
-/// What a clone was made from, beside its files.
+/// Contents of `clone.json`: the inputs, options and results of a clone.
 #[derive(Clone, Debug, Serialize)]
 pub struct CloneInfo {
     /// Always [`CLONE_SCHEMA`].
@@ -72,65 +72,65 @@ pub struct CloneInfo {
     pub target_blake3: Option<String>,
     /// BLAKE3 of the correspondences' file.
     pub correspondences_blake3: Option<String>,
-    /// BLAKE3 of all that it was made from, options too: a later clone of the same is not made again.
+    /// BLAKE3 of all inputs including the options; an identical later clone is not made again.
     pub inputs_blake3: String,
-    /// Options.
+    /// Options of cloning.
     pub options: CloneOptions,
     /// Frames per second.
     pub fps: f64,
-    /// Frames.
+    /// Number of frames.
     pub frames: usize,
     /// Number of the apex frame, from 1.
     pub apex_frame: usize,
-    /// FAPs with values that do not show on a frontal face.
+    /// FAPs that have values but do not show on a frontal face.
     pub faps_not_shown: Vec<u8>,
     /// Frames whose motion was smoothed so that no skin folds.
     pub frames_unfolded: usize,
-    /// FAP values beyond the standard's range that were set to its limit.
+    /// Number of FAP values beyond the standard's range that were set to its limit.
     pub faps_limited: usize,
-    /// FAPs whose motion the warp made smaller, because no skin does it without folding over or lips and lids would pass through
-    /// each other.
+    /// FAPs whose motion the warp reduced, because the skin would fold over, or lips and lids would pass through each other.
     pub faps_cut: Vec<CutFap>,
-    /// The file whose skin grows with the expression.
+    /// File of the skin change that grows with the expression.
     pub skin: Option<String>,
     /// BLAKE3 of that file.
     pub skin_blake3: Option<String>,
-    /// Share of the strength of `--wrinkles` that the likeness of the light on source and target allowed.
+    /// Factor on the strength of `--wrinkles` from the similarity of the light on source and target.
     pub wrinkles_light_share: Option<f64>,
 }
 
-/// A FAP whose motion was cut, where it was asked for most.
+/// A FAP whose motion was reduced, in the frame with its largest requested value.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct CutFap {
-    /// Its number.
+    /// Number of the FAP.
     pub fap: u8,
     /// Frame of the clone, from 1.
     pub frame: usize,
-    /// Value asked of the target, FAP units.
+    /// Value requested of the target, FAP units.
     pub asked: f64,
-    /// Value that the clone shows.
+    /// Value that the clone shows, FAP units.
     pub shown: f64,
 }
 
-/// A FAP is cut when what it lacks is more than this share of what was asked, and more than this many units (angles: 1e-5 rad).
+/// A FAP counts as cut if it lacks more than this fraction of the requested value, and more than `CUT_UNITS` units (angles: `CUT_ANGLE`
+/// units of 1e-5 rad).
 const CUT_SHARE: f64 = 0.1;
 const CUT_UNITS: f64 = 20.0;
 const CUT_ANGLE: f64 = 500.0;
 
-/// Where a clone is written, and what besides the frames.
+/// Where a clone is written, and which files besides the frames.
 #[derive(Clone, Copy, Debug)]
 pub struct CloneFiles<'a> {
     /// The folder.
     pub folder: &'a Path,
-    /// Whether files that no earlier clone recorded are written over.
+    /// Whether to overwrite files that no earlier clone recorded.
     pub force: bool,
-    /// Films in one file.
+    /// Films to write.
     pub films: &'a [Film],
-    /// Options that the target was fitted with.
+    /// Options used to fit the target.
     pub fit: &'a FitOptions,
-    /// Readers that the FAP file is written for.
+    /// Profile of the FAP file, for the programs that read it.
     pub profile: Profile,
-    /// The source's own pictures in the order of its track, for the sheet.
+    /// The source's pictures in the order of its track, for the sheet.
     pub source_frames: Option<&'a [RgbImage]>,
 }
 
@@ -139,29 +139,29 @@ pub struct CloneFiles<'a> {
 pub struct WrittenClone {
     /// The rendered apex frame.
     pub apex: RgbImage,
-    /// Frames, films and tracks of an earlier clone that were changed since, or that it did not record: they were kept.
+    /// Frames, films and tracks of an earlier clone that were kept because they were changed since or not recorded.
     pub kept: Vec<String>,
-    /// FAPs whose motion was cut.
+    /// FAPs whose motion was reduced.
     pub faps_cut: Vec<CutFap>,
 }
 
-/// The record of the frames, the track and the films written.
+/// File with the names and hashes of the frames, the track and the films.
 pub const FRAMES_RECORD: &str = "frames.b3";
 /// Height of the pictures of a sheet, px.
 const SHEET_HEIGHT: u32 = 480;
-/// Frames of each row of the side-by-side sheet.
+/// Number of frames in each row of the sheet.
 const SHEET_FRAMES: usize = 5;
 
-/// Writes a clone to a folder: `frames/`, `track/` (the target's own dynamic model, as `analyze` reads it), `clone.fap`,
-/// `overlay.png` (the wireframe on the apex frame), `sheet.png` (source and clone side by side), `clone.json`, and the films asked for.
+/// Writes a clone to a folder: `frames/`, `track/` (the target's own dynamic model, readable by `analyze`), `clone.fap`,
+/// `overlay.png` (the wireframe on the apex frame), `sheet.png` (source and clone side by side), `clone.json`, and the requested films.
 ///
-/// `info` is completed with what the rendering found. `tick` is called after every frame and says whether to go on.
+/// `info` is completed with the results of rendering. `tick` is called after every frame and returns whether to continue.
 ///
-/// Frames, films and tracks of an earlier clone in the folder that this one does not have are removed, if nobody changed them since
-/// (`frames.b3` tells).
+/// Removes frames, films and tracks of an earlier clone that this one does not have, unless they were changed since
+/// (compared with `frames.b3`).
 ///
 /// # Errors
-/// [`CloneError`] for a file that cannot be written, or an interruption.
+/// [`CloneError`] for a file that cannot be written, or for an interruption.
 pub fn write_clone(
     files: &CloneFiles,
     clone: &ClonedExpression,
@@ -176,7 +176,7 @@ pub fn write_clone(
     let (mut shown, mut apex_picture) = (BTreeMap::new(), RgbImage::default());
     let name = |k: usize| format!("frames/{}_{:08}.png", clone.target().name, k + 1);
     let file = |k: usize| folder.join(name(k));
-    // What encodes films may be missing: that is said before frames are drawn.
+    // A missing video encoder is reported before any frame is drawn.
     for film in films {
         picture::check_rate(clone.fps)?;
         if matches!(film, Film::Mp4 | Film::Webm) {
@@ -187,7 +187,7 @@ pub fn write_clone(
     films.iter().try_for_each(|film| record.check_free(film.file_name()))?;
     (0..clone.frames.len()).try_for_each(|k| record.check_free(&name(k)))?;
     record.begin()?;
-    // It is written last: a folder without it holds no finished clone.
+    // `clone.json` is written last: a folder without it holds no finished clone.
     let info_path = folder.join("clone.json");
     match fs::remove_file(&info_path) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(OutputError::at(&info_path)(error).into()),
@@ -206,7 +206,7 @@ pub fn write_clone(
             return Err(CloneError::Interrupted);
         }
     }
-    // Films are made from the frames written, one at a time: a film of large pictures does not fit into memory.
+    // Films are made from the written frames, one at a time, because a film of large pictures does not fit into memory.
     let frame = |k: usize| match image::open(file(k)) {
         Ok(picture) => Ok(picture.into_rgb8()),
         Err(error) => Err(CloneError::Encode { what: "a film", reason: format!("{}: {error}", file(k).display()) }),
@@ -230,7 +230,7 @@ pub fn write_clone(
         record.enter_written(&format!("track/{}.{extension}", track_info.id))?;
     }
     let mut kept = record.remove_stale()?;
-    // Films were not recorded by versions up to 0.1.0.
+    // Versions up to 0.1.0 did not record films.
     let unrecorded = |film: &Film| !record.knows(film.file_name()) && folder.join(film.file_name()).exists();
     kept.extend(Film::ALL.iter().filter(|film| unrecorded(film)).map(|film| film.file_name().to_owned()));
     record.close()?;
@@ -263,7 +263,7 @@ pub fn write_clone(
     Ok(WrittenClone { apex: apex_picture, kept, faps_cut: info.faps_cut })
 }
 
-/// Frames from the first to the last, evenly.
+/// Indices of evenly spaced frames from the first to the last.
 fn spread(count: usize) -> Vec<usize> {
     let wanted = SHEET_FRAMES.min(count);
     let mut chosen: Vec<usize> = (0..wanted).map(|k| if wanted < 2 { 0 } else { k * (count - 1) / (wanted - 1) }).collect();
@@ -271,7 +271,7 @@ fn spread(count: usize) -> Vec<usize> {
     chosen
 }
 
-/// The clone as a track. Its nodes are computed, not tracked: the first frame is `fitted`, what the warp carries along `follows`.
+/// Converts the clone to a track. Its nodes are computed, not tracked: followers have the state `follows`, all others `fitted`.
 fn tracked(clone: &ClonedExpression, face: &Face) -> Vec<TrackedFrame> {
     let followers: Vec<usize> = face.wireframe.followers().iter().map(|f| f.node.index()).collect();
     let frame = |(k, frame): (usize, &super::CloneFrame)| TrackedFrame {
@@ -289,14 +289,14 @@ fn tracked(clone: &ClonedExpression, face: &Face) -> Vec<TrackedFrame> {
     };
     let mut frames: Vec<TrackedFrame> = clone.frames.iter().enumerate().map(frame).collect();
     if let Some(rest) = clone.rest_before() {
-        // A track begins with the neutral face: frame 0, of which there is no picture.
+        // A track begins with the neutral face: frame 0, which has no picture.
         let node = |&position: &Point2<f64>| TrackedNode::new(position, NodeState::Fitted, None);
         frames.insert(0, TrackedFrame { number: 0, nodes: rest.iter().map(node).collect() });
     }
     frames
 }
 
-/// Where the track goes, and what stands beside it.
+/// Path of the track, and the metadata file next to it.
 fn track_info(
     files: &CloneFiles,
     clone: &ClonedExpression,
@@ -339,14 +339,14 @@ fn track_info(
     (files.folder.join("track").join(format!("{id}.csv")), track_info)
 }
 
-/// A model of the clone's frames with the target's neutral face before them, where they do not begin with it: FAPs are offsets from neutral.
+/// Prepends the target's neutral face if the clone does not begin with it, because FAPs are offsets from neutral.
 fn from_neutral(model: DynamicExpressionModel<Px>, clone: &ClonedExpression) -> Result<DynamicExpressionModel<Px>, CloneError> {
     let Some(rest) = clone.rest_before() else { return Ok(model) };
     let neutral = FrameExpressionModel::new(rest.to_vec());
     Ok(DynamicExpressionModel::new(std::iter::once(neutral).chain(model.frames().iter().cloned()).collect())?)
 }
 
-/// The target's FAP file: its own motion in its own FAPUs.
+/// The target's FAP sequence: its own motion in its own FAPUs.
 fn fap_of(
     model: &DynamicExpressionModel<Px>,
     clone: &ClonedExpression,
@@ -370,8 +370,8 @@ fn fap_of(
     Ok((sequence, clamped))
 }
 
-/// FAPs that the source asks for and that are smaller in the model `shown`, each where it is asked for most. Values of a FAP file are
-/// its own, times the emphasis.
+/// Requested FAPs that the model `shown` reduces, each in the frame with its largest requested value. Values from a FAP file are those of the
+/// file times the emphasis.
 fn faps_cut(
     source: &SourceMotion,
     clone: &ClonedExpression,
@@ -404,7 +404,7 @@ fn faps_cut(
     Ok(most.into_values().filter(|cut| is_cut(cut, catalog)).collect())
 }
 
-/// Whether less is shown than was asked for, so that one sees it. What goes the other way goes along with other FAPs, and is not less.
+/// Whether visibly less is shown than requested. A value of opposite sign is a side effect of other FAPs and does not count.
 fn is_cut(cut: &CutFap, catalog: &FapCatalog) -> bool {
     let is_angle = catalog.rows().iter().any(|r| r.number.get() == cut.fap && r.motion.is_some_and(FapMotion::is_angle));
     let visible = if is_angle { CUT_ANGLE } else { CUT_UNITS };
@@ -413,10 +413,10 @@ fn is_cut(cut: &CutFap, catalog: &FapCatalog) -> bool {
     shown > -visible && lacking > CUT_SHARE * asked && lacking > visible
 }
 
-/// Writes a picture as PNG, quickly.
+/// Writes a picture as PNG with fast compression.
 ///
 /// # Errors
-/// [`io::Error`] when `writer` takes no more.
+/// [`io::Error`] if `writer` fails.
 pub fn encode_png(picture: &RgbImage, writer: &mut dyn io::Write) -> io::Result<()> {
     PngEncoder::new_with_quality(writer, CompressionType::Fast, FilterType::Paeth)
         .write_image(picture, picture.width(), picture.height(), image::ExtendedColorType::Rgb8)
@@ -431,7 +431,7 @@ mod tests {
     fn only_visibly_less_is_cut() {
         let cut = |fap, asked, shown| is_cut(&CutFap { fap, frame: 1, asked, shown }, FapCatalog::mpeg4());
         assert!(cut(6, 300.0, 138.0) && cut(4, -300.0, -191.0) && cut(3, 500.0, 0.0));
-        // Rounding; little; more; the other way.
+        // Rounding; a small value; more than requested; opposite sign.
         assert!(
             !cut(19, 1024.0, 988.0)
                 && !cut(31, 30.0, 12.0)

@@ -1,4 +1,4 @@
-//! Films in one file, and sheets of pictures side by side.
+//! Film files (GIF, APNG) and sheets of pictures side by side.
 
 use image::{
     Delay, Frame, Rgb, RgbImage,
@@ -16,7 +16,7 @@ const GAP: u32 = 6;
 /// Colour around the pictures.
 const PAPER: Rgb<u8> = Rgb([255, 255, 255]);
 
-/// Pictures in rows and columns, like the paper's figures 6 and 7.
+/// Pictures in rows and columns, like figures 6 and 7 of the paper.
 #[derive(Clone, Debug)]
 pub struct Sheet {
     rows: Vec<Vec<Labelled>>,
@@ -24,7 +24,7 @@ pub struct Sheet {
 }
 
 impl Sheet {
-    /// An empty sheet, whose pictures are at most `max_height` px high.
+    /// Creates an empty sheet whose pictures are at most `max_height` px high.
     pub fn new(max_height: u32) -> Self {
         Self { rows: Vec::new(), max_height }
     }
@@ -34,19 +34,19 @@ impl Sheet {
         self.push_labelled_row(pictures.into_iter().map(|picture| Labelled { picture, label: String::new() }).collect());
     }
 
-    /// Adds a row of pictures with their labels below; all get the height of the highest, in proportion. An empty picture leaves its place free.
+    /// Adds a row of pictures with labels below, scaled to the height of the highest one. An empty picture leaves its cell empty.
     pub fn push_labelled_row(&mut self, pictures: Vec<Labelled>) {
         self.rows.push(even(pictures, self.max_height));
     }
 
-    /// Width of every column: what stands below each other is one moment, or one expression.
+    /// Width of each column; a column holds one moment or one expression.
     fn columns(&self) -> Vec<u32> {
         let count = self.rows.iter().map(Vec::len).max().unwrap_or(0);
         let width = |k: usize| self.rows.iter().filter_map(|row| row.get(k)).map(|p| p.picture.width()).max().unwrap_or(0);
         (0..count).map(width).collect()
     }
 
-    /// Draws the sheet; pictures stand in the middle of their columns.
+    /// Draws the sheet with pictures centred in their columns.
     pub fn draw(&self) -> RgbImage {
         let columns = self.columns();
         let picture_height = |row: &Vec<Labelled>| row.first().map_or(0, |p| p.picture.height());
@@ -70,7 +70,7 @@ impl Sheet {
     }
 }
 
-/// What a cell of a sheet shows of pictures of one size: all of them, or the face and what is around it where the face takes a small part.
+/// The part of same-sized pictures that a cell of a sheet shows: all of them, or the face with a margin if the face is small.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FaceCell {
     /// Left, top, width and height, px; `None` for whole pictures.
@@ -78,12 +78,12 @@ pub struct FaceCell {
 }
 
 impl FaceCell {
-    /// Room on each side of the face, over its height: hair, ears and neck.
+    /// Margin on each side of the face, relative to its height: hair, ears and neck.
     const ROOM: f64 = 0.45;
-    /// Share of a picture from which on it is shown as a whole.
+    /// Fraction of the picture's area from which it is shown as a whole.
     const WHOLE: f64 = 0.7;
 
-    /// The cell of pictures of a size in which a face has these nodes, px, over all of them.
+    /// Creates the cell for pictures of a size, from the face's nodes in all of them, px.
     pub fn around<'a>((width, height): (u32, u32), nodes: impl IntoIterator<Item = &'a Point2<f64>>) -> Self {
         let ends = nodes.into_iter().filter(|p| p.coords.iter().all(|c| c.is_finite())).fold(None, |ends, p| {
             let (low, high) = ends.unwrap_or((*p, *p));
@@ -101,7 +101,7 @@ impl FaceCell {
         Self { part: is_part.then_some([left, top, right - left, bottom - top]) }
     }
 
-    /// What it shows of a picture.
+    /// Crops a picture to the cell.
     pub fn of(self, picture: &RgbImage) -> RgbImage {
         match self.part {
             Some([left, top, width, height]) => image::imageops::crop_imm(picture, left, top, width, height).to_image(),
@@ -110,13 +110,13 @@ impl FaceCell {
     }
 }
 
-/// The pictures of a row at one height.
+/// Scales the pictures of a row to one height.
 fn even(row: Vec<Labelled>, max_height: u32) -> Vec<Labelled> {
     let height = row.iter().map(|p| p.picture.height()).max().unwrap_or(0).min(max_height).max(1);
     row.into_iter().map(|p| Labelled { picture: at_height(&p.picture, height), label: p.label }).collect()
 }
 
-/// A picture scaled to a height, in proportion.
+/// Scales a picture to a height, in proportion.
 pub fn at_height(picture: &RgbImage, height: u32) -> RgbImage {
     if picture.height() == height || picture.height() == 0 {
         return picture.clone();
@@ -127,28 +127,28 @@ pub fn at_height(picture: &RgbImage, height: u32) -> RgbImage {
     image::imageops::resize(picture, width, height, filter)
 }
 
-/// Hundredths of a second that a frame of a GIF is shown at least: what is shorter, viewers show for a tenth of a second.
+/// Shortest time of a GIF frame, in hundredths of a second: viewers show shorter ones for a tenth of a second.
 const LEAST_DELAY: u64 = 2;
-/// Hundredths of a second that a frame of a GIF is shown at most.
+/// Longest time of a GIF frame, in hundredths of a second.
 const MOST_DELAY: u64 = u16::MAX as u64;
 
-/// Refuses rates at which a frame would be shown for longer than every kind of film can say.
+/// Checks that a frame is not shown for longer than every film format supports.
 ///
 /// # Errors
-/// [`CloneError::TooSlow`].
+/// [`CloneError::TooSlow`] if it is.
 pub fn check_rate(fps: f64) -> Result<(), CloneError> {
     let (seconds, most) = (1.0 / fps, LONGEST_FRAME_S);
     if seconds <= most { Ok(()) } else { Err(CloneError::TooSlow { seconds, most }) }
 }
 
-/// An animated GIF that repeats for ever: 256 colours, and times in hundredths of a second. Frames are taken one after the other.
+/// Encodes an endless GIF with 256 colours and times in hundredths of a second. Frames are taken one at a time.
 ///
-/// Each frame ends at the hundredth nearest to its time, so that the film as a whole is as long as it should be; of frames that follow each
-/// other too fast for the format, some are left out.
+/// Each frame ends at the hundredth nearest to its time, so that the total duration is right. Frames that follow too fast for the
+/// format are left out.
 ///
 /// # Errors
-/// [`CloneError::TooSlow`] for frames that the format cannot show for so long; [`CloneError::Encode`] when a side is over 65535 px; what
-/// `frames` gives as error.
+/// [`CloneError::TooSlow`] for a frame that is too long for the format; [`CloneError::Encode`] if a side is over 65535 px; any error from
+/// `frames`.
 pub fn animated_gif(frames: impl IntoIterator<Item = Result<RgbImage, CloneError>>, fps: f64) -> Result<Vec<u8>, CloneError> {
     check_rate(fps)?;
     let error = |e: image::ImageError| CloneError::Encode { what: "the GIF", reason: e.to_string() };
@@ -179,7 +179,7 @@ pub fn animated_gif(frames: impl IntoIterator<Item = Result<RgbImage, CloneError
     Ok(bytes)
 }
 
-/// The time of a frame in seconds as a fraction of 16-bit numbers: exact for whole rates and for 24, 30 and 60 times 1000/1001.
+/// Duration of a frame in seconds as a fraction of 16-bit numbers: exact for whole rates and for 24, 30 and 60 times 1000/1001.
 fn frame_time(fps: f64) -> (u16, u16) {
     const MOST: f64 = u16::MAX as f64;
     let fps = fps.clamp(1.0 / MOST, MOST);
@@ -197,10 +197,10 @@ fn frame_time(fps: f64) -> (u16, u16) {
     (last.1 as u16, last.0.max(1.0) as u16)
 }
 
-/// An animated PNG of `count` frames that repeats for ever: every colour as rendered. Frames are taken one after the other.
+/// Encodes an endless APNG of `count` frames, without loss of colour. Frames are taken one at a time.
 ///
 /// # Errors
-/// [`CloneError::Encode`] without frames or with another number of them; what `frames` gives as error.
+/// [`CloneError::Encode`] without frames or with another number of them; any error from `frames`.
 pub fn animated_png(
     frames: impl IntoIterator<Item = Result<RgbImage, CloneError>>,
     count: usize,
@@ -254,7 +254,7 @@ mod tests {
         {
             assert_eq!(FaceCell::around(size, nodes).of(&RgbImage::new(size.0, size.1)).dimensions(), size);
         }
-        // A face beside the picture.
+        // A face outside the picture.
         assert_eq!(FaceCell::around((100, 90), &face).part, None);
     }
 

@@ -1,4 +1,4 @@
-//! A source on a target: the frames.
+//! Frames of a cloned expression: applies a source motion to a target and renders the pictures.
 
 use image::RgbImage;
 use nalgebra::{Point2, Vector2};
@@ -28,15 +28,15 @@ pub struct CloneOptions {
     pub rescale: Rescale,
     /// Factor on all offsets; 1 is the source's own strength.
     pub emphasis: f64,
-    /// Carry the source's head motion over, too.
+    /// Whether to carry over the source's head motion.
     pub head: bool,
-    /// Strength of the source's wrinkles, 0 for none, 1 as the source has them.
+    /// Strength of the source's wrinkles: 0 for none, 1 for those of the source.
     pub wrinkles: f64,
     /// What shows in an open mouth.
     pub teeth: Teeth,
-    /// Whether the target blinks: once as the motion begins, and then every few seconds.
+    /// Whether the target blinks: once as the motion begins, then every few seconds.
     pub blink: bool,
-    /// Frame rate, length, course.
+    /// Frame rate, duration and time course.
     pub timing: Timing,
 }
 
@@ -76,17 +76,17 @@ impl Default for CloneOptions {
 /// ```
 #[derive(Clone, Debug)]
 pub struct CloneFrame {
-    /// Where everything is.
+    /// Positions of everything in this frame.
     pub deformation: Deformation,
-    /// The source's frame nearest in time.
+    /// Index of the source frame nearest in time.
     pub nearest: usize,
-    /// Where the nodes were asked to be; the warp may have cut a motion that no skin makes.
+    /// Requested node positions, px. The warp may have reduced a motion that skin cannot make.
     pub asked: Vec<Point2<f64>>,
-    /// How far the skin has gone the way of its class: 0 without one.
+    /// Growth of the class's skin change in this frame; 0 without one.
     pub skin: f64,
 }
 
-/// A source on a target: the motion, from which the pictures are rendered one by one.
+/// A source's motion on a target. Pictures are rendered one at a time.
 ///
 /// ```
 /// # use grimace::{clone as cloning, correspondence, fit, sequence};
@@ -116,7 +116,7 @@ pub struct ClonedExpression<'a> {
     pub fps: f64,
     /// The frames.
     pub frames: Vec<CloneFrame>,
-    /// Nodes at rest, where the motion does not begin there.
+    /// Nodes at rest, if the motion does not start at rest.
     rest: Option<Vec<Point2<f64>>>,
 }
 
@@ -174,11 +174,11 @@ pub fn clone_expression<'a>(
     Ok(ClonedExpression { target, details, skin: None, options: *options, fps, frames, rest })
 }
 
-/// Seconds from the start to the first blink, from one to the next, and of shutting and opening the lids: an opening takes twice as long.
+/// Seconds from the start to the first blink, and between blinks; then seconds to shut and to open the lids (opening takes twice as long).
 const BLINKS: (f64, f64) = (0.12, 3.5);
 const SHUTTING: (f64, f64) = (0.09, 0.19);
 
-/// How far the lids are shut by a blink, 0 to 1, at a time of a film of so many seconds; none that would not end in it.
+/// Closure of the lids by a blink, 0 to 1, at `time` in a film of `seconds`. Blinks that would not end within the film are left out.
 fn blink(time: f64, seconds: f64) -> f64 {
     let number = ((time - BLINKS.0) / BLINKS.1).floor().max(0.0);
     let start = BLINKS.0 + number * BLINKS.1;
@@ -192,7 +192,7 @@ fn blink(time: f64, seconds: f64) -> f64 {
     }
 }
 
-/// Brings the upper lids down to the lower ones by a share.
+/// Moves the upper lids towards the lower ones by a fraction of their distance.
 fn shut_lids(nodes: &mut [Point2<f64>], share: f64) {
     for (above, below) in LID_PAIRS {
         nodes[above] = nodes[above] + (nodes[below] - nodes[above]) * share;
@@ -200,8 +200,8 @@ fn shut_lids(nodes: &mut [Point2<f64>], share: f64) {
 }
 
 impl<'a> ClonedExpression<'a> {
-    /// The clone with the skin of a class, which grows with the motion. The wrinkles of a source's own frames, where they are asked for, go
-    /// before it.
+    /// Adds the skin change of a class, which grows with the motion. If wrinkles from the source's own frames are requested and available,
+    /// they take precedence and the clone is returned unchanged.
     ///
     /// # Errors
     /// As [`clone_expression`].
@@ -219,7 +219,7 @@ impl<'a> ClonedExpression<'a> {
 }
 
 impl ClonedExpression<'_> {
-    /// Whether a skin grows on it.
+    /// Whether the skin change of a class is applied.
     pub fn has_skin(&self) -> bool {
         self.skin.is_some()
     }
@@ -236,7 +236,7 @@ impl ClonedExpression<'_> {
         let Some(details) = self.details else { return warp.render(plain, deformation, &detail::inside(None, teeth)) };
         let of_source = details.show_mouth(teeth);
         let mouth = if of_source { details.mouth(*nearest) } else { None };
-        // While the source's lips are closed the mouth is dark: drawn teeth would turn into others when they open.
+        // With the source's mouth, closed lips get a dark inside: drawn teeth would change when the source's lips open.
         let teeth = if of_source { Teeth::Dark } else { teeth };
         let inside = detail::inside(mouth.as_ref(), teeth);
         if self.options.wrinkles > 0.0 {
@@ -247,15 +247,14 @@ impl ClonedExpression<'_> {
         }
     }
 
-    /// Where the source asks the nodes to be, frame by frame: before lids and lips are made to open round, without blinks and the head's
-    /// motion.
+    /// Node positions that the source asks for, per frame, without blinks and head motion and with lids and lips as the source has them.
     pub(super) fn unshaped(&self, source: &SourceMotion, face: &Face) -> Result<Vec<Vec<Point2<f64>>>, CloneError> {
         let CloneOptions { rescale, emphasis, timing, .. } = self.options;
         let (_, moments) = timing.moments(source)?;
         Ok(moments.iter().map(|m| self.target.unshaped_nodes_at(source, m, rescale, emphasis, face)).collect())
     }
 
-    /// The target's own dynamic model, px.
+    /// The target's dynamic model, px.
     ///
     /// # Errors
     /// [`CloneError::Model`] for fewer than two frames.
@@ -269,12 +268,12 @@ impl ClonedExpression<'_> {
         self.target
     }
 
-    /// The nodes of the target at rest, where the first frame is not at rest.
+    /// The target's nodes at rest, if the first frame is not at rest.
     pub(super) fn rest_before(&self) -> Option<&[Point2<f64>]> {
         self.rest.as_deref()
     }
 
-    /// The frame in which the nodes are farthest from neutral, without the head's motion; the first of equals. A blink is no apex.
+    /// Index of the frame whose nodes are farthest from neutral, without head motion and blinks; the first one of equals.
     pub fn apex(&self) -> usize {
         let neutral = self.target.warp().nodes();
         let blinks = |k: usize| LID_PAIRS.iter().any(|&(above, below)| self.options.blink && (k == above || k == below));

@@ -1,11 +1,10 @@
-//! What an expression does to the skin of many people: their mean expression ratio image.
+//! The effect of an expression on the skin of many people: their mean expression ratio image.
 //!
-//! A representative is where nodes go; folds, furrows and shadows go with none. As Liu, Shan and Zhang (*Expressive expression mapping
-//! with ratio images*, SIGGRAPH 2001) do for one person, the grey levels of a person's apex frame are divided by those of the neutral
-//! frame at the same point of the skin. Both are first carried onto one layout, the wireframe seen from the front, so that people can be
-//! averaged: every pixel is the mean of the logarithms of their ratios without the upper and the lower quarter of them, drawn towards 0 the
-//! less sure it is. Slow changes (light, exposure) are taken out, and what is not skin, or lies elsewhere on every face (eyes, lips, brows,
-//! nostrils, hair), counts for nothing.
+//! A representative has node positions only; folds, furrows and shadows are not part of it. Following Liu, Shan and Zhang (*Expressive expression
+//! mapping with ratio images*, SIGGRAPH 2001), the grey levels of a person's apex frame are divided by those of the neutral frame at the
+//! same point of the skin. Both frames are first mapped to a common layout, the wireframe seen from the front, so that people can be averaged.
+//! Each pixel is the mean logarithm of the ratios without the upper and the lower quarter, shrunk towards 0 according to its uncertainty. Slow
+//! changes (light, exposure) are removed. Areas that are not skin or differ between faces (eyes, lips, brows, nostrils, hair) have no weight.
 
 use std::{
     io,
@@ -25,69 +24,70 @@ use crate::{
     wireframe::Wireframe,
 };
 
-/// Share of what grows lighter that a clone shows of a mean of people: folds are shadows.
+/// Fraction of the lightening in a mean of people that a clone shows; folds are shadows.
 const LIGHTER: f32 = 0.35;
 /// Size of the layout, px.
 pub(super) const SIZE: (u32, u32) = (128, 176);
-/// Place of the wireframe's origin in it, and px for each of its units: the eyes are 60 px apart.
+/// Position of the wireframe's origin in the layout, px. `SCALE` is px per wireframe unit: the eyes are 60 px apart.
 pub(super) const ORIGIN: (f64, f64) = (63.5, 85.0);
 pub(super) const SCALE: f64 = 100.0;
-/// Logarithm of a ratio that the file's 255 stands for; 128 is none, 1 its negative.
+/// Logarithm of a ratio that level 255 of the file means; level 1 means its negative, 128 no change.
 pub const SKIN_LOG_LIMIT: f32 = 0.4;
-/// Level of the file that stands for no change.
+/// Level of the file that means no change.
 pub const NO_CHANGE: u8 = 128;
-/// End of its file's name, after the representative's stem.
+/// Suffix of the file name, after the representative's stem.
 pub const SKIN_SUFFIX: &str = "_skin.png";
-/// Fewest people whose mean is taken: of fewer it would be somebody's own face.
+/// Smallest number of people in a mean; with fewer, it would show individual faces.
 pub const LEAST_SKIN_PEOPLE: usize = 5;
-/// Most people of a class whose frames are read.
+/// Largest number of people per class whose frames are read.
 pub const MOST_SKIN_PEOPLE: usize = 64;
-/// Least root mean square of a mean, as a logarithm: less is no shading, but what warping and noise leave.
+/// Smallest root mean square of a mean (logarithm) that counts as shading; less is left by warping and noise.
 const LEAST_SHADING: f64 = 0.010;
-/// Least eye distance of a picture that shows folds, px.
+/// Smallest eye distance of a picture that shows folds, px.
 const LEAST_EYE_DISTANCE: f64 = 40.0;
-/// Smoothing of both pictures before their ratio is taken, and width of what counts as light, over the eye distance.
+/// Sigma of the smoothing of both pictures before their ratio is taken, and (`SLOW`) of what counts as light, in eye distances.
 const SMOOTHING: f64 = 0.014;
 const SLOW: f64 = 0.30;
-/// Standard errors that a pixel's mean counts half at.
+/// Number of standard errors at which a pixel's mean is halved.
 const SHRINK: f32 = 1.5;
-/// How far around a pixel of the layout folds are compared by their depth, px; a depth that is noise; and the most that the mean's are deepened.
+/// Sigma of the neighbourhood in which the depth of folds is compared, px of the layout. `DEPTH_NOISE`: depth (logarithm) that counts as
+/// noise. `DEEPEST`: largest factor on the mean's folds.
 const DEPTH_REACH: f64 = 4.2;
 const DEPTH_NOISE: f32 = 0.012;
 const DEEPEST: f32 = 2.0;
-/// By how much what is darker in a mean is darker than that: a mean has the shading of people, but not in one line. Beside the mouths of 90 people
-/// who smile the darkest fiftieth has a logarithm of -0.20 on the median (quartiles -0.28 and -0.13), and of their mean -0.12.
+/// Factor on the darkening in a mean, whose folds are spread instead of lying in one line. Beside the mouths of 90 smiling
+/// people the darkest fiftieth has a logarithm of -0.20 on the median (quartiles -0.28 and -0.13), in their mean -0.12.
 const DARKER: f32 = 1.7;
-/// Weight under which a person's pixel does not count.
+/// Weight below which a person's pixel is ignored.
 const LEAST_WEIGHT: f32 = 0.25;
-/// Share of a face's mask from which on all of a skin is applied.
+/// Value of a face's mask from which a skin change is applied fully.
 const BORDER: f32 = 0.5;
-/// Room around the brows that is not skin, over the eye distance.
+/// Margin around the brows that does not count as skin, in eye distances.
 const BROW_ROOM: f64 = 0.05;
 /// The brows: upper edge from the outer to the inner end, then the lower edge back.
 const BROWS: [[usize; 4]; 2] = [[15, 16, 17, 18], [48, 49, 50, 51]];
-/// The underside of the nose: nostrils lie elsewhere on every face.
+/// The underside of the nose; the position of nostrils differs between faces.
 pub(super) const NOSTRILS: [usize; 3] = [26, 6, 59];
 
 /// A mean expression ratio image: logarithms of ratios on the layout.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Skin {
-    /// Row by row.
+    /// Logarithms of the ratios, row by row.
     pub(super) logs: Vec<f32>,
-    /// People it is the mean of; 0 where it was read from a file, or made.
+    /// Number of people in the mean; 0 if it was read from a file or generated.
     pub people: usize,
-    /// Share of what grows lighter that a clone shows.
+    /// Fraction of the lightening that a clone shows.
     pub(super) lighter: f32,
 }
 
-/// One person's ratios on the layout, with weights.
+/// One person's log ratios on the layout, with weights.
 #[derive(Clone, Debug)]
 pub struct SkinSample {
     logs: Vec<f32>,
     weights: Vec<f32>,
 }
 
-/// Why people have no mean skin.
+/// Why there is no mean skin change.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum NoSkin {
     /// Nobody has looked: only a run has the pictures.
@@ -117,7 +117,7 @@ pub enum NoSkin {
     },
 }
 
-/// The layout that people are compared on.
+/// The layout on which people are compared.
 #[derive(Debug)]
 pub struct SkinLayout {
     warp: Warp,
@@ -125,7 +125,7 @@ pub struct SkinLayout {
 }
 
 impl SkinLayout {
-    /// The layout of Candide-3; `None` if the wireframe cannot be warped, which Candide-3 can.
+    /// Creates the layout of Candide-3; `None` if the wireframe cannot be warped, which does not happen with Candide-3.
     pub fn new() -> Option<Self> {
         let nodes = layout_nodes();
         let warp = Warp::new(&nodes).ok()?;
@@ -141,8 +141,8 @@ impl SkinLayout {
         Some(Self { warp, mask })
     }
 
-    /// What the skin of one person does from the neutral to the apex frame, each with its nodes (px); `None` for a face too small to
-    /// show it, or nodes that are no face.
+    /// Measures the change of one person's skin from the neutral to the apex frame, each with its nodes (px). `None` if the face is too small or
+    /// the nodes do not form a face.
     pub fn measure(&self, neutral: (&RgbImage, &[Point2<f64>]), apex: (&RgbImage, &[Point2<f64>])) -> Option<SkinSample> {
         let unit = self.warp.eye_distance();
         let [neutral, apex] = [neutral, apex].map(|(picture, nodes)| self.carried(picture, nodes));
@@ -160,7 +160,7 @@ impl SkinLayout {
         Some(SkinSample { logs, weights })
     }
 
-    /// Grey levels of a picture on the layout.
+    /// Maps the grey levels of a picture to the layout.
     fn carried(&self, picture: &RgbImage, nodes: &[Point2<f64>]) -> Option<Vec<f32>> {
         let unit = self.warp.eye_distance();
         let middle = |a: usize, b: usize| Some(nalgebra::center(nodes.get(a)?, nodes.get(b)?));
@@ -168,7 +168,7 @@ impl SkinLayout {
         if !(eyes >= LEAST_EYE_DISTANCE) {
             return None;
         }
-        // As large as the layout: finer detail would be seen here and there only.
+        // Scaled down to the size of the layout to avoid aliasing of finer detail.
         let (width, height) = picture.dimensions();
         let factor = (unit / eyes).min(1.0);
         let side = |s: u32| (f64::from(s) * factor).round().max(1.0) as u32;
@@ -187,7 +187,7 @@ impl SkinLayout {
     }
 }
 
-/// Distance between the middles of the eyes.
+/// Distance between the centres of the eyes.
 pub(super) fn eye_distance(nodes: &[Point2<f64>]) -> f64 {
     (nalgebra::center(&nodes[20], &nodes[23]) - nalgebra::center(&nodes[53], &nodes[56])).norm()
 }
@@ -196,10 +196,10 @@ pub(super) fn layout_nodes() -> Vec<Point2<f64>> {
     Wireframe::candide3().vertices().iter().map(|v| Point2::new(ORIGIN.0 + SCALE * v.x, ORIGIN.1 - SCALE * v.y)).collect()
 }
 
-/// Gives a mean folds as deep as people's: everybody's fold lies a little elsewhere, so that their mean is wide and shallow. As Tiddeman, Burt
-/// and Perrett (*Prototyping and transforming facial textures for perception research*, IEEE CG&A 2001) do for averages of faces, it is
-/// multiplied by the magnitude around a pixel that people have on the mean over that which their mean has; noise, which all have and the mean
-/// has not, counts for nothing.
+/// Restores the depth of folds in a mean. Folds differ in position between people, so their mean is wide and shallow. As Tiddeman, Burt
+/// and Perrett (*Prototyping and transforming facial textures for perception research*, IEEE CG&A 2001) do for averages of faces, the
+/// mean is multiplied by the people's average magnitude around a pixel over that of the mean. Noise, which people have and the mean has not, is
+/// subtracted.
 fn deepen(logs: &mut [f32], samples: &[&SkinSample]) {
     let around = |values: &[f32]| smooth(values, SIZE.0, SIZE.1, DEPTH_REACH);
     let mut depths = vec![0.0_f32; logs.len()];
@@ -223,22 +223,22 @@ fn write_png(picture: &GrayImage, writer: &mut dyn io::Write) -> io::Result<()> 
         .map_err(io::Error::other)
 }
 
-/// A level as far as a share of the face's mask lets it through.
+/// Fades a level towards no change where the face's mask is low.
 pub(super) fn bordered(level: u8, share: f32) -> u8 {
     let change = f32::from(level) - f32::from(NO_CHANGE);
     (f32::from(NO_CHANGE) + change * (share / BORDER).min(1.0)).round() as u8
 }
 
-/// The logarithm of a ratio that a level of the file stands for.
+/// The logarithm of a ratio that a level of the file means.
 pub(super) fn log_of(level: u8) -> f32 {
     (f32::from(level) - f32::from(NO_CHANGE)) / 127.0 * SKIN_LOG_LIMIT
 }
 
 impl Skin {
-    /// The robust mean of people, one sample each.
+    /// Computes the robust mean of people, one sample each.
     ///
     /// # Errors
-    /// [`NoSkin`].
+    /// [`NoSkin`] for too few people or no common shading.
     pub fn mean(samples: &[&SkinSample]) -> Result<Self, NoSkin> {
         let people = samples.len();
         if people < LEAST_SKIN_PEOPLE {
@@ -250,7 +250,7 @@ impl Skin {
         for (k, log) in logs.iter_mut().enumerate() {
             values.clear();
             values.extend(samples.iter().map(|s| (s.logs[k], s.weights[k])).filter(|v| v.1 >= LEAST_WEIGHT));
-            // Where most people have hair or an edge, the others are not everybody.
+            // Where most people have hair or an edge, the remaining ones are not representative.
             if values.len() < LEAST_SKIN_PEOPLE.max(people / 2) {
                 continue;
             }
@@ -260,7 +260,7 @@ impl Skin {
             let total: f32 = kept.iter().map(|v| v.1).sum();
             let mean = kept.iter().map(|v| v.0 * v.1).sum::<f32>() / total;
             let share = total / kept.len() as f32;
-            // Half the distance of the quartiles over its value for a normal distribution.
+            // Interquartile range over that of the standard normal distribution.
             let spread = (kept[kept.len() - 1].0 - kept[0].0) / 1.349;
             let error = SHRINK * spread / (values.len() as f32).sqrt();
             let sure = mean * mean / (mean * mean + error * error).max(1e-12);
@@ -279,7 +279,7 @@ impl Skin {
         Ok(Self { logs: smooth(&logs, SIZE.0, SIZE.1, 0.7), people, lighter: LIGHTER })
     }
 
-    /// The picture as it is written: 128 is no change, 1 and 255 are factors of exp(-0.4) and exp(0.4).
+    /// The picture that is written: 128 is no change, 1 and 255 are factors of exp(-0.4) and exp(0.4).
     pub fn picture(&self) -> GrayImage {
         let byte = |log: f32| (f32::from(NO_CHANGE) + (log / SKIN_LOG_LIMIT * 127.0).round()).clamp(1.0, 255.0) as u8;
         GrayImage::from_fn(SIZE.0, SIZE.1, |x, y| image::Luma([byte(self.logs[(y * SIZE.0 + x) as usize])]))
@@ -288,15 +288,15 @@ impl Skin {
     /// Writes the picture as PNG.
     ///
     /// # Errors
-    /// [`io::Error`] when `writer` takes no more.
+    /// [`io::Error`] if `writer` fails.
     pub fn write(&self, writer: &mut dyn io::Write) -> io::Result<()> {
         write_png(&self.picture(), writer)
     }
 
-    /// Writes the picture without what lies beside the face, and where it ends softly: a mask on the layout for who has none of the face itself.
+    /// Writes the picture faded out at the border of the face, for readers that have no mask of the face.
     ///
     /// # Errors
-    /// [`io::Error`] when `writer` takes no more.
+    /// [`io::Error`] if `writer` fails.
     pub fn write_in_face(&self, writer: &mut dyn io::Write) -> io::Result<()> {
         let nodes = layout_nodes();
         let mask = detail::mask_of(&nodes, eye_distance(&nodes), SIZE, detail::LIPS);
@@ -307,21 +307,21 @@ impl Skin {
         write_png(&picture, writer)
     }
 
-    /// The picture with folds softened by a Gaussian of `sigma` px of it.
+    /// The picture with folds softened by a Gaussian of `sigma` px.
     pub(super) fn softened(&self, sigma: f64) -> GrayImage {
         if sigma > 0.0 { Self { logs: smooth(&self.logs, SIZE.0, SIZE.1, sigma), ..*self }.picture() } else { self.picture() }
     }
 
-    /// Share of what grows lighter that is shown.
+    /// Fraction of the lightening that a clone shows.
     pub fn lighter(&self) -> f32 {
         self.lighter
     }
 
-    /// The skin that goes with a motion, and its file: that of its class beside a representative's table; where there is none, the folds of the
-    /// motion's form.
+    /// Returns the skin change for a motion, and its file: that of the class next to a representative's table, otherwise (without a file) the
+    /// folds that follow from the motion's form.
     ///
     /// # Errors
-    /// [`CloneError`] for a file that is no skin.
+    /// [`CloneError`] for an invalid file.
     pub fn going_with(source: &Path, motion: &SourceMotion) -> Result<(Self, Option<PathBuf>), CloneError> {
         match Self::path_beside(source, motion.kind) {
             Some(path) => Ok((Self::read(&path)?, Some(path))),
@@ -329,17 +329,17 @@ impl Skin {
         }
     }
 
-    /// Where the skin lies that belongs to a motion: beside a representative's table. `None` for other motions, and where there is none.
+    /// Path of the skin change next to a representative's table; `None` for other motions, and if the file does not exist.
     pub fn path_beside(source: &Path, kind: SourceKind) -> Option<PathBuf> {
         let stem = source.file_stem()?.to_string_lossy();
         let picture = source.with_file_name(format!("{stem}{SKIN_SUFFIX}"));
         (kind == SourceKind::Model && picture.is_file()).then_some(picture)
     }
 
-    /// Reads a picture that [`Skin::write`] wrote.
+    /// Reads a picture written by [`Skin::write`].
     ///
     /// # Errors
-    /// [`CloneError`] for a file that is no picture, or one of another size.
+    /// [`CloneError`] for a file that is not a picture or has another size.
     pub fn read(path: &Path) -> Result<Self, CloneError> {
         let picture = image::imageops::grayscale(&crate::sequence::read_colour(path)?);
         if picture.dimensions() != SIZE {
@@ -380,7 +380,7 @@ mod tests {
 
     #[test]
     fn folds_that_lie_a_little_elsewhere_on_everybody_keep_their_depth() {
-        // A fold of a depth of 0.2 and of 3 px, at one of seven places 3 px apart on each person.
+        // A fold 0.2 deep and 3 px wide, at one of seven positions 3 px apart for each person.
         let fold = |shift: f32| -> Vec<f32> {
             let at = |k: usize| (k as u32 % SIZE.0) as f32 - 60.0 - shift;
             (0..(SIZE.0 * SIZE.1) as usize).map(|k| if at(k).abs() < 1.5 { -0.2 } else { 0.0 }).collect()
@@ -389,12 +389,12 @@ mod tests {
             (-3..=3).map(|k| SkinSample { logs: fold(3.0 * k as f32), weights: vec![1.0; (SIZE.0 * SIZE.1) as usize] }).collect();
         let samples: Vec<&SkinSample> = people.iter().collect();
         let deepest = |values: &[f32]| values.iter().copied().fold(0.0, f32::min);
-        // A mean over all is a seventh as deep everywhere: it has the magnitude of the people, noise apart, and is left as it is.
+        // The mean of all is a seventh as deep everywhere. Apart from noise it has the people's magnitude, and stays as it is.
         let mut wide: Vec<f32> = (0..people[0].logs.len()).map(|k| people.iter().map(|p| p.logs[k]).sum::<f32>() / 7.0).collect();
         let before = deepest(&wide);
         deepen(&mut wide, &samples);
         assert!((deepest(&wide) - before).abs() < 1e-6, "{before} {}", deepest(&wide));
-        // What trimming and doubt took away comes back, at most twice.
+        // Depth lost by trimming and shrinking is restored, at most by a factor of two.
         let mut shy: Vec<f32> = fold(0.0).iter().map(|log| 0.05 * log).collect();
         deepen(&mut shy, &samples);
         assert!((-0.02..-0.015).contains(&deepest(&shy)), "{}", deepest(&shy));

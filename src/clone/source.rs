@@ -1,4 +1,4 @@
-//! What is cloned: the motion of a track, a representative or normalized model, or a FAP file.
+//! The source of cloning: the motion of a track, a representative, a normalized model or a FAP file.
 
 use std::path::Path;
 
@@ -18,7 +18,7 @@ use crate::{
     wireframe::{Face, Fapus, LID_LIMIT, LidUnits},
 };
 
-/// What a motion was read from.
+/// Kind of file a motion comes from.
 ///
 /// ```
 /// use grimace::{clone::{SourceKind, SourceMotion}, wireframe::Face};
@@ -38,7 +38,7 @@ pub enum SourceKind {
     Fap,
 }
 
-/// The motion of one expression, free of the head: neutral offsets of all nodes over time.
+/// The motion of one expression without head motion: offsets of all nodes from neutral over time.
 ///
 /// ```
 /// use grimace::{clone::SourceMotion, track::read_track, wireframe::Face};
@@ -50,31 +50,29 @@ pub enum SourceKind {
 /// ```
 #[derive(Clone, Debug)]
 pub struct SourceMotion {
-    /// Name for files and captions: the file's stem.
+    /// Name for files and captions: the stem of the file.
     pub name: String,
-    /// What it was read from.
+    /// Kind of file it comes from.
     pub kind: SourceKind,
-    /// Neutral offsets of all nodes, frame by frame: upright, y up, in the unit of `fapus`. The first frame is zero.
+    /// Offsets of all nodes from neutral for each frame: upright, y up, in the unit of `fapus`. The first frame of a track or a model is zero.
     pub offsets: Vec<Vec<Vector2<f64>>>,
     /// FAPUs of the source's neutral face.
     pub fapus: Fapus,
-    /// Distance of the lids of the neutral face at each pair of `LID_PAIRS`, same unit; of face units, one IRISD0 at their middle.
+    /// Distance of the lids of the neutral face at each pair of `LID_PAIRS`, in the same unit; in face units one IRISD0 at the middle.
     pub lid_gaps: [f64; LID_PAIRS.len()],
-    /// Motion of the head from the neutral frame to each frame, in the source's picture (px); the identity where it is not known.
+    /// Head motion from the neutral frame to each frame, in the source's picture (px); the identity if unknown.
     pub head: Vec<Similarity>,
-    /// Frame numbers and node positions in the source's own pictures; empty but for tracks.
+    /// Frame numbers and node positions in the source's own pictures; empty except for tracks.
     pub frames: Vec<(u32, Vec<Point2<f64>>)>,
-    /// Frames per second, where the source says.
+    /// Frames per second, if the source has them.
     pub fps: Option<f64>,
-    /// Seconds from the first frame to every frame, ascending, where they are not evenly apart: frames that are missing, or have times of
-    /// their own.
+    /// Seconds from the first frame to each frame, ascending, if frames are not evenly spaced (missing frames or individual times).
     pub times: Option<Vec<f64>>,
-    /// Emotion label, where the source says.
+    /// Emotion label, if the source has one.
     pub emotion: Option<String>,
-    /// FAPs that have values and do not show on a face seen from the front.
+    /// FAPs that have values but do not show on a frontal face.
     pub not_shown: Vec<FapNumber>,
-    /// FAPs that a FAP file sets, ascending: these are asked for, and what else moves goes along by the springs. `None` where all of the
-    /// motion is meant.
+    /// FAPs set by a FAP file, ascending; all other motion follows by the springs. `None` if the whole motion is intended.
     pub asked: Option<Vec<FapNumber>>,
 }
 
@@ -82,7 +80,7 @@ impl SourceMotion {
     /// Reads a track (`.csv` with a column `state`), a representative or normalized model (`.csv` without), or a FAP file.
     ///
     /// # Errors
-    /// [`CloneError`] for a file that is none of these, does not read, or is over another wireframe.
+    /// [`CloneError`] for a file of another kind, an invalid file, or one for another wireframe.
     pub fn read(path: &Path, face: &Face) -> Result<Self, CloneError> {
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
@@ -126,7 +124,7 @@ impl SourceMotion {
         Ok(motion)
     }
 
-    /// Checks that the motion is one that a face can make.
+    /// Checks that a face can make the motion.
     fn check(&self) -> Result<(), Implausible> {
         let unit = if self.kind == SourceKind::Track { "px" } else { "face units" };
         let size = FaceSize { eye_separation: self.fapus.es, unit };
@@ -138,8 +136,8 @@ impl SourceMotion {
         Ok(())
     }
 
-    /// The motion of tracked frames, with the marks on the neutral one where they are known; turns of the head by more than a few degrees
-    /// are taken out, which would be taken for an expression, and what it does in the picture is kept beside it.
+    /// Creates the motion of tracked frames, with the marks of the neutral frame if known. Head turns of more than a few degrees are
+    /// removed, because they would look like an expression; the head motion in the picture is kept separately.
     ///
     /// # Errors
     /// [`CloneError`] for fewer than two frames or a neutral face without FAPUs.
@@ -175,7 +173,7 @@ impl SourceMotion {
         })
     }
 
-    /// The motion of a representative or a normalized model.
+    /// Creates the motion of a representative or a normalized model.
     ///
     /// # Errors
     /// [`CloneError::Topology`] for another wireframe.
@@ -203,7 +201,7 @@ impl SourceMotion {
         })
     }
 
-    /// The motion that FAPs ask for: they drive their nodes, the springs place the rest.
+    /// Creates the motion of FAPs: they drive their nodes, and the springs place the rest.
     ///
     /// # Errors
     /// [`CloneError`] for a file without frames, with more than 20,000 of them, or without a FAP that shows from the front.
@@ -215,7 +213,7 @@ impl SourceMotion {
         let normalizer = normalizer(face)?;
         let canonical = normalizer.canonical();
         if offsets.len() == 1 {
-            // A single pose is reached from the neutral face.
+            // A single pose starts from the neutral face.
             offsets.insert(0, vec![Vector2::zeros(); face.wireframe.node_count()]);
         }
         Ok(Self {
@@ -234,18 +232,18 @@ impl SourceMotion {
         })
     }
 
-    /// Whether the motion asks for a FAP, and not only moves it along.
+    /// Whether the motion sets a FAP itself, rather than moving it along.
     pub fn asks_for(&self, fap: FapNumber) -> bool {
         self.asked.as_ref().is_none_or(|asked| asked.contains(&fap))
     }
 
-    /// Its units of the FAPs of the lids.
+    /// Units of the lids' FAPs for the source.
     pub(crate) fn lid_units(&self) -> LidUnits {
         lid_units(&self.fapus, &self.lid_gaps)
     }
 
-    /// Whether it shows the neutral face from the first to the last frame: no node goes further than a thousandth of the eye distance,
-    /// about one FAP unit, which nobody sees.
+    /// Whether all frames show the neutral face: no node moves more than a thousandth of the eye distance, about one FAP unit, which is
+    /// invisible.
     pub fn is_still(&self) -> bool {
         const SEEN: f64 = 1e-3;
         self.offsets.iter().flatten().all(|offset| offset.norm() <= SEEN * self.fapus.es)
@@ -256,7 +254,7 @@ impl SourceMotion {
         self.offsets.len()
     }
 
-    /// The frame in which the expression is strongest: the one whose offsets are largest in sum; the first of equals.
+    /// Index of the frame with the largest sum of offsets; the first one of equals.
     pub fn apex(&self) -> usize {
         let size = |frame: &Vec<Vector2<f64>>| frame.iter().map(Vector2::norm).sum::<f64>();
         let sizes: Vec<f64> = self.offsets.iter().map(size).collect();
@@ -264,14 +262,14 @@ impl SourceMotion {
     }
 }
 
-/// Nodes of the upper lid margin, each with the one of the lower lid that it meets: left eye, right eye, from outside to inside.
+/// Nodes of the upper lid margin, each with the node of the lower lid that it meets: left eye, right eye, from outside to inside.
 pub const LID_PAIRS: [(usize, usize); 6] = [(97, 99), (21, 22), (105, 107), (98, 100), (54, 55), (106, 108)];
 
-/// Places in [`LID_PAIRS`] of the middle of the left and of the right eye.
+/// Indices in [`LID_PAIRS`] of the middle of the left and of the right eye.
 const MIDDLES: [usize; 2] = [1, 4];
 
-/// Distance of the lids of an upright face (y up) at each pair, within what its iris boxes leave plausible; 0 where the wireframe lacks
-/// them.
+/// Distance of the lids of an upright face (y up) at each pair, limited to what its iris boxes make plausible; 0 if the wireframe lacks
+/// these nodes.
 pub(super) fn lid_gaps(upright: &[Point2<f64>], fapus: &Fapus, canonical: &Canonical) -> [f64; LID_PAIRS.len()] {
     let scale = fapus.irisd / canonical.fapus.irisd;
     let (seen, of_boxes) = (gaps(upright), canonical_lid_gaps(canonical).map(|gap| gap * scale));
@@ -281,7 +279,7 @@ pub(super) fn lid_gaps(upright: &[Point2<f64>], fapus: &Fapus, canonical: &Canon
     })
 }
 
-/// The same of face units: the lids of the canonical neutral, whose middles stand for one IRISD0 apart, whatever was normalized by it.
+/// The same in face units: the lids of the canonical neutral face, scaled so that their middles are one IRISD0 apart.
 pub fn canonical_lid_gaps(canonical: &Canonical) -> [f64; LID_PAIRS.len()] {
     let gaps = gaps(canonical.neutral.nodes());
     let middle = MIDDLES.map(|pair| gaps[pair]).iter().sum::<f64>() / MIDDLES.len() as f64;
@@ -295,12 +293,12 @@ fn gaps(upright: &[Point2<f64>]) -> [f64; LID_PAIRS.len()] {
     })
 }
 
-/// Units of the FAPs of the lids of a face with these distances of its lids.
+/// Units of the lids' FAPs for these distances of the lids.
 pub(super) fn lid_units(fapus: &Fapus, gaps: &[f64; LID_PAIRS.len()]) -> LidUnits {
     LidUnits::new(fapus, MIDDLES.map(|pair| gaps[pair]))
 }
 
-/// A normalizer of the face, for what does not depend on its options: upright frames and the canonical neutral.
+/// A normalizer for what does not depend on its options: upright frames and the canonical neutral face.
 pub(super) fn normalizer(face: &Face) -> Result<Normalizer<'_>, CloneError> {
     Normalizer::new(&face.wireframe, &face.tables, NormalizeOptions::default())
         .map_err(|source| CloneError::Fapus { what: "the wireframe", source })

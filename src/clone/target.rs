@@ -1,4 +1,4 @@
-//! Whom an expression is put on: a neutral photograph and the wireframe on it.
+//! The target of cloning: a neutral photograph with the wireframe fitted to it.
 
 use image::RgbImage;
 use nalgebra::{Point2, Rotation2, Vector2};
@@ -42,24 +42,24 @@ use crate::{
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Rescale {
-    /// By the FAPUs of each node's region: a wide mouth smiles wider.
+    /// By the FAPUs of each node's region, so that a wide mouth smiles wider.
     #[default]
     Fapu,
-    /// By the distance of the eyes alone.
+    /// By the eye distance alone.
     Uniform,
-    /// Not at all: pixels are pixels (for comparison).
+    /// No scaling: offsets in pixels are copied (for comparison).
     None,
 }
 
-/// Least distance of the eyes, px.
+/// Smallest eye distance, px.
 pub const LEAST_EYE_DISTANCE: f64 = 6.0;
 
-/// One half of the face wider than the other by more than this is a face turned away.
+/// Ratio of the widths of the face's halves from which it counts as turned away.
 const MAX_HALF_RATIO: f64 = 1.9;
-/// Depth of the midline before the outer eye corners over half the face's width there (Candide-3: nose bone against eye corners).
+/// Depth of the midline in front of the outer eye corners, over half the face's width there (Candide-3: nose bone against eye corners).
 const MIDLINE_DEPTH: f64 = 0.45;
 
-/// A neutral photograph, ready to be moved.
+/// A neutral photograph, prepared for cloning.
 ///
 /// ```
 /// use grimace::{clone::Target, correspondence::read_correspondences, fit::Fitter, wireframe::Face};
@@ -79,11 +79,11 @@ pub struct Target {
     pub name: String,
     /// The photograph.
     pub picture: RgbImage,
-    /// The wireframe on it.
+    /// The wireframe fitted to it.
     pub fitted: FittedWireframe,
     /// Its FAPUs, px.
     pub fapus: Fapus,
-    /// Angle of the face's up against the image's up, radians, towards the image's left (y up).
+    /// Angle from the image's up to the face's up, radians, positive towards the image's left (y up).
     pub roll: f64,
     lid_gaps: [f64; LID_PAIRS.len()],
     texture: Texture,
@@ -106,7 +106,7 @@ impl Target {
         Self::fitted_by(|marks| fitter.fit(&face.wireframe, marks), name, picture, marks, face)
     }
 
-    /// As [`Target::new`], with the wireframe fitted as `fit` does it.
+    /// [`Target::new`] with the wireframe fitted by `fit`.
     pub(crate) fn fitted_by(
         fit: impl FnOnce(&[Correspondence]) -> Result<FittedWireframe, FitError>,
         name: &str,
@@ -122,7 +122,7 @@ impl Target {
         Self::from_fit(name, picture, fit(marks)?, face)
     }
 
-    /// A target whose wireframe is already there.
+    /// Creates a target from a wireframe that is already fitted.
     ///
     /// # Errors
     /// As [`Target::new`].
@@ -148,7 +148,7 @@ impl Target {
         let texture = Texture::new(&picture);
         let by_hand = |n: u16| fitted.correspondences.iter().any(|c| c.node.0 == n && c.expected_error.is_none());
         let warp = Warp::on_photograph(nodes, &texture, by_hand)?.with_eyes(&texture);
-        // What is between the lids on the photograph, not on the fit: what shuts the one shuts the other.
+        // The lid distances seen on the photograph, not those of the fit, so that a FAP that shuts one eye shuts the other.
         let seen: Vec<Point2<f64>> = warp.texture_nodes().iter().map(|p| unroll * Point2::new(p.x, -p.y)).collect();
         let lid_gaps = lid_gaps(&seen, &fapus, normalizer(face)?.canonical());
         Ok(Self { name: name.to_owned(), picture, fapus, lid_gaps, roll: from_face.angle, texture, warp, stable, fitted })
@@ -164,23 +164,23 @@ impl Target {
         &self.warp
     }
 
-    /// How far its lips are apart in the middle over the eye distance, if it shows the inside of its mouth: that is no neutral face, and what
-    /// is seen there stays in every clone.
+    /// Distance of the lips in the middle, in eye distances, if the photograph shows the inside of the mouth. Such a face is not neutral, and
+    /// the visible inside stays in every clone.
     pub fn lips_apart(&self) -> Option<f64> {
         self.warp.lips_apart()
     }
 
-    /// Distance of its lids at each pair of `LID_PAIRS`, px.
+    /// Distance of the lids at each pair of `LID_PAIRS`, px.
     pub fn lid_gaps(&self) -> [f64; LID_PAIRS.len()] {
         self.lid_gaps
     }
 
-    /// Its units of the FAPs of the lids.
+    /// Units of the lids' FAPs for this face.
     pub(crate) fn lid_units(&self) -> LidUnits {
         lid_units(&self.fapus, &self.lid_gaps)
     }
 
-    /// The face with some room around it, in the photograph: left, top, width, height, px.
+    /// The box around the face with a margin, in the photograph: left, top, width, height, px.
     pub fn surroundings(&self) -> (u32, u32, u32, u32) {
         let unit = self.warp.eye_distance();
         let nodes = self.fitted.model.nodes();
@@ -196,11 +196,11 @@ impl Target {
         (low.x, low.y, (high.x - low.x).max(1), (high.y - low.y).max(1))
     }
 
-    /// Where the target's nodes are asked to be at a moment of a source's motion, px.
+    /// Computes the requested positions of the target's nodes at a moment of a source's motion, px.
     ///
-    /// Every neutral offset is scaled, along the face's x and y, by target over source FAPU of its node's region times `emphasis`,
-    /// turned by the target's roll, and added to the target's neutral node. With `head`, the source's head motion is added, in the
-    /// proportions of the two faces.
+    /// Each offset from neutral is scaled along the face's x and y by target over source FAPU of its node's region times `emphasis`,
+    /// rotated by the target's roll, and added to the target's neutral node. Lids and lips are then made to open round. With `head`, the source's
+    /// head motion is added, scaled from the source's face to the target's.
     pub fn nodes_at(
         &self,
         source: &SourceMotion,
@@ -213,7 +213,7 @@ impl Target {
         let mut nodes = self.unshaped_nodes_at(source, moment, rescale, emphasis, face);
         let neutral = self.fitted.model.nodes();
         self.shape_openings(&mut nodes);
-        // A head at rest leaves every bit as it is: the photograph stays itself.
+        // A head at rest leaves every bit unchanged, so the photograph stays identical.
         if head
             && moment.head != Similarity::identity()
             && let Some((_, first)) = source.frames.first()
@@ -227,7 +227,7 @@ impl Target {
         nodes
     }
 
-    /// As [`Target::nodes_at`], before lids and lips are made to open round and without the head's motion: what the source asks for.
+    /// [`Target::nodes_at`] without the rounding of lids and lips and without head motion: what the source itself asks for.
     pub(super) fn unshaped_nodes_at(
         &self,
         source: &SourceMotion,
@@ -241,7 +241,7 @@ impl Target {
             (Some(target), Some(source)) => target / source,
             _ => self.fapus.es / source.fapus.es,
         };
-        // IRISD is the opening of the lids in neutral (see `LidUnits`): what shuts the source's eye shuts the target's.
+        // IRISD is the neutral opening of the lids (see `LidUnits`): a motion that shuts the source's eye shuts the target's.
         let lid_ratio = |pair: usize, irisd: f64| {
             let (own, other) = (self.lid_gaps[pair], source.lid_gaps[pair]);
             if own > 0.0 && other > 0.0 { own / other } else { irisd }
@@ -268,16 +268,16 @@ impl Target {
     }
 }
 
-/// Refuses a face that is turned away: from the front both halves of the face are about equally wide, at the eyes and at the mouth.
+/// Checks that the face is not turned away: from the front, both halves are about equally wide at the eyes and at the mouth.
 fn check_frontal(upright: &[Point2<f64>]) -> Result<(), CloneError> {
     let x = |n: usize| upright[n].x;
-    // Outer eye corners against the bone of the nose, mouth corners against the lips' middle.
+    // Outer eye corners against the nose bone, mouth corners against the middle of the lips.
     let eyes = (x(20) - x(94), x(94) - x(53));
     let mouth = (x(31) - x(7), x(7) - x(64));
     let widths = (eyes.0 + mouth.0, eyes.1 + mouth.1);
     let ratio = widths.0.max(widths.1) / widths.0.min(widths.1).max(1e-9);
     if widths.0 <= 0.0 || widths.1 <= 0.0 || ratio > MAX_HALF_RATIO {
-        // The midline lies before the corners: turned by a, the halves are cos a -+ d sin a.
+        // The midline lies in front of the corners: at an angle a, the halves are cos a -+ d sin a.
         let share = ((ratio - 1.0) / (ratio + 1.0)).min(1.0);
         let degrees = (share / MIDLINE_DEPTH).atan().to_degrees();
         return Err(CloneError::Profile { degrees, ratio: ratio.min(99.0) });
@@ -295,7 +295,7 @@ mod tests {
         wireframe::Wireframe,
     };
 
-    /// Candide-3 on a picture, 100 px between the eyes, seen through a similarity.
+    /// Candide-3 on a picture, with 100 px between the eyes, seen through a similarity.
     fn neutral(view: &Similarity) -> Vec<Point2<f64>> {
         let scale = 100.0 / 0.613;
         let place = |v: &nalgebra::Point3<f64>| view.apply(&Point2::new(200.0 + v.x * scale, 180.0 - v.y * scale));
@@ -355,7 +355,7 @@ mod tests {
         let start = neutral(&view);
         let large = target(start.clone(), &bench).unwrap();
         let nodes = large.nodes_at(&motion, &motion.at(1.0), Rescale::Fapu, 1.0, false, &bench);
-        // The offset (0.4, -1.5) px of the left corner, doubled, and turned with the face.
+        // The offset (0.4, -1.5) px of the left corner, doubled and rotated with the face.
         assert!(((nodes[31] - start[31]) - view.apply_vector(&Vector2::new(0.4, -1.5))).norm() < 1e-6);
         let half = large.nodes_at(&motion, &motion.at(1.0), Rescale::Fapu, 0.5, false, &bench);
         assert!(((half[31] - start[31]) * 2.0 - (nodes[31] - start[31])).norm() < 1e-9);
@@ -363,7 +363,7 @@ mod tests {
 
     #[test]
     fn a_head_at_rest_leaves_every_bit_as_it_is() {
-        // Eyes and lips are drawn as layers of their own where anything moves them.
+        // Anything that moves makes eyes and lips separate layers.
         let bench = bench();
         let (motion, _) = smile(&bench);
         for (scale, angle) in [(1.3, 0.2), (2.0, -0.1), (0.7, 0.05)] {
@@ -374,7 +374,7 @@ mod tests {
         }
     }
 
-    /// Neutral nodes, and where they go when some of a source's have these offsets (canonical, upright, px, y up).
+    /// Neutral nodes, and their positions when some of the source's nodes have these offsets (canonical, upright, px, y up).
     fn moved(ways: &[(usize, Vector2<f64>)]) -> (Vec<Point2<f64>>, Vec<Point2<f64>>) {
         let bench = bench();
         let (motion, _) = smile(&bench);
@@ -396,16 +396,16 @@ mod tests {
 
     #[test]
     fn the_outer_edge_of_a_lower_lip_that_drops_is_round() {
-        // Its middle goes down, the points beside it hardly do: they go at least on an arch through it.
+        // The middle goes down and the points beside it hardly do: they follow at least an arch through the middle.
         let (start, nodes) =
             moved(&[(8, Vector2::new(0.0, -20.0)), (85, Vector2::new(0.0, -2.0)), (86, Vector2::new(0.0, -2.0))]);
         let down = |n: usize| nodes[n].y - start[n].y;
         assert!(down(85) > 6.0 && down(85) < down(8) && (down(85) - down(86)).abs() < 1e-6, "{} {}", down(85), down(8));
-        // One that goes round already stays.
+        // A lip that is already round stays.
         let (start, nodes) =
             moved(&[(8, Vector2::new(0.0, -20.0)), (85, Vector2::new(0.0, -18.0)), (86, Vector2::new(0.0, -18.0))]);
         assert!((nodes[8].y - start[8].y - 20.0).abs() < 1e-6);
-        // One whose middle goes up while the points beside it go down is left to itself.
+        // A lip whose middle goes up while the points beside it go down is not changed.
         let (start, nodes) = moved(&[(8, Vector2::new(0.0, 3.0)), (85, Vector2::new(0.0, -2.0)), (86, Vector2::new(0.0, -2.0))]);
         assert!((nodes[85].y - start[85].y - 2.0).abs() < 1e-6 && (nodes[8].y - start[8].y + 3.0).abs() < 1e-6);
     }
@@ -413,8 +413,7 @@ mod tests {
     #[test]
     fn the_end_of_the_opening_goes_with_the_corner_of_the_mouth() {
         let at = |way: Vector2<f64>| moved(&[31, 64].map(|n| (n, way)));
-        // Half a pixel: the piece between them turns and stretches a little, its end stays. Up by 14: it turns by 0.55 and keeps 1.15 of its
-        // length.
+        // Half a pixel turns and stretches the piece between them a little, and its end stays. At 14 up, it turns by 0.55 and has 1.15 of its length.
         let (start, nodes) = at(Vector2::new(0.5, 0.5));
         assert!((nodes[88] - start[88]).norm() < 1e-9);
         let (start, nodes) = at(Vector2::new(0.0, 14.0));

@@ -1,4 +1,4 @@
-//! The face that tests of clones are made on.
+//! The face used by tests of clones.
 
 use image::RgbImage;
 
@@ -14,7 +14,7 @@ pub fn portrait() -> RgbImage {
     image::open("fixtures/portraits/P01.jpg").unwrap().into_rgb8()
 }
 
-/// A picture with the marks of that portrait.
+/// A target with a picture and the marks of that portrait.
 pub fn target(picture: RgbImage) -> Target {
     let face = Face::candide3();
     let marks = read_correspondences("fixtures/portraits/P01_correspondences.csv".as_ref(), &face.tables, 113).unwrap();

@@ -1,4 +1,4 @@
-//! Time: which moment of the source each frame of the clone shows.
+//! Timing of a clone: which moment of the source each frame shows.
 
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
@@ -10,12 +10,12 @@ use crate::{
     wireframe::Wireframe,
 };
 
-/// Most frames of a clone.
+/// Largest number of frames of a clone.
 pub const MAX_FRAMES: usize = 20_000;
-/// Seconds from neutral to apex of a representative, which has no time of its own.
+/// Seconds from neutral to apex of a representative, which has no timing of its own.
 pub const MODEL_SECONDS: f64 = 1.0;
 
-/// How the motion starts and ends.
+/// Time course of the motion.
 ///
 /// ```
 /// use grimace::clone::{Ease, Timing};
@@ -27,27 +27,27 @@ pub const MODEL_SECONDS: f64 = 1.0;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Ease {
-    /// As the source has it.
+    /// As in the source.
     #[default]
     Linear,
     /// Starts slowly.
     In,
     /// Ends slowly.
     Out,
-    /// Both.
+    /// Starts and ends slowly.
     InOut,
-    /// As faces do it: a quick onset, the upper face a little before the lower one, and an apex that is held and settles.
+    /// Like a face: a quick onset, the upper face a little before the lower one, then an apex that is held and settles.
     Natural,
 }
 
-/// Share of the time that the onset of a natural course takes, the share of the motion that it brings, and how far the lower face is
-/// behind the upper one.
+/// The natural course: fraction of the time that the onset takes, fraction of the motion within it, and delay of the lower face against the
+/// upper one as a fraction of the time.
 const ONSET: f64 = 0.62;
 const BROUGHT: f64 = 0.95;
 const BEHIND: f64 = 0.07;
 
 impl Ease {
-    /// Share of the motion after a share of the time, both 0 to 1.
+    /// Returns the fraction of the motion after a fraction of the time, both 0 to 1.
     fn apply(self, t: f64) -> f64 {
         match self {
             Self::Linear => t,
@@ -55,7 +55,7 @@ impl Ease {
             Self::Out => t * (2.0 - t),
             Self::InOut => t * t * (3.0 - 2.0 * t),
             Self::Natural => {
-                // The course of least jerk (Flash and Hogan, J. Neurosci. 1985), then a slow rest of the way.
+                // The minimum-jerk course (Flash and Hogan, J. Neurosci. 1985), then a slow course through the rest.
                 let s = (t / ONSET).clamp(0.0, 1.0);
                 BROUGHT * s.powi(3) * (10.0 - 15.0 * s + 6.0 * s * s) + (1.0 - BROUGHT) * t * t * (3.0 - 2.0 * t)
             }
@@ -63,7 +63,7 @@ impl Ease {
     }
 }
 
-/// Frame rate, length and course of a clone.
+/// Frame rate, duration and time course of a clone.
 ///
 /// ```
 /// use grimace::{clone::{SourceMotion, Timing}, wireframe::Face};
@@ -76,17 +76,17 @@ impl Ease {
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Timing {
-    /// Frames per second; the source's if `None`.
+    /// Frames per second; `None` for the source's.
     pub fps: Option<f64>,
-    /// Seconds from the first to the last frame of the source; the source's if `None`.
+    /// Seconds from the first to the last frame of the source; `None` for the source's.
     pub duration: Option<f64>,
-    /// Course.
+    /// Time course.
     pub ease: Ease,
-    /// Back to the neutral face after the last frame, so that the film can be repeated without a jump.
+    /// Whether to return to the first frame after the last one, so that the film repeats without a jump.
     pub back: bool,
 }
 
-/// The source at one point of time.
+/// The source at one point in time.
 ///
 /// ```
 /// use grimace::{clone::{Moment, SourceMotion}, wireframe::Face};
@@ -98,19 +98,19 @@ pub struct Timing {
 /// ```
 #[derive(Clone, Debug)]
 pub struct Moment {
-    /// Neutral offsets, as in [`SourceMotion::offsets`].
+    /// Offsets from neutral, as in [`SourceMotion::offsets`].
     pub offsets: Vec<Vector2<f64>>,
-    /// Motion of the head.
+    /// Head motion.
     pub head: Similarity,
-    /// The source's frame nearest in time.
+    /// Index of the source frame nearest in time.
     pub nearest: usize,
 }
 
 impl Timing {
-    /// Frames per second and the moments of all frames, the first and the last frame of the source included.
+    /// Returns the frames per second and the moments of all frames, including the first and the last frame of the source.
     ///
     /// # Errors
-    /// [`CloneError::TooManyFrames`]; [`CloneError::TooFewFrames`] for a length and a rate that contradict each other.
+    /// [`CloneError::TooManyFrames`]; [`CloneError::TooFewFrames`] if duration and rate contradict each other.
     pub fn moments(&self, source: &SourceMotion) -> Result<(f64, Vec<Moment>), CloneError> {
         let fps = self.fps.or(source.fps).unwrap_or(f64::from(FPS));
         let seconds = self.duration.unwrap_or(source.seconds());
@@ -134,7 +134,7 @@ impl Timing {
         let moment = |time: f64| {
             let mut moment = course.at(place(time));
             for (node, &low) in low.iter().enumerate().filter(|(_, low)| **low > 0.0) {
-                // Everything starts at 0 and has arrived at 1.
+                // No delay at times 0 and 1: all nodes start and arrive together.
                 let behind = BEHIND * low * (4.0 * time * (1.0 - time));
                 moment.offsets[node] = course.offset(node, place(time - behind));
             }
@@ -144,7 +144,7 @@ impl Timing {
     }
 }
 
-/// How low on the face each node lies: 0 at the eyes and above, 1 at the mouth and below. Nothing for another wireframe than Candide-3.
+/// Position of each node between the eyes (0 there and above) and the mouth (1 there and below). Empty for a wireframe other than Candide-3.
 fn lowness(count: usize) -> Vec<f64> {
     let wireframe = Wireframe::candide3();
     let height = |n: usize| wireframe.vertices()[n].y;
@@ -156,7 +156,7 @@ fn lowness(count: usize) -> Vec<f64> {
 }
 
 impl SourceMotion {
-    /// The course that suits it: five frames of a representative say nothing of time, tracks and FAP files have a course of their own.
+    /// The default time course: natural for a representative, whose five frames have no timing; linear for tracks and FAP files.
     pub fn ease(&self) -> Ease {
         match self.kind {
             SourceKind::Model => Ease::Natural,
@@ -164,7 +164,7 @@ impl SourceMotion {
         }
     }
 
-    /// Seconds from the first to the last frame: its own, or 1 for a representative, which has no time of its own.
+    /// Seconds from the first to the last frame; 1 for a representative, which has no timing of its own.
     pub fn seconds(&self) -> f64 {
         match self.kind {
             SourceKind::Model => MODEL_SECONDS,
@@ -175,10 +175,10 @@ impl SourceMotion {
         }
     }
 
-    /// The motion with frames that are evenly apart, at its own rate.
+    /// Returns the motion resampled to evenly spaced frames at its own rate.
     ///
     /// # Errors
-    /// [`CloneError::TooManyBetween`] where too many frames would be put between its own.
+    /// [`CloneError::TooManyBetween`] if this would take too many frames between its own.
     pub fn evenly(&self) -> Result<Self, CloneError> {
         let Some(Even { last, fps }) = self.even()? else { return Ok(self.clone()) };
         let course = self.course();
@@ -193,22 +193,22 @@ impl SourceMotion {
         })
     }
 
-    /// How many frames [`SourceMotion::evenly`] gives.
+    /// Number of frames of [`SourceMotion::evenly`].
     ///
     /// # Errors
-    /// As there.
+    /// As [`SourceMotion::evenly`].
     pub(crate) fn even_frame_count(&self) -> Result<usize, CloneError> {
         Ok(self.even()?.map_or(self.frame_count(), |even| even.last + 1))
     }
 
-    /// The frames that take the place of its own; `None` where these are evenly apart.
+    /// The evenly spaced frames that replace its own; `None` if these are already evenly spaced.
     fn even(&self) -> Result<Option<Even>, CloneError> {
         let Some(&end) = self.times.as_ref().and_then(|times| times.last()) else { return Ok(None) };
         let even = Even::over(end, self.fps.unwrap_or(f64::from(FPS)));
         even.map(Some).map_err(|frames| CloneError::TooManyBetween { name: self.name.clone(), frames, most: MOST_EVEN })
     }
 
-    /// The place between frames at a share of the way through the motion's time.
+    /// Fractional frame index after a fraction of the motion's time.
     fn place(&self, share: f64) -> f64 {
         let last = (self.frame_count() - 1) as f64;
         let Some((times, end)) = self.times.as_ref().and_then(|times| Some((times, times.last()?))) else { return share * last };
@@ -216,7 +216,7 @@ impl SourceMotion {
         moment.key as f64 + moment.share
     }
 
-    /// The motion at all times.
+    /// The motion as a function of time.
     pub fn course(&self) -> Course<'_> {
         let count = self.offsets.first().map_or(0, Vec::len);
         let mut slopes_of = vec![vec![Vector2::zeros(); count]; self.frame_count()];
@@ -231,20 +231,20 @@ impl SourceMotion {
         Course { motion: self, slopes: slopes_of }
     }
 
-    /// The motion at a place between frames; for many of them, [`SourceMotion::course`].
+    /// The motion at a fractional frame index. For many of them use [`SourceMotion::course`].
     pub fn at(&self, place: f64) -> Moment {
         self.course().at(place)
     }
 }
 
-/// A motion at all times: every coordinate on a monotone cubic.
+/// A motion as a function of time: a monotone cubic for each coordinate.
 ///
 /// ```
 /// use grimace::{clone::SourceMotion, wireframe::Face};
 ///
 /// let motion = SourceMotion::read("fixtures/golden/representatives/happiness.csv".as_ref(), &Face::candide3())?;
 /// let course = motion.course();
-/// // On a frame the course has the frame's own offsets, between frames it goes from one to the next.
+/// // At a frame the course has the frame's own offsets; between frames it interpolates.
 /// assert!((course.at(4.0).offsets[31] - motion.offsets[4][31]).norm() < 1e-9);
 /// assert!(course.at(3.5).offsets[31].y < course.at(4.0).offsets[31].y);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -252,12 +252,12 @@ impl SourceMotion {
 #[derive(Clone, Debug)]
 pub struct Course<'m> {
     motion: &'m SourceMotion,
-    /// Slopes of the offsets at every frame.
+    /// Slopes of the offsets at each frame.
     slopes: Vec<Vec<Vector2<f64>>>,
 }
 
 impl Course<'_> {
-    /// The offset of one node at a place between frames.
+    /// The offset of one node at a fractional frame index.
     fn offset(&self, node: usize, place: f64) -> Vector2<f64> {
         let last = self.motion.frame_count() - 1;
         let place = place.clamp(0.0, last as f64);
@@ -270,7 +270,7 @@ impl Course<'_> {
         Vector2::new(axis(0), axis(1))
     }
 
-    /// The motion at a place between frames, from 0; places outside are those of the first and of the last frame.
+    /// The motion at a fractional frame index, from 0; an index outside the motion gives its first or last frame.
     pub fn at(&self, place: f64) -> Moment {
         let motion = self.motion;
         let last = motion.frame_count() - 1;
@@ -309,7 +309,7 @@ mod tests {
             let course: Vec<f64> = (0..=100).map(|k| ease.apply(f64::from(k) / 100.0)).collect();
             assert!(course.windows(2).all(|w| w[0] <= w[1]), "{ease:?}");
         }
-        // By hand: half of the onset brings half of what it brings, and s(0.31) of the rest.
+        // By hand: half of the onset contributes half of its motion, plus s(0.31) of the rest.
         let rest = 0.05 * 0.31 * 0.31 * (3.0 - 0.62);
         assert!((Ease::Natural.apply(0.31) - (0.475 + rest)).abs() < 1e-12);
     }
@@ -321,7 +321,7 @@ mod tests {
         assert!((motion.place(0.05) - 0.5).abs() < 1e-12 && (motion.place(0.65) - 3.5).abs() < 1e-12 && motion.place(1.0) == 4.0);
         let timing = Timing { fps: Some(10.0), ..Timing::default() };
         let (_, moments) = timing.moments(&motion).unwrap();
-        // A tenth of a second each: the first four frames are the motion's own, and the last comes a second after the first.
+        // A tenth of a second each: the first four frames are the motion's own, and the last comes one second after the first.
         assert_eq!(moments.len(), 11);
         assert!((moments[2].offsets[31] - motion.offsets[2][31]).norm() < 1e-6);
         assert!((moments[10].offsets[31] - motion.offsets[4][31]).norm() < 1e-9);

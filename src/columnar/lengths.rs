@@ -1,21 +1,21 @@
-//! The lengths that a Parquet file says, checked against the bytes that are there before anything is set aside for them.
+//! Checks the lengths stated in a Parquet file against its actual bytes before memory is allocated for them.
 //!
-//! The reader of the `parquet` crate takes counts and sizes of damaged files as they are. Footer and page headers are in the compact
-//! protocol of Thrift; they are walked here once, and what they promise must fit into the file.
+//! The reader of the `parquet` crate trusts the counts and sizes of damaged files. Footer and page headers use Thrift's compact protocol.
+//! They are parsed here once, and the lengths they state must fit into the file.
 
-/// A file whose lengths do not fit, in words.
+/// Message for lengths that do not fit.
 pub(super) type Misfit = String;
 
-/// Deepest nesting of a header's structures.
+/// Largest nesting depth of a header's structures.
 const MAX_DEPTH: usize = 32;
 
-/// Most bytes that Snappy makes of one (a copy of 64 bytes in 3), rounded up.
+/// Largest number of bytes that Snappy decompresses from one byte (a copy of 64 bytes in 3), rounded up.
 const MOST_FROM_A_BYTE: u64 = 32;
 
-/// Bytes that a page may have beyond that, so that the emptiest is not refused.
+/// Additional bytes allowed for a page, so that nearly empty pages are not refused.
 const PAGE_SLACK: u64 = 1024;
 
-/// Kinds of values in the compact protocol.
+/// Value types of the compact protocol.
 mod kind {
     pub const STOP: u8 = 0;
     pub const TRUE: u8 = 1;
@@ -33,16 +33,16 @@ mod kind {
     pub const UUID: u8 = 13;
 }
 
-/// Why a structure does not walk.
+/// Why a structure cannot be parsed.
 #[derive(Debug, PartialEq)]
 enum Broken {
-    /// The bytes end before it does.
+    /// The bytes end before the structure does.
     Short,
-    /// It promises what cannot be.
+    /// The structure is invalid, for the given reason.
     Wrong(&'static str),
 }
 
-/// Bytes of the compact protocol, read from the front.
+/// Parser of the compact protocol; `rest` are the bytes not yet read.
 struct Walk<'a> {
     rest: &'a [u8],
 }
@@ -60,7 +60,7 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// A number of seven bits a byte, lowest first.
+    /// Reads a varint: seven bits per byte, lowest first.
     fn varint(&mut self) -> Result<u64, Broken> {
         let mut value = 0_u64;
         for shift in (0..64).step_by(7) {
@@ -73,13 +73,13 @@ impl Walk<'_> {
         Err(Broken::Wrong("a number of more than 64 bits"))
     }
 
-    /// A signed number, zigzag coded.
+    /// Reads a zigzag-coded signed number.
     fn signed(&mut self) -> Result<i64, Broken> {
         let value = self.varint()?;
         Ok((value >> 1) as i64 ^ -((value & 1) as i64))
     }
 
-    /// A field's number and kind, the number before it being `last`; `None` at the end of the structure.
+    /// Reads a field's number and type, or `None` at the end of the structure. `last` is the previous field's number.
     fn field(&mut self, last: i64) -> Result<Option<(i64, u8)>, Broken> {
         let head = self.byte()?;
         let (delta, kind) = (head >> 4, head & 0x0F);
@@ -90,7 +90,7 @@ impl Walk<'_> {
         Ok(Some((number, kind)))
     }
 
-    /// Elements of a list and their kind. Each takes a byte at least.
+    /// Reads a list's length and element type. Each element takes at least one byte.
     fn list(&mut self) -> Result<(u64, u8), Broken> {
         let head = self.byte()?;
         let count = if head >> 4 == 15 { self.varint()? } else { u64::from(head >> 4) };
@@ -139,13 +139,13 @@ impl Walk<'_> {
         }
     }
 
-    /// As a value, but truths have a byte of their own in lists.
+    /// Skips a list element: as `value`, but booleans take one byte.
     fn element(&mut self, kind: u8, depth: usize) -> Result<(), Broken> {
         if matches!(kind, kind::TRUE | kind::FALSE) { self.pass(1) } else { self.value(kind, depth + 1) }
     }
 }
 
-/// Checks that the footer (without its length and the mark behind it) promises no more than its bytes hold.
+/// Checks that the lengths in the footer (without its own length and the closing mark) fit its bytes.
 pub(super) fn check_footer(footer: &[u8]) -> Result<(), Misfit> {
     let mut walk = Walk { rest: footer };
     walk.value(kind::STRUCT, 0).map_err(|e| match e {
@@ -154,7 +154,7 @@ pub(super) fn check_footer(footer: &[u8]) -> Result<(), Misfit> {
     })
 }
 
-/// What the header of a page says of its length.
+/// Lengths from a page header.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct PageLengths {
     /// Bytes of the header itself.
@@ -162,12 +162,12 @@ pub(super) struct PageLengths {
     uncompressed: i64,
     compressed: i64,
     is_dictionary: bool,
-    /// Values of the page.
+    /// Number of values in the page.
     values: i64,
 }
 
 impl PageLengths {
-    /// The header at the front of `bytes`; `None` when it goes on behind them.
+    /// Reads the header at the start of `bytes`, or returns `None` if it continues beyond them.
     pub(super) fn read(bytes: &[u8]) -> Result<Option<Self>, Misfit> {
         match Self::walk(bytes) {
             Ok(lengths) => Ok(Some(lengths)),
@@ -177,13 +177,13 @@ impl PageLengths {
     }
 
     fn walk(bytes: &[u8]) -> Result<Self, Broken> {
-        /// Fields of a page's header.
+        /// Field numbers of a page header.
         const UNCOMPRESSED: i64 = 2;
         const COMPRESSED: i64 = 3;
         const DATA: i64 = 5;
         const DICTIONARY: i64 = 7;
         const DATA_2: i64 = 8;
-        /// Number of values, in all three.
+        /// Field number of the value count in all three headers.
         const VALUES: i64 = 1;
         let mut walk = Walk { rest: bytes };
         let mut lengths = Self::default();
@@ -211,8 +211,8 @@ impl PageLengths {
         Ok(lengths)
     }
 
-    /// Bytes of header and page, when they fit: into what is `left` of the column, its values into the group's `rows`, and what
-    /// decompression makes of it into what it can.
+    /// Returns the bytes of header and page, after three checks. The page must fit into the `left` bytes of the column, its values into
+    /// the group's `rows`, and its uncompressed size into the most that decompression can give.
     pub(super) fn checked(&self, left: u64, rows: u64) -> Result<u64, Misfit> {
         let compressed = u64::try_from(self.compressed).ok().filter(|&c| self.header + c <= left);
         let compressed = compressed.ok_or_else(|| format!("a page of {} bytes where {left} are left", self.compressed))?;
@@ -220,7 +220,7 @@ impl PageLengths {
         let uncompressed = u64::try_from(self.uncompressed).ok().filter(|&u| u <= most);
         let uncompressed =
             uncompressed.ok_or_else(|| format!("a page of {compressed} bytes that says to hold {}", self.uncompressed))?;
-        // Every value of a dictionary stands in it; those of other pages are rows.
+        // A dictionary stores all its values in full; values of other pages are rows.
         let most = if self.is_dictionary { uncompressed } else { rows };
         if u64::try_from(self.values).is_ok_and(|values| values <= most) {
             Ok(self.header + compressed)
@@ -255,7 +255,7 @@ mod tests {
         // A field 1 that is a list of two bytes, then the end.
         assert_eq!(check_footer(&[0x19, 0x23, 7, 8, 0]), Ok(()));
         assert!(check_footer(&[0x19, 0x23, 7]).unwrap_err().contains("more elements than bytes"));
-        // Two thousand million truths.
+        // Two thousand million booleans.
         assert!(check_footer(&[0x19, 0xF1, 0xFF, 0xFF, 0xFF, 0xFF, 0x07, 0]).unwrap_err().contains("more elements than bytes"));
         assert!(check_footer(&[0x18, 0xFF, 0xFF, 0x03, 1]).unwrap_err().contains("ends early"));
         assert!(check_footer(&[0x1C; 100]).unwrap_err().contains("without end"));

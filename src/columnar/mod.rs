@@ -1,16 +1,16 @@
-//! Normalized models in one Parquet file: a row per sequence, a column per coordinate.
+//! Normalized models in one Parquet file: one row per sequence, one column per coordinate.
 //!
 //! | column | type | content |
 //! | --- | --- | --- |
 //! | `subject`, `sequence`, `emotion` | text | as in the manifest, emotions in lower case |
-//! | `id` | text | `SUBJECT_SEQUENCE`, the same name as in every table; written, and not needed when read |
+//! | `id` | text | `SUBJECT_SEQUENCE`, as in every table; written, ignored when read |
 //! | further columns of the manifest | text | as in the manifest; empty where missing; a null counts as empty |
-//! | further columns of other programs | whole numbers, fractions, yes and no | as a manifest would have them (`34`, `0.5`, `true`); NaN and null are empty; read, never written |
+//! | columns of other programs | numbers, booleans | as in a manifest (`34`, `0.5`, `true`); NaN and null are empty; read, not written |
 //! | `x_M_K`, `y_M_K` | double | node K in frame M (from 0), face units |
 //!
-//! The file's own metadata say the unit, the program and the version of this schema. All digits, no compression, rows sorted by
-//! sequence id, [`GROUP_ROWS`] rows a group: a column of a million models is read without reading the others. Files that other
-//! programs wrote over this one may have columns in another order, nullable types or Snappy compression.
+//! The file's metadata give the unit, the program and the version of this schema. Numbers are written in full precision and without
+//! compression. Rows are sorted by sequence id, [`GROUP_ROWS`] rows per row group. One column of a million models can be read without the
+//! other columns. Files rewritten by other programs may have columns in another order, nullable types or Snappy compression.
 
 mod lengths;
 mod number;
@@ -23,19 +23,19 @@ use std::path::PathBuf;
 pub use read::{ColumnarClass, ColumnarModels};
 pub use write::{ColumnarRow, ColumnarWriter};
 
-/// Rows of a row group: the memory of the writer is this many models.
+/// Rows per row group; the writer holds this many models in memory.
 pub const GROUP_ROWS: usize = 8192;
 
-/// Columns that name a row.
+/// Columns that identify a row and its emotion.
 const NAMES: [&str; 3] = ["subject", "sequence", "emotion"];
 
-/// The column of `SUBJECT_SEQUENCE`.
+/// Name of the column `SUBJECT_SEQUENCE`.
 const ID: &str = "id";
 
-/// Version of the columns.
+/// Version of the schema.
 const SCHEMA_VERSION: &str = "1";
 
-/// A columnar file that cannot be read or written.
+/// Error when a columnar file cannot be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum ColumnarError {
     /// The file cannot be opened or made.
@@ -43,7 +43,7 @@ pub enum ColumnarError {
     Io {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// Cause.
         reason: std::io::Error,
     },
     /// Not Parquet, cut short, or of a kind that is not read.
@@ -51,7 +51,7 @@ pub enum ColumnarError {
     Parquet {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// Cause.
         reason: String,
     },
     /// A column that must be there.
@@ -59,9 +59,9 @@ pub enum ColumnarError {
     Column {
         /// The file.
         path: PathBuf,
-        /// Its name.
+        /// Name of the column.
         column: String,
-        /// Its type.
+        /// Expected type.
         expected: &'static str,
     },
     /// A value that is missing.
@@ -69,7 +69,7 @@ pub enum ColumnarError {
     Missing {
         /// The file.
         path: PathBuf,
-        /// Row, from 1.
+        /// Row number, from 1.
         row: usize,
         /// The column.
         column: String,
@@ -93,9 +93,9 @@ pub enum ColumnarError {
     Shape {
         /// Subject and sequence.
         id: String,
-        /// Coordinates of the row.
+        /// Number of coordinates in the row.
         found: usize,
-        /// Coordinates of the file.
+        /// Number of coordinates in the file.
         expected: usize,
     },
     /// Rows that do not make models.
@@ -110,7 +110,7 @@ pub enum ColumnarError {
     },
 }
 
-/// Name of the column of a coordinate.
+/// Returns the column name of a coordinate.
 fn coordinate(axis: usize, frame: usize, node: usize) -> String {
     format!("{}_{frame}_{node}", ["x", "y"][axis])
 }

@@ -1,4 +1,4 @@
-//! Columns of numbers that are not ours: an age, a count, yes and no.
+//! Number and boolean columns of other programs, such as an age or a count.
 
 use parquet::{
     basic::{ConvertedType, LogicalType, Type as PhysicalType},
@@ -8,13 +8,13 @@ use parquet::{
 /// How the numbers of a column are stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Number {
-    /// Yes and no.
+    /// Boolean.
     Truth,
-    /// Whole numbers of 32 bits.
+    /// 32-bit integers.
     Int {
         is_signed: bool,
     },
-    /// Whole numbers of 64 bits.
+    /// 64-bit integers.
     Long {
         is_signed: bool,
     },
@@ -22,13 +22,13 @@ pub(super) enum Number {
     Double,
 }
 
-/// What older writers say of whole numbers.
+/// Integer types as older writers declare them.
 const SIGNED: [ConvertedType; 4] = [ConvertedType::INT_8, ConvertedType::INT_16, ConvertedType::INT_32, ConvertedType::INT_64];
 const UNSIGNED: [ConvertedType; 4] =
     [ConvertedType::UINT_8, ConvertedType::UINT_16, ConvertedType::UINT_32, ConvertedType::UINT_64];
 
 impl Number {
-    /// How a column stores numbers; `None` for one of something else, whole numbers that stand for a date or a part of a fraction included.
+    /// Returns how a column stores numbers, or `None` for other columns. Dates and decimal fractions stored as integers also give `None`.
     pub(super) fn of(column: &ColumnDescriptor) -> Option<Self> {
         let converted = column.converted_type();
         let is_signed = match column.logical_type_ref() {

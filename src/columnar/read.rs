@@ -1,4 +1,4 @@
-//! Reading models: all of them, or node by node.
+//! Reads models, either all at once or node by node.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -32,10 +32,10 @@ use crate::{
     units::{FaceUnit, NodeId, SequenceId},
 };
 
-/// Most bytes of text in a column over the bytes of the file.
+/// Largest accepted ratio of a text column's bytes to the bytes of the file.
 const MOST_TEXT: u64 = 64;
 
-/// Checks the numbers of rows: those of the groups make that of the file, and every row takes a byte at least.
+/// Checks the row counts: the row groups must add up to the file's count, and each row takes at least one byte.
 fn check_rows(reader: &SerializedFileReader<SharedFile>, length: u64) -> Result<(), String> {
     let rows = reader.metadata().file_metadata().num_rows();
     let groups = reader.metadata().row_groups().iter().map(parquet::file::metadata::RowGroupMetaData::num_rows);
@@ -47,7 +47,7 @@ fn check_rows(reader: &SerializedFileReader<SharedFile>, length: u64) -> Result<
     }
 }
 
-/// Axis, frame and node of a coordinate's column.
+/// Returns axis, frame and node of a coordinate column's name, or `None` for other names.
 pub(super) fn parse_coordinate(name: &str) -> Option<(usize, usize, usize)> {
     let mut parts = name.split('_');
     let axis = match parts.next()? {
@@ -64,17 +64,17 @@ pub struct ColumnarModels {
     path: PathBuf,
     shared: SharedFile,
     reader: SerializedFileReader<SharedFile>,
-    /// Sequences by row.
+    /// Sequence of each row.
     pub ids: Vec<SequenceId>,
-    /// Emotions by row.
+    /// Emotion of each row.
     pub emotions: Vec<String>,
-    /// Further columns of text and numbers: name and values by row, as a table in CSV has them.
+    /// Further text and number columns: name and values by row, as in a CSV table.
     pub metadata: BTreeMap<String, Vec<String>>,
-    /// Further columns that are neither: dates, decimal fractions, lists.
+    /// Names of further columns of other types: dates, decimal fractions, lists.
     pub not_read: Vec<String>,
     frames: usize,
     nodes: usize,
-    /// Column of frame m, node k, axis a at (m * nodes + k) * 2 + a.
+    /// Index of the column of frame m, node k, axis a, at position (m * nodes + k) * 2 + a.
     columns: Vec<usize>,
 }
 
@@ -85,10 +85,10 @@ impl std::fmt::Debug for ColumnarModels {
 }
 
 impl ColumnarModels {
-    /// Opens a file and reads the names of its rows.
+    /// Opens a file and reads subjects, sequences, emotions and further columns, but no coordinates.
     ///
     /// # Errors
-    /// [`ColumnarError`] for a file that cannot be read, has other columns, or holds a sequence twice or none.
+    /// [`ColumnarError`] for a file that cannot be read, lacks a column, has a sequence twice, or has no rows.
     pub fn open(path: &Path) -> Result<Self, ColumnarError> {
         let io_error = |reason| ColumnarError::Io { path: path.to_owned(), reason };
         let file = crate::input::open_or_stdin(path).map_err(io_error)?;
@@ -128,7 +128,7 @@ impl ColumnarModels {
         if frames < 2 || nodes > usize::from(u16::MAX) {
             return Err(missing("x_1_0", "double"));
         }
-        // Names may say more than there is.
+        // Column names may claim more coordinates than the file has columns.
         let all = frames.checked_mul(nodes * 2).filter(|&all| all <= numbers.len());
         let mut columns = Vec::with_capacity(all.unwrap_or(0));
         for (m, k, axis) in (0..frames).flat_map(|m| (0..nodes).flat_map(move |k| (0..2).map(move |axis| (m, k, axis)))) {
@@ -156,7 +156,7 @@ impl ColumnarModels {
             sequence: sequence.trim().to_owned(),
         };
         file.ids = subjects?.into_iter().zip(sequences?).map(id).collect();
-        // As a manifest's.
+        // As in a manifest.
         file.emotions = emotions?.iter().map(|emotion| emotion.trim().to_lowercase()).collect();
         if let Some(row) = file.emotions.iter().position(String::is_empty) {
             return Err(ColumnarError::Missing { path: path.to_owned(), row: row + 1, column: NAMES[2].to_owned() });
@@ -180,27 +180,27 @@ impl ColumnarModels {
         Ok(file)
     }
 
-    /// Rows.
+    /// Returns the number of rows.
     pub fn row_count(&self) -> usize {
         self.ids.len()
     }
 
-    /// Nodes of every model.
+    /// Returns the number of nodes of every model.
     pub fn node_count(&self) -> usize {
         self.nodes
     }
 
-    /// Bytes that all models take in memory, about: positions, displacement vectors and names.
+    /// Returns the approximate memory for all models in bytes: positions, displacement vectors and names.
     pub fn memory(&self) -> u64 {
         (self.row_count() * (self.frames * self.nodes * 16 * 2 + 512)) as u64
     }
 
-    /// All values of a column, which must be there in every row.
+    /// Returns all values of a column. A null is an error.
     fn values<T: DataType>(&self, place: usize, name: &str) -> Result<Vec<T::T>, ColumnarError> {
         self.values_as::<T, _>(place, name, None, |value| value)
     }
 
-    /// All values of a column as `make` makes them, nulls as `null` where that is given.
+    /// Returns all values of a column, converted by `make`. Nulls become `null`; if it is `None`, a null is an error.
     fn values_as<T: DataType, V: Clone>(
         &self,
         place: usize,
@@ -226,7 +226,8 @@ impl ColumnarModels {
         if values.len() == rows { Ok(values) } else { Err(damaged(format!("{} of {rows} rows", values.len()))) }
     }
 
-    /// Adds a row group's values of a column, nulls as `null` where that is given; gives the row of the group, from 0, that has none.
+    /// Appends one row group's values of a column to `values`. Nulls become `null`; if it is `None`, returns the row index within the
+    /// group, from 0, of the first null.
     fn group_values<T: DataType, V: Clone>(
         &self,
         (group, place): (usize, usize),
@@ -248,7 +249,7 @@ impl ColumnarModels {
             let mut made = there.drain(..).map(make);
             match null {
                 _ if all => values.extend(made),
-                // Each of the values that are there goes to its row.
+                // Non-null values go to their own rows.
                 Some(null) => values.extend(levels.iter().filter_map(|&l| if l == 0 { Some(null.clone()) } else { made.next() })),
                 None => {
                     let null = levels.iter().position(|&level| level == 0).unwrap_or(0);
@@ -259,9 +260,9 @@ impl ColumnarModels {
         Ok(None)
     }
 
-    /// Checks the lengths that a column's pages say, in a row group.
+    /// Checks the lengths in the page headers of one column in one row group.
     fn check_pages(&self, group: usize, place: usize) -> Result<(), String> {
-        /// Bytes read for a header, and most of them; most headers have some dozens.
+        /// Bytes first read for a header, and their maximum. Most headers have a few dozen bytes.
         const FIRST: u64 = 1 << 10;
         const MOST: u64 = 1 << 24;
         let group = self.reader.metadata().row_group(group);
@@ -289,11 +290,11 @@ impl ColumnarModels {
         Ok(())
     }
 
-    /// All values of a column of text; nulls are empty texts where `may_be_null`.
+    /// Returns all values of a text column. With `may_be_null`, nulls are empty texts.
     fn texts(&self, place: usize, name: &str, may_be_null: bool) -> Result<Vec<String>, ColumnarError> {
         let empty = ByteArray::from("");
         let values = self.values_as::<ByteArrayType, _>(place, name, may_be_null.then_some(&empty), |value| value)?;
-        // A text that many rows share stands in the file once.
+        // The file stores a text shared by many rows only once.
         let bytes: u64 = values.iter().map(|text: &ByteArray| text.len() as u64).sum();
         if bytes > self.shared.length.saturating_mul(MOST_TEXT) {
             let reason = format!("column `{name}`: {bytes} bytes of text from a file of {}", self.shared.length);
@@ -302,7 +303,7 @@ impl ColumnarModels {
         Ok(values.iter().map(|text| String::from_utf8_lossy(text.data()).into_owned()).collect())
     }
 
-    /// All values of a column of numbers, as a table in CSV would have them; nulls are empty.
+    /// Returns all values of a number column as text, as in a CSV table. Nulls are empty.
     fn numbers(&self, place: usize, name: &str, number: Number) -> Result<Vec<String>, ColumnarError> {
         let null = Some(&String::new());
         match number {
@@ -320,17 +321,17 @@ impl ColumnarModels {
         }
     }
 
-    /// Positions of a node in a frame, by row.
+    /// Returns the positions of one node in one frame, by row.
     fn positions(&self, frame: usize, node: usize) -> Result<Vec<Point2<f64>>, ColumnarError> {
         let at = (frame * self.nodes + node) * 2;
         let [x, y] = [0, 1].map(|axis| self.values::<DoubleType>(self.columns[at + axis], &coordinate(axis, frame, node)));
         Ok(x?.into_iter().zip(y?).map(|(x, y)| Point2::new(x, y)).collect())
     }
 
-    /// All models, by row.
+    /// Returns all models, by row.
     ///
     /// # Errors
-    /// [`ColumnarError`] for values that cannot be read or make no model.
+    /// [`ColumnarError`] for values that cannot be read or do not make a model.
     pub fn models(&self) -> Result<Vec<DynamicExpressionModel<FaceUnit>>, ColumnarError> {
         let mut rows = vec![vec![Vec::with_capacity(self.nodes); self.frames]; self.row_count()];
         for (m, k) in (0..self.frames).flat_map(|m| (0..self.nodes).map(move |k| (m, k))) {
@@ -348,7 +349,7 @@ impl ColumnarModels {
         rows.into_iter().zip(&self.ids).map(model).collect()
     }
 
-    /// The models of some rows, to be read node by node.
+    /// Returns the models of the given rows, for reading node by node.
     pub fn class<'a>(&'a self, mut rows: Vec<usize>, live: &'a [NodeId]) -> ColumnarClass<'a> {
         rows.sort_by(|&a, &b| self.ids[a].cmp(&self.ids[b]));
         ColumnarClass { file: self, rows, live }
@@ -359,7 +360,7 @@ fn parquet_error(path: &Path, error: &ParquetError) -> ColumnarError {
     ColumnarError::Parquet { path: path.to_owned(), reason: message(&error.to_string()).into_owned() }
 }
 
-/// Models of a file, read node by node, in the order of their ids.
+/// Models of a file in the order of their ids, read node by node.
 #[derive(Debug)]
 pub struct ColumnarClass<'a> {
     file: &'a ColumnarModels,
@@ -368,12 +369,12 @@ pub struct ColumnarClass<'a> {
 }
 
 impl ColumnarClass<'_> {
-    /// Sequences in order.
+    /// Returns the sequence ids in order.
     pub fn ids(&self) -> Vec<SequenceId> {
         self.rows.iter().map(|&row| self.file.ids[row].clone()).collect()
     }
 
-    /// The neutral frame of the first model, all nodes; that the others have the same is checked as they are read.
+    /// Returns all nodes of the first model's neutral frame. The other models are checked against it as they are read.
     ///
     /// # Errors
     /// [`ColumnarError`] for values that cannot be read.

@@ -1,4 +1,4 @@
-//! A file for the reader of Parquet.
+//! Random access to a file for the Parquet reader.
 
 use std::{
     fs::File,
@@ -11,7 +11,7 @@ use parquet::{
     file::reader::{ChunkReader, Length},
 };
 
-/// A file that is read at places, by one thread at a time.
+/// A file read at given offsets, by one thread at a time.
 #[derive(Clone)]
 pub(super) struct SharedFile {
     file: Arc<Mutex<File>>,
@@ -70,7 +70,7 @@ impl ChunkReader for SharedFile {
 }
 
 impl SharedFile {
-    /// The metadata at the end of the file, without its length and the mark behind it; `None` where these are not.
+    /// Returns the metadata at the end of the file, without its length and the closing mark `PAR1`. Returns `None` if these are missing.
     pub fn footer(&self) -> io::Result<Option<Vec<u8>>> {
         const TAIL: u64 = 8;
         let Some(tail_at) = self.length.checked_sub(TAIL) else { return Ok(None) };

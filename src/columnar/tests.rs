@@ -34,7 +34,7 @@ fn models_come_back_to_the_last_bit() {
     assert_eq!(file.ids[1].to_string(), "b_1");
     assert_eq!((file.emotions[2].as_str(), file.metadata["note"][0].as_str()), ("fear", "<a>"));
     assert_eq!(file.models().unwrap(), [model(x), model(-2.0), model(0.1)]);
-    // A class of some rows is in the order of the ids, and read node by node.
+    // A class has its rows in the order of the ids, and reads them node by node.
     let live = [NodeId(0), NodeId(1)];
     let class = file.class(vec![2, 0], &live);
     assert_eq!(class.ids()[0].to_string(), "a_1");
@@ -75,7 +75,7 @@ fn files_that_are_no_models_are_refused() {
     assert!(error.ends_with("sequence a_1 appears twice; keep one row"), "{error}");
     let empty = written(vec![]);
     assert!(matches!(ColumnarModels::open(&empty.path().join("m.parquet")), Err(ColumnarError::Empty { .. })));
-    // Values that are no motion of a face are named when they are read.
+    // Implausible values are reported when they are read.
     let mut no_number = row("b", 1.0);
     // Frame 1, node 0, x.
     no_number.coordinates[4] = f64::NAN;
@@ -88,7 +88,7 @@ fn files_that_are_no_models_are_refused() {
     assert!(matches!(writer.push(row("a", 1.0)), Err(ColumnarError::Shape { found: 8, expected: 12, .. })));
 }
 
-/// Everything that a file can be asked for.
+/// Reads everything that a file offers.
 fn read_all(path: &std::path::Path) -> Result<usize, String> {
     let file = ColumnarModels::open(path).map_err(|e| e.to_string())?;
     let live: Vec<NodeId> = (0..file.node_count()).map(|k| NodeId(k as u16)).collect();
@@ -109,7 +109,7 @@ fn a_damaged_file_is_an_error_and_takes_no_memory() {
         let mut damaged = bytes.clone();
         damaged[place] ^= [0x01, 0x80, 0xFF][place % 3];
         std::fs::write(&path, &damaged).unwrap();
-        // Values may have changed unseen; what must not happen is a panic, or an error that does not name the file.
+        // Values may have changed undetected. There must be no panic, and errors must name the file.
         if let Err(error) = read_all(&path) {
             refused += 1;
             assert!(error.contains("m.parquet"), "byte {place}: {error}");
@@ -135,7 +135,7 @@ fn rows_and_pages_that_no_file_holds_are_refused() {
     footers.splice(rows + 1..=rows + 1, [0x80, 0x80, 0x80, 0x80, 0x40]);
     let many = [&bytes[..footer], &footers, &(footers.len() as u32).to_le_bytes(), b"PAR1"].concat();
     assert!(error(&many).contains("8589934592 rows in"), "{}", error(&many));
-    // A column named after a frame far out makes no room for all frames before it.
+    // A column named after a very high frame must not allocate memory for all lower frames.
     let far = String::from_utf8_lossy(&bytes).contains("x_1_0");
     assert!(far, "names stand in the file as they are");
     let renamed: Vec<u8> = {
@@ -152,7 +152,7 @@ fn rows_and_pages_that_no_file_holds_are_refused() {
     assert!(error(b"PAR1").contains("no Parquet footer"));
 }
 
-/// A file as another program writes it: two models of one node that stays or moves by 1, and columns of every kind.
+/// A file as another program could write it: two models of one node that stays or moves by 1, and columns of every type.
 fn foreign(path: &std::path::Path) {
     use parquet::{
         data_type::{BoolType, ByteArrayType, DoubleType, Int32Type, Int64Type},

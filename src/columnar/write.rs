@@ -1,4 +1,4 @@
-//! Writing models, a row group at a time.
+//! Writes models, one row group at a time.
 
 use std::{path::Path, path::PathBuf, sync::Arc};
 
@@ -34,14 +34,14 @@ pub struct ColumnarRow {
 }
 
 impl ColumnarRow {
-    /// The row of a model.
+    /// Creates the row of a model.
     pub fn new(id: SequenceId, emotion: String, metadata: Vec<String>, model: &DynamicExpressionModel<FaceUnit>) -> Self {
         let coordinates = model.frames().iter().flat_map(|f| f.nodes().iter().flat_map(|p| [p.x, p.y])).collect();
         Self { id, emotion, metadata, coordinates }
     }
 }
 
-/// A file that models are written to. Rows must come sorted by id; the file appears under its name with [`ColumnarWriter::finish`].
+/// Writes models to a file. Rows must come sorted by id. The file appears under its name only with [`ColumnarWriter::finish`].
 pub struct ColumnarWriter {
     path: PathBuf,
     writer: SerializedFileWriter<PendingFile>,
@@ -51,10 +51,10 @@ pub struct ColumnarWriter {
 }
 
 impl ColumnarWriter {
-    /// A file for models of that many frames and nodes, with further text columns.
+    /// Creates a file for models with the given numbers of frames and nodes, and further text columns `metadata`.
     ///
     /// # Errors
-    /// [`ColumnarError`] when the file cannot be made.
+    /// [`ColumnarError`] when the file cannot be created.
     pub fn create(path: &Path, metadata: &[String], frames: usize, nodes: usize) -> Result<Self, ColumnarError> {
         let pending = PendingFile::create(path).map_err(unwritable)?;
         let error = |e: parquet::errors::ParquetError| ColumnarError::Parquet { path: path.to_owned(), reason: e.to_string() };
@@ -79,7 +79,7 @@ impl ColumnarWriter {
                 let name = coordinate(axis, m, k);
                 let number = Type::primitive_type_builder(&name, PhysicalType::DOUBLE).with_repetition(Repetition::REQUIRED);
                 fields.push(Arc::new(number.build().map_err(error)?));
-                // The neutral frame is the same in every row; no other value is there twice.
+                // The neutral frame is the same in every row; other values do not repeat.
                 properties = properties.set_column_dictionary_enabled(ColumnPath::from(name), m == 0);
             }
         }
@@ -92,7 +92,7 @@ impl ColumnarWriter {
     /// Adds a model.
     ///
     /// # Errors
-    /// [`ColumnarError::Shape`] for another number of coordinates; [`ColumnarError::Parquet`] when the disk is full.
+    /// [`ColumnarError::Shape`] for a wrong number of coordinates; [`ColumnarError::Parquet`] when the disk is full.
     pub fn push(&mut self, row: ColumnarRow) -> Result<(), ColumnarError> {
         if row.coordinates.len() != self.coordinates {
             return Err(ColumnarError::Shape {
@@ -138,7 +138,7 @@ impl ColumnarWriter {
         Ok(())
     }
 
-    /// Writes what is left and puts the file in its place; the BLAKE3 of its bytes.
+    /// Writes the remaining rows, moves the file to its final path and returns the BLAKE3 hash of its bytes.
     ///
     /// # Errors
     /// [`ColumnarError`] when the file cannot be written.
@@ -150,7 +150,7 @@ impl ColumnarWriter {
     }
 }
 
-/// What a reader must know of the columns.
+/// Returns the file's metadata: program, schema version, unit and meaning of the columns.
 fn notes() -> Vec<KeyValue> {
     let note = |key: &str, value: &str| KeyValue::new(key.to_owned(), value.to_owned());
     vec![

@@ -1,12 +1,13 @@
-//! What goes between this program and `grimace-opencv`: messages of a kind (1 byte), the length of their content (4 bytes, the lowest
-//! first), and the content. Kind 0 is JSON, one of the two enumerations here; kind 1 is pixels: width and height (4 bytes each),
-//! the channels of a pixel (1 byte), then the rows from the top.
+//! The protocol between this program and `grimace-opencv`.
+//!
+//! A message has a kind (1 byte), the length of its content (4 bytes, little endian), and the content. Kind 0 is JSON, one of the two
+//! enumerations here. Kind 1 is pixels: width and height (4 bytes each), the channels of a pixel (1 byte), then the rows from the top.
 
 use std::io::{self, Read, Write};
 
 use serde::{Deserialize, Serialize};
 
-/// Version of this language; both sides must speak the same.
+/// Version of the protocol, which must be equal on both sides.
 pub const VERSION: u32 = 3;
 
 const TEXT: u8 = 0;
@@ -15,61 +16,61 @@ const PIXELS: u8 = 1;
 /// Longest text, bytes.
 const MOST_TEXT: u32 = 1 << 20;
 
-/// Bytes ahead of the rows of a picture.
+/// Bytes before the rows of a picture.
 const PICTURE_HEAD: usize = 9;
 
 /// Most channels of a pixel.
 const MOST_CHANNELS: u64 = 3;
 
-/// What this program asks for, beside pictures.
+/// Requests of this program, other than pictures.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Request {
-    /// Points of one frame in another, by pyramidal KLT.
+    /// Finds points of one frame in another, by pyramidal KLT.
     Find {
         /// Frames by slot: 0 neutral, 1 previous, 2 current.
         from: u8,
-        /// The frame to look in.
+        /// The frame to search.
         to: u8,
         /// Side of the window, px.
         window: u32,
         /// Pyramid levels.
         levels: u32,
-        /// Where the points are, px.
+        /// Positions of the points, px.
         points: Vec<[f32; 2]>,
-        /// Where the search starts, px.
+        /// Start positions of the search, px.
         guesses: Vec<[f32; 2]>,
     },
     /// No more frames.
     End,
 }
 
-/// What `grimace-opencv` says, beside pictures.
+/// Replies of `grimace-opencv`, other than pictures.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Reply {
-    /// The first thing that is said.
+    /// The first message.
     Hello {
         /// [`VERSION`].
         version: u32,
     },
-    /// An open video, as its header describes it; frames follow.
+    /// Header data of an open video; frames follow.
     Video {
-        /// Frames per second; 0 where the file does not say.
+        /// Frames per second; 0 if the file does not state it.
         fps: f64,
-        /// Number of frames; 0 or less where the file does not say, an estimate in some containers.
+        /// Number of frames; 0 or less if the file does not state it, an estimate in some containers.
         frames: f64,
-        /// Columns; 0 where the file does not say.
+        /// Columns; 0 if the file does not state it.
         width: u32,
         /// Rows.
         height: u32,
     },
-    /// A frame that is not given, or not yet.
+    /// A frame that is not sent, or not yet.
     Passed {
-        /// When it is shown, seconds from the start of the video; nothing where the file does not say.
+        /// Time of the frame, seconds from the start of the video; `None` if unknown.
         seconds: Option<f64>,
     },
-    /// When the frame that follows is shown; not said where the file does not say.
+    /// Time of the frame that follows; omitted if unknown.
     Time {
         /// Seconds from the start of the video.
         seconds: f64,
@@ -79,9 +80,9 @@ pub enum Reply {
         /// Frames that it has.
         frames: u32,
     },
-    /// Where points are: position, mean grey difference of the windows, or nothing for a lost one.
+    /// Found points: position and mean grey difference of the windows, or `None` for a lost point.
     Found(Vec<Option<[f32; 3]>>),
-    /// The largest face and what may be its eyes.
+    /// The largest face and candidates for its eyes.
     Face(Option<FaceBoxes>),
     /// Ready for the next picture.
     Ready,
@@ -92,19 +93,19 @@ pub enum Reply {
         /// Codecs that were tried.
         tried: String,
     },
-    /// It cannot be done.
+    /// The request failed.
     Failed {
         /// Why.
         reason: String,
     },
 }
 
-/// Boxes that Haar cascades found: left, top, width, height, px.
+/// Boxes found by Haar cascades: left, top, width, height, px.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FaceBoxes {
     /// The largest face.
     pub face: [i32; 4],
-    /// What either cascade for eyes found in the upper part of the face.
+    /// Boxes found by each eye cascade in the upper part of the face.
     pub eyes: [Vec<[i32; 4]>; 2],
 }
 
@@ -130,10 +131,10 @@ pub enum Message {
     Pixels(Pixels),
 }
 
-/// Writes a message of words.
+/// Writes a text message.
 ///
 /// # Errors
-/// When nobody reads.
+/// When the connection is closed.
 pub fn write_text(out: &mut impl Write, said: &impl Serialize) -> io::Result<()> {
     let text = serde_json::to_vec(said)?;
     let length = u32::try_from(text.len()).ok().filter(|length| *length <= MOST_TEXT).ok_or_else(|| wrong("it is too long"))?;
@@ -145,7 +146,7 @@ pub fn write_text(out: &mut impl Write, said: &impl Serialize) -> io::Result<()>
 /// Writes a picture.
 ///
 /// # Errors
-/// When nobody reads, or there are not as many bytes as the size says.
+/// When the connection is closed, or the number of bytes does not match the size.
 pub fn write_pixels(out: &mut impl Write, (width, height): (u32, u32), channels: u8, data: &[u8]) -> io::Result<()> {
     let length = u32::try_from(PICTURE_HEAD + data.len()).map_err(|_| wrong("the picture is too large"))?;
     if data.len() as u64 != u64::from(width) * u64::from(height) * u64::from(channels) {
@@ -159,10 +160,10 @@ pub fn write_pixels(out: &mut impl Write, (width, height): (u32, u32), channels:
     out.write_all(data)
 }
 
-/// Reads a message with a picture of at most `most` pixels; `None` where the other side has ended.
+/// Reads a message, with a picture of at most `most` pixels; `None` if the other side has ended.
 ///
 /// # Errors
-/// When the connection breaks in the middle, and [`io::ErrorKind::InvalidData`] for what is no message.
+/// When the connection breaks within a message, and [`io::ErrorKind::InvalidData`] for an invalid message.
 pub fn read(input: &mut impl Read, most: u64) -> io::Result<Option<Message>> {
     let mut head = [0; 5];
     if input.read(&mut head[..1])? == 0 {
@@ -226,7 +227,7 @@ mod tests {
     #[test]
     fn nothing_is_held_for_what_cannot_be() {
         assert_eq!(refused(b"\x07\x00\x00\x00\x00"), io::ErrorKind::InvalidData);
-        // A text of 4 GB, a picture with less than its head.
+        // A text of 4 GB, a picture shorter than its header.
         assert_eq!(refused(b"\x00\xff\xff\xff\xff"), io::ErrorKind::InvalidData);
         assert_eq!(refused(b"\x01\x03\x00\x00\x00abc"), io::ErrorKind::InvalidData);
         let picture = |width: u32, height: u32, channels: u8, length: u32| {

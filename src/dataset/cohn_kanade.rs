@@ -1,5 +1,5 @@
-//! Cohn-Kanade and CK+ as they are distributed: images, emotion labels and landmarks in three folders with the same sub-folders
-//! (P. Lucey et al.: *The extended Cohn-Kanade dataset (CK+)*, CVPR workshops 2010).
+//! Reads Cohn-Kanade and CK+ as distributed: images, emotion labels and landmarks in three folders with the same sub-folders (P. Lucey et
+//! al.: *The extended Cohn-Kanade dataset (CK+)*, CVPR workshops 2010).
 //!
 //! ```text
 //! cohn-kanade-images/S005/001/S005_001_00000001.png
@@ -7,7 +7,7 @@
 //! Landmarks/S005/001/S005_001_00000001_landmarks.txt    68 lines `x y`
 //! ```
 //!
-//! CK+ labels a part of its sequences only; those without a label are skipped, not failed, unless labels are not needed.
+//! CK+ labels only part of its sequences. Those without a label are skipped rather than failed, unless labels are optional.
 
 use std::{
     collections::{BTreeMap, btree_map::Entry},
@@ -26,23 +26,23 @@ use crate::{text::excerpt, units::SequenceId};
 /// Emotions by their code in CK+.
 const EMOTION_CODES: [&str; 8] = ["neutral", "anger", "contempt", "disgust", "fear", "happiness", "sadness", "surprise"];
 
-/// The code of an emotion in CK+; `None` for a label it does not have.
+/// CK+ code of an emotion; `None` for a label that CK+ does not have.
 #[must_use]
 pub fn emotion_code(emotion: &str) -> Option<u8> {
     (0..).zip(EMOTION_CODES).find(|(_, name)| *name == emotion).map(|(code, _)| code)
 }
 
-/// [`EMOTION_CODES`] for messages.
+/// [`EMOTION_CODES`] as text for messages.
 pub(super) const CODES_IN_WORDS: &str = "0 neutral, 1 anger, 2 contempt, 3 disgust, 4 fear, 5 happiness, 6 sadness, 7 surprise";
 
-/// Names of the folder of images, where it is not the root itself.
+/// Names of the image folder, unless it is the root itself.
 const IMAGE_FOLDERS: [&str; 3] =
     ["cohn-kanade-images", "extended-cohn-kanade-images/cohn-kanade-images", "extended-cohn-kanade-images"];
 
-/// Names of the folder of labels, by the folder images are in.
+/// Names of the label folder, by the name of the image folder.
 const EMOTION_FOLDERS: [&str; 3] = ["Emotion", "Emotion_labels/Emotion", "Emotion_labels"];
 
-/// Names of the folder of landmarks.
+/// Names of the landmark folder.
 const LANDMARK_FOLDERS: [&str; 2] = ["Landmarks/Landmarks", "Landmarks"];
 
 /// Names of the folder of action unit labels, which is not read.
@@ -51,15 +51,15 @@ const FACS_FOLDERS: [&str; 2] = ["FACS", "FACS_labels"];
 /// The three folders of the layout.
 struct Folders {
     images: PathBuf,
-    /// `None` only where labels are not needed.
+    /// `None` only if labels are optional.
     emotions: Option<PathBuf>,
     landmarks: Option<PathBuf>,
 }
 
-/// Opens a folder in this layout, the one above or that of the images itself; `None` when it is not in this layout.
+/// Opens a folder in this layout, its parent, or its image folder; `None` for another layout.
 ///
 /// # Errors
-/// [`DatasetError`] when the images are there and the labels are not, though they are needed, or a folder cannot be listed.
+/// [`DatasetError`] when images exist without the required labels, or a folder cannot be listed.
 pub(super) fn open(root: &Path, labels: Labels) -> Result<Option<Dataset>, DatasetError> {
     let Some(folders) = find_folders(root, labels)? else { return Ok(None) };
     let images = &folders.images;
@@ -103,7 +103,7 @@ pub(super) fn open(root: &Path, labels: Labels) -> Result<Option<Dataset>, Datas
 }
 
 impl Folders {
-    /// Whether a folder beside the subjects holds labels or landmarks.
+    /// Whether a folder beside the subjects contains labels or landmarks.
     fn has_labels(&self, folder: &Path) -> bool {
         [&self.emotions, &self.landmarks].into_iter().flatten().any(|labels| labels.starts_with(folder))
             || FACS_FOLDERS.iter().any(|name| folder.ends_with(name))
@@ -111,7 +111,7 @@ impl Folders {
 }
 
 fn find_folders(root: &Path, labels: Labels) -> Result<Option<Folders>, DatasetError> {
-    // Of `.` and other paths without a name the folder above shows only when they are resolved.
+    // The parent of `.` and of other paths without a name is known only after resolving them.
     let resolved = fs::canonicalize(root).unwrap_or_else(|_| root.to_owned());
     let bases: Vec<&Path> = [Some(root), resolved.parent()].into_iter().flatten().collect();
     let find = |names: &[&str]| {
@@ -136,7 +136,7 @@ fn find_folders(root: &Path, labels: Labels) -> Result<Option<Folders>, DatasetE
     Ok(images.map(|images| Folders { images, emotions: Some(emotions), landmarks }))
 }
 
-/// Whether a folder holds images of a subject that has a label.
+/// Whether a folder contains images of a subject that has a label.
 fn has_images_of(folder: &Path, emotions: &Path) -> bool {
     let subjects = sub_folders(folder).unwrap_or_default();
     let Some(subject) = subjects.iter().find(|subject| emotions.join(subject).is_dir()) else { return false };
@@ -144,7 +144,7 @@ fn has_images_of(folder: &Path, emotions: &Path) -> bool {
     sub_folders(&folder).unwrap_or_default().iter().any(|sequence| has_frames(&folder.join(sequence)))
 }
 
-/// A sequence with its label; `None` without one that is needed.
+/// The entry of a sequence with its label; `None` if a required label is missing.
 fn entry(folders: &Folders, id: &SequenceId, labels: Labels) -> Result<Option<SequenceEntry>, DatasetError> {
     let inside = Path::new(&id.subject).join(&id.sequence);
     let frames_path = folders.images.join(&inside);
@@ -169,7 +169,7 @@ fn entry(folders: &Folders, id: &SequenceId, labels: Labels) -> Result<Option<Se
     }))
 }
 
-/// The label in a sequence's folder of labels; `None` when there is no folder or no file in it.
+/// The label in a sequence's label folder; `None` without the folder or a file in it.
 fn read_emotion(folder: &Path) -> Result<Option<&'static str>, DatasetError> {
     if !folder.is_dir() {
         return Ok(None);
@@ -184,7 +184,7 @@ fn read_emotion(folder: &Path) -> Result<Option<&'static str>, DatasetError> {
     };
     let bytes = crate::input::read(path).map_err(|reason| DatasetError::Io { path: path.clone(), reason })?;
     let text = String::from_utf8_lossy(&bytes);
-    // Whole numbers only, though written as `3.0000000e+00`.
+    // Only whole numbers, although written as `3.0000000e+00`.
     let code = text.trim().parse::<f64>().ok().filter(|code| code.fract() == 0.0 && *code >= 0.0);
     match code.and_then(|code| EMOTION_CODES.get(code as usize)) {
         Some(emotion) => Ok(Some(emotion)),

@@ -12,7 +12,7 @@ use super::{
 };
 use crate::{correspondence::Correspondence, units::SequenceId, wireframe::Tables};
 
-/// A sequence: who, which recording, which emotion, and where its files are. The files are looked up by the methods.
+/// A sequence: its subject, its name, its emotion, and the paths of its files. The methods look the files up.
 ///
 /// ```
 /// use grimace::dataset::Dataset;
@@ -35,11 +35,11 @@ pub struct SequenceEntry {
     pub first_frame: Option<u32>,
     /// Number of the apex frame; the last if `None`.
     pub last_frame: Option<u32>,
-    /// Correspondence file named by the manifest; it must be there.
+    /// Correspondence file named by the manifest; it must exist.
     pub correspondences_path: Option<PathBuf>,
-    /// Correspondence file that is used when none is named and this one is there.
+    /// Correspondence file that is used if none is named and this one exists.
     pub default_correspondences_path: PathBuf,
-    /// Where landmarks are looked for, in this order; empty without landmarks.
+    /// Paths that are searched for landmarks, in this order; empty for a sequence without landmarks.
     pub landmarks_paths: Vec<PathBuf>,
     /// Frames per second, positive.
     pub fps: Option<f64>,
@@ -47,10 +47,10 @@ pub struct SequenceEntry {
     pub metadata: BTreeMap<String, String>,
 }
 
-/// The column of a manifest that says whether people agreed to be shown.
+/// Manifest column that states whether people agreed to be shown.
 pub const PUBLISH_COLUMN: &str = "publish";
 
-/// The column of a manifest whose value `auto` says that the row is a whole recording: its sequences are found.
+/// Manifest column whose value `auto` marks a whole recording, in which sequences are to be found.
 pub const SEGMENT_COLUMN: &str = "segment";
 
 /// Whether a column is [`PUBLISH_COLUMN`], in any case.
@@ -58,14 +58,14 @@ pub fn is_publish_column(name: &str) -> bool {
     name.trim().eq_ignore_ascii_case(PUBLISH_COLUMN)
 }
 
-/// Whether pictures of a sequence with these further columns may be shown to others. Its numbers count in any case. Without the column, or
-/// with an empty field, they may; anything but `yes` (or `true`, `1`) forbids it, so that a misspelled `no` does.
+/// Whether pictures of a sequence with these further columns may be shown to others. It is used for measurements in any case. Without the
+/// column, or with an empty field, pictures may be shown. Any value but `yes` (or `true`, `1`) forbids it, including a misspelled `no`.
 pub fn may_publish(metadata: &BTreeMap<String, String>) -> bool {
     let field = metadata.iter().find(|(name, _)| is_publish_column(name)).map_or("", |(_, value)| value.trim());
     field.is_empty() || ["yes", "true", "1"].iter().any(|yes| field.eq_ignore_ascii_case(yes))
 }
 
-/// Where the correspondences of a sequence come from.
+/// Source of a sequence's correspondences.
 ///
 /// ```
 /// use grimace::dataset::{CorrespondenceSource, Dataset};
@@ -81,15 +81,15 @@ pub enum CorrespondenceSource {
     File(PathBuf),
     /// Landmarks of the neutral frame.
     Landmarks(PathBuf),
-    /// Nowhere yet.
+    /// No source.
     None,
 }
 
-/// Column of the manifest that says which face of a table of landmarks is meant.
+/// Manifest column that selects one face of a landmark table.
 pub(crate) const FACE_COLUMN: &str = "face_id";
 
 impl SequenceEntry {
-    /// Lists the frames, cut to the neutral and the apex frame.
+    /// Lists the frames from the neutral to the apex frame.
     ///
     /// # Errors
     /// As [`list_frames`].
@@ -97,15 +97,15 @@ impl SequenceEntry {
         list_frames(&self.frames_path, self.first_frame, self.last_frame)
     }
 
-    /// The file that the marks of the neutral frame are in, or would be: the one named, else the default place.
+    /// File for the marks of the neutral frame, existing or not: the one named in the manifest, else the default.
     pub fn marks_path(&self) -> &Path {
         self.correspondences_path.as_ref().unwrap_or(&self.default_correspondences_path)
     }
 
-    /// Where correspondences come from: the file named, else the file in the default place, else landmarks.
+    /// Returns the source of correspondences: the named file, else the default file if it exists, else landmarks.
     ///
     /// # Errors
-    /// [`DatasetError::CorrespondencesMissing`] or [`LandmarksError::NotFound`] for a file that is named and not there.
+    /// [`DatasetError::CorrespondencesMissing`] or [`LandmarksError::NotFound`] for a named file that does not exist.
     pub fn correspondence_source(&self) -> Result<CorrespondenceSource, DatasetError> {
         if let Some(path) = &self.correspondences_path {
             if !path.is_file() {
@@ -122,8 +122,8 @@ impl SequenceEntry {
     /// Reads the correspondences of the neutral frame, whose number is [`FrameSource::neutral_number`].
     ///
     /// # Errors
-    /// [`DatasetError`] when there are none, or the file or the landmarks do not read. Whether they determine a fit is for
-    /// [`crate::correspondence::validate_correspondences`].
+    /// [`DatasetError`] when there are none, or the file or the landmarks cannot be read. Whether they are sufficient for a fit is checked
+    /// by [`crate::correspondence::validate_correspondences`].
     pub fn correspondences(
         &self,
         neutral_number: u32,
@@ -144,15 +144,15 @@ impl SequenceEntry {
         }
     }
 
-    /// Which of several faces of a table of landmarks is meant: the manifest's column `face_id`.
+    /// Selected face of a landmark table: the manifest's column `face_id`.
     pub fn face_id(&self) -> Option<&str> {
         self.metadata.get(FACE_COLUMN).map(String::as_str)
     }
 
-    /// File or folder of the landmarks; `None` for a sequence without.
+    /// File or folder of the landmarks; `None` for a sequence without landmarks.
     ///
     /// # Errors
-    /// [`LandmarksError::NotFound`] when the manifest names a file that is not there.
+    /// [`LandmarksError::NotFound`] when the manifest names a file that does not exist.
     pub fn landmarks_path(&self) -> Result<Option<&Path>, LandmarksError> {
         match self.landmarks_paths.iter().find(|path| path.exists()) {
             Some(path) => Ok(Some(path)),
@@ -161,18 +161,19 @@ impl SequenceEntry {
         }
     }
 
-    /// Frames that a manifest names and that are not there; those that lie by their names are not asked for.
+    /// Path of frames that the manifest names and that do not exist. Default paths are not checked.
     pub fn missing_frames(&self) -> Option<&Path> {
         let by_name = self.default_correspondences_path.parent();
         Some(self.frames_path.as_path()).filter(|path| Some(*path) != by_name && !path.exists())
     }
 
-    /// Where the landmarks are that drive the sequence, when it is given as landmarks instead of images: the file or folder that
-    /// `frames` names, or, where that is not there or holds no images, what `landmarks` names. `prefer` takes landmarks also where
-    /// there are images. `None` for a sequence of images.
+    /// Returns the landmarks that drive the sequence, if it is given as landmarks instead of images; `None` for images.
+    ///
+    /// These are the file or folder in the column `frames` or, if that does not exist or has no images, the one in `landmarks`. With
+    /// `prefer`, landmarks drive the sequence even if there are images.
     ///
     /// # Errors
-    /// [`LandmarksError`] for a landmark file that is named and not there, or a folder with several sets of landmarks.
+    /// [`LandmarksError`] for a named landmark file that does not exist, or a folder with several sets of landmarks.
     pub fn driving_landmarks(&self, prefer: bool) -> Result<Option<PathBuf>, LandmarksError> {
         let path = &self.frames_path;
         let named = || Ok(self.landmarks_path()?.map(Path::to_owned));
@@ -194,7 +195,7 @@ impl SequenceEntry {
         named()
     }
 
-    /// Reads the landmarks; `None` for a sequence without.
+    /// Reads the landmarks; `None` for a sequence without landmarks.
     ///
     /// # Errors
     /// As [`SequenceEntry::landmarks_path`] and [`super::read_landmarks`].
@@ -202,7 +203,7 @@ impl SequenceEntry {
         self.landmarks_path()?.map(|path| read_face(path, LEAST_CONFIDENCE, self.face_id())).transpose()
     }
 
-    /// What it is labelled with: its id, its emotion, and the further columns of the manifest.
+    /// Labels: its id, its emotion, and the further columns of the manifest.
     pub(crate) fn labels(&self) -> (&SequenceId, &str, &BTreeMap<String, String>) {
         (&self.id, &self.emotion, &self.metadata)
     }

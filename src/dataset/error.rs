@@ -1,4 +1,4 @@
-//! What can be wrong with a dataset.
+//! Errors of datasets.
 
 use std::{io, path::PathBuf};
 
@@ -13,7 +13,7 @@ use crate::{
     units::SequenceId,
 };
 
-/// What is wrong with a dataset or one of its sequences.
+/// Errors of a dataset or one of its sequences.
 ///
 /// ```
 /// use grimace::dataset::{Dataset, DatasetError};
@@ -26,7 +26,7 @@ pub enum DatasetError {
     /// No such file or folder.
     #[error("{}: there is no such dataset; give a folder with manifest.csv, or the manifest", path.display())]
     NotFound {
-        /// What was asked for.
+        /// The given path.
         path: PathBuf,
     },
     /// A recording that could not be cut into sequences.
@@ -47,7 +47,7 @@ pub enum DatasetError {
         root: PathBuf,
         /// First subject found.
         subject: String,
-        /// First sequence of it with frames.
+        /// Its first sequence with frames.
         sequence: String,
     },
     /// Nothing that looks like sequences.
@@ -65,7 +65,7 @@ pub enum DatasetError {
     PicturesOfPeople {
         /// The folder.
         root: PathBuf,
-        /// What lies together.
+        /// Kinds of content in the same folder.
         found: Vec<String>,
     },
     /// Everything there is of a format that is not read.
@@ -111,7 +111,7 @@ pub enum DatasetError {
         path: PathBuf,
         /// Line of the second, from 1.
         line: usize,
-        /// Who.
+        /// The subject.
         subject: String,
     },
     /// A manifest's column that would pass for something to group by, and is hardly meant so.
@@ -122,7 +122,7 @@ pub enum DatasetError {
         path: PathBuf,
         /// The column.
         found: String,
-        /// The known column that it is nearly.
+        /// The similar known column.
         meant: String,
     },
     /// A folder that cannot be listed or a file that cannot be read.
@@ -195,7 +195,7 @@ pub enum DatasetError {
     NoCorrespondences {
         /// The sequence.
         id: SequenceId,
-        /// Where a correspondence file is looked for.
+        /// Default path of a correspondence file.
         default: PathBuf,
     },
     /// A correspondence file named in the manifest that is not there.
@@ -208,7 +208,7 @@ pub enum DatasetError {
     },
 }
 
-/// What is wrong with a row of a manifest.
+/// Errors in a row of a manifest.
 ///
 /// ```
 /// use grimace::dataset::{Dataset, DatasetError, RowError};
@@ -270,7 +270,7 @@ pub enum RowError {
     SimilarFileName {
         /// The sequence.
         id: SequenceId,
-        /// The sequence met before.
+        /// The earlier sequence.
         other: Box<SequenceId>,
     },
     /// A frame range of a single frame.
@@ -283,10 +283,10 @@ pub enum RowError {
     },
 }
 
-/// Longest text taken as part of a file name, bytes.
+/// Largest length of a text as part of a file name, bytes.
 const MAX_NAME_BYTES: usize = 100;
 
-/// Checks that a text can be part of a file name on any system; `column` is what is said to hold it.
+/// Checks that a text can be part of a file name on any system. `column` is named in the error.
 ///
 /// # Errors
 /// [`RowError`] with the reason.
@@ -302,10 +302,10 @@ pub fn check_file_name(column: &'static str, value: &str) -> Result<(), RowError
     Err(RowError::NotAFileName { column, value: excerpt(value), reason })
 }
 
-/// What file systems that ignore case or normalize letters take a name for: equal keys, the same file.
+/// Key of a name on file systems that ignore case or normalize letters: equal keys mean the same file.
 pub(crate) fn name_key(name: &str) -> String {
     use unicode_normalization::UnicodeNormalization;
-    // Upper case first: it joins letters that lower case keeps apart, such as the two small sigmas and sharp s.
+    // Upper case first: it unifies letters that lower case distinguishes, such as the two small sigmas and sharp s.
     name.nfd().collect::<String>().to_uppercase().to_lowercase().nfc().collect()
 }
 

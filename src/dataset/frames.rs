@@ -1,4 +1,4 @@
-//! Frames of a sequence: a folder of images in the order of their numbers, or a video file.
+//! Lists the frames of a sequence: a folder of images sorted by number, or a video file.
 
 use std::{
     ffi::OsStr,
@@ -17,10 +17,10 @@ pub const IMAGE_EXTENSIONS: [&str; 9] = ["png", "jpg", "jpeg", "tif", "tiff", "b
 /// Extensions of video files, in any case.
 pub const VIDEO_EXTENSIONS: [&str; 8] = ["mp4", "avi", "mpg", "mpeg", "mov", "mkv", "webm", "m4v"];
 
-/// Number of the first frame of a video file, as programs that cut videos into images count.
+/// Number of the first frame of a video file, as in programs that split videos into images.
 pub const FIRST_VIDEO_FRAME: u32 = 1;
 
-/// Fewest frames in which something moves.
+/// Fewest frames of a sequence.
 const MINIMUM_FRAMES: usize = 2;
 
 /// An image file and its frame number.
@@ -37,14 +37,14 @@ const MINIMUM_FRAMES: usize = 2;
 /// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FrameFile {
-    /// Its number, by the file's name where [`list_frames`] made the list. In a list of one's own any that ascend or descend.
+    /// Its number: from the file name in lists made by [`list_frames`]; in other lists any ascending or descending numbers.
     pub number: u32,
     /// The file.
     pub path: PathBuf,
 }
 
-/// Where the frames of a sequence come from, neutral first, apex last, whichever of the two was recorded first. [`list_frames`] makes it
-/// of a folder or a video; a list of files of one's own is read in its order.
+/// Source of the frames of a sequence, ordered from neutral to apex, whichever was recorded first. [`list_frames`] creates it from a folder
+/// or a video. A custom list of files is read in its order.
 ///
 /// ```
 /// use grimace::dataset::{FrameSource, list_frames};
@@ -56,10 +56,10 @@ pub struct FrameFile {
 /// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum FrameSource {
-    /// Image files by ascending number, or by descending number where the apex was recorded before the neutral frame; two at least.
-    /// Numbers may have gaps.
+    /// At least two image files by ascending number, or by descending number if the apex was recorded before the neutral frame. Numbers may
+    /// have gaps.
     Images(Vec<FrameFile>),
-    /// A video file; whether it has the frames shows when it is decoded.
+    /// A video file. Decoding determines whether it has the frames.
     Video {
         /// The file.
         path: PathBuf,
@@ -74,7 +74,7 @@ fn leading_zeros(near: &Path) -> String {
     format!("; {} exists: spreadsheets drop leading zeros, so format the column as text", near.display())
 }
 
-/// What a path of another system has wrong.
+/// Hint for a path that was written on another system.
 fn backslashes(path: &Path) -> &'static str {
     let is_of_windows = !cfg!(windows) && path.to_string_lossy().contains('\\');
     if is_of_windows { "; this system separates folders with / and has no drive letters" } else { "" }
@@ -90,7 +90,7 @@ impl FrameSource {
         }
     }
 
-    /// The files that the frames come from, in order.
+    /// The files that contain the frames, in order.
     #[must_use]
     pub fn files(&self) -> Vec<&Path> {
         match self {
@@ -127,7 +127,7 @@ pub enum FramesError {
     NotFound {
         /// The path.
         path: PathBuf,
-        /// What is there under the same number, written with other zeros.
+        /// Existing path with the same number but other leading zeros.
         near: Option<PathBuf>,
     },
     /// A file that is no video.
@@ -153,7 +153,7 @@ pub enum FramesError {
         if files.len() > 1 { format!(" and {} more", files.len() - 1) } else { String::new() }
     )]
     Unread {
-        /// The pictures, by their numbers.
+        /// The pictures, sorted by number.
         files: Vec<PathBuf>,
     },
     /// An image that has no number.
@@ -191,11 +191,11 @@ pub enum FramesError {
         column: &'static str,
         /// The number asked for.
         number: u32,
-        /// Frames there are.
+        /// Number of frames.
         found: usize,
-        /// Smallest number there is.
+        /// Smallest existing number.
         first: u32,
-        /// Largest number there is.
+        /// Largest existing number.
         last: u32,
     },
     /// Fewer than two frames from first to last.
@@ -208,13 +208,15 @@ pub enum FramesError {
     },
 }
 
-/// Lists the frames of a folder, or recognizes a video file; `first` and `last` are the numbers of the neutral and the apex
-/// frame, both included. Where `first` is the later of the two, frames go back in time.
+/// Lists the frames of a folder, or recognizes a video file. `first` and `last` are the numbers of the neutral and the apex frame, both
+/// included. If `first` is the later of the two, the order is reversed.
 ///
-/// Hidden files and files that are no images are passed over; pictures of other formats that are called as the frames are and would be among
-/// those asked for are refused. The number of an image is the last run of digits in its name
-/// before the extension, or, where that does not tell the images apart or in order, the one run that varies; images are in the order
-/// of their numbers. Where several runs vary, as in dates with times, images are in the order of their names, counted from 1.
+/// Hidden files and files other than images are ignored. Pictures in unsupported formats are an error if they have the frames' names and
+/// lie in the requested range.
+///
+/// The number of an image is the last run of digits in its name before the extension. If that is ambiguous or contradicts the order of the
+/// names, it is the one run of digits that varies. Images are sorted by number. If several runs vary, as in dates with times, images are
+/// sorted by name and counted from 1.
 ///
 /// ```
 /// use grimace::dataset::list_frames;
@@ -227,13 +229,13 @@ pub enum FramesError {
 /// ```
 ///
 /// # Errors
-/// [`FramesError`] when there is no such folder or video, no image, a frame that is a picture of another format, an image without a number, a
-/// number that is there twice, a `first` or `last` that is not there, or fewer than two frames.
+/// [`FramesError`] when there is no such folder or video, no image, a frame in an unsupported format, an image without a number, a
+/// duplicate number, a `first` or `last` that does not exist, or fewer than two frames.
 pub fn list_frames(path: &Path, first: Option<u32>, last: Option<u32>) -> Result<FrameSource, FramesError> {
     list_frames_among(path, first, last).map(|(frames, _)| frames)
 }
 
-/// [`list_frames`], and the files of all frames that are there, in no order: those before and behind, too.
+/// As [`list_frames`]. Also returns the files of all frames, including those before and after, in no particular order.
 ///
 /// # Errors
 /// As [`list_frames`].
@@ -247,7 +249,7 @@ pub fn list_frames_among(path: &Path, first: Option<u32>, last: Option<u32>) -> 
     Ok((video(path, first, last)?, vec![path.to_owned()]))
 }
 
-/// Frames of a sequence, which are two at least.
+/// Checks that a sequence has at least two frames.
 fn images(folder: &Path, frames: Vec<FrameFile>) -> Result<FrameSource, FramesError> {
     match frames.len() {
         found @ 0..MINIMUM_FRAMES => Err(FramesError::TooFew { folder: folder.to_owned(), found }),
@@ -255,10 +257,10 @@ fn images(folder: &Path, frames: Vec<FrameFile>) -> Result<FrameSource, FramesEr
     }
 }
 
-/// [`list_frames`] of a whole recording, which has no neutral and no apex frame: of a folder all images, be it a single one.
+/// As [`list_frames`] for a whole recording, without neutral and apex frame: all images of a folder, even a single one.
 ///
 /// # Errors
-/// As [`list_frames`], but for too few frames.
+/// As [`list_frames`], except too few frames.
 pub fn list_recording(path: &Path) -> Result<FrameSource, FramesError> {
     if path.is_dir() {
         let all = numbered_images(path)?;
@@ -268,10 +270,10 @@ pub fn list_recording(path: &Path) -> Result<FrameSource, FramesError> {
     video(path, None, None)
 }
 
-/// [`list_frames`] of all that can be read, to choose from: pictures of other formats among the frames are passed over.
+/// As [`list_frames`] for all readable frames, to choose from. Pictures in unsupported formats are ignored.
 ///
 /// # Errors
-/// As [`list_frames`], but for such pictures.
+/// As [`list_frames`], except unsupported pictures.
 pub fn list_readable(path: &Path) -> Result<FrameSource, FramesError> {
     if path.is_dir() {
         return images(path, cut(path, numbered_images(path)?, None, None)?);
@@ -279,7 +281,7 @@ pub fn list_readable(path: &Path) -> Result<FrameSource, FramesError> {
     video(path, None, None)
 }
 
-/// Refuses pictures of formats that are not read where frames are asked for; in a folder without frames, all such pictures.
+/// Returns an error for pictures in unsupported formats within the requested range or, in a folder without frames, for any such picture.
 fn check_unread(folder: &Path, frames: &[FrameFile], first: Option<u32>, last: Option<u32>) -> Result<(), FramesError> {
     let unread = unread_pictures(folder).map_err(|reason| FramesError::Io { path: folder.to_owned(), reason })?;
     let files = if frames.is_empty() { unread } else { unread_frames(frames, unread, first, last) };
@@ -296,7 +298,7 @@ fn video(path: &Path, first: Option<u32>, last: Option<u32>) -> Result<FrameSour
     Ok(FrameSource::Video { path: path.to_owned(), first, last })
 }
 
-/// What stands where a path is looked for under the same number written otherwise: spreadsheets make 2 of 002.
+/// Existing path whose name has the same number written differently, since spreadsheets change 002 to 2.
 fn same_number(path: &Path) -> Option<PathBuf> {
     let missing = path.ancestors().take_while(|p| !p.exists()).last()?;
     let number = |name: &OsStr| name.to_str()?.parse::<u64>().ok();
@@ -311,24 +313,24 @@ pub(crate) fn is_video(path: &Path) -> bool {
     has_extension(path, &VIDEO_EXTENSIONS)
 }
 
-/// Whether a folder has an image in it.
+/// Whether a folder contains an image.
 pub(crate) fn has_frames(folder: &Path) -> bool {
     visible(folder).is_ok_and(|entries| entries.iter().any(|e| has_picture_name(Path::new(&e.file_name()))))
 }
 
-/// How many images are in a folder.
+/// Number of images in a folder.
 pub(super) fn picture_count(folder: &Path) -> usize {
     visible(folder).map_or(0, |entries| entries.iter().filter(|e| is_picture(&e.path())).count())
 }
 
-/// Names of the folders in a folder, hidden ones left out, sorted.
+/// Sorted names of the folders in a folder, without hidden ones.
 pub(super) fn sub_folders(folder: &Path) -> io::Result<Vec<String>> {
     let entries = visible(folder)?;
     let folders = entries.iter().filter(|e| e.path().is_dir());
     Ok(folders.map(|e| e.file_name().to_string_lossy().into_owned()).collect())
 }
 
-/// Entries of a folder by name, hidden ones left out.
+/// Entries of a folder sorted by name, without hidden ones.
 pub(crate) fn visible(folder: &Path) -> io::Result<Vec<fs::DirEntry>> {
     let mut entries = fs::read_dir(folder)?.collect::<io::Result<Vec<_>>>()?;
     entries.retain(|e| !e.file_name().as_encoded_bytes().starts_with(b"."));
@@ -341,7 +343,7 @@ pub fn is_picture(path: &Path) -> bool {
     path.is_file() && has_picture_name(path)
 }
 
-/// Whether a path has the extension of a picture, be it there or not.
+/// Whether a path has the extension of a picture, whether it exists or not.
 pub fn has_picture_name(path: &Path) -> bool {
     has_extension(path, &IMAGE_EXTENSIONS)
 }
@@ -356,7 +358,7 @@ pub(super) fn has_digits(path: &Path) -> bool {
     path.file_stem().is_some_and(|stem| stem.as_encoded_bytes().iter().any(u8::is_ascii_digit))
 }
 
-/// Images of a folder by number.
+/// Images of a folder, sorted by number.
 fn numbered_images(folder: &Path) -> Result<Vec<FrameFile>, FramesError> {
     let io = |reason| FramesError::Io { path: folder.to_owned(), reason };
     let mut frames = Vec::new();
@@ -382,7 +384,7 @@ fn numbered_images(folder: &Path) -> Result<Vec<FrameFile>, FramesError> {
             }
         }
     }
-    // Stable: two files with one number stay in the order of their names.
+    // A stable sort keeps files with equal numbers in the order of their names.
     frames.sort_by_key(|frame| frame.number);
     let name = |frame: &FrameFile| frame.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     match frames.windows(2).find(|pair| pair[0].number == pair[1].number) {

@@ -1,4 +1,4 @@
-//! A manifest for folders that have none: a row for every folder of images and every video, at any depth.
+//! Proposes a manifest for folders without one: a row for every folder of images and every video, at any depth.
 
 mod emotions;
 mod kept;
@@ -25,13 +25,13 @@ use crate::{
     text::composed,
 };
 
-/// What stands for an emotion that neither folders nor file names say.
+/// Placeholder for an emotion that neither folders nor file names contain.
 pub const UNKNOWN_EMOTION: &str = "?";
 
-/// What divides a name into parts.
+/// Separators of the parts of a name.
 const SEPARATORS: [char; 3] = ['_', '-', ' '];
 
-/// A row of a manifest to be.
+/// A row of a proposed manifest.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ProposedRow {
     /// Subject.
@@ -42,7 +42,7 @@ pub struct ProposedRow {
     pub emotion: String,
     /// Folder of images or video, relative to the manifest.
     pub frames: String,
-    /// File or folder of landmarks, relative to the manifest; empty for none.
+    /// File or folder of landmarks, relative to the manifest; may be empty.
     pub landmarks: String,
     /// Fields of the person, in the order of [`ProposedManifest::person_columns`].
     pub person: Vec<String>,
@@ -50,41 +50,43 @@ pub struct ProposedRow {
     pub more: Vec<String>,
 }
 
-/// A manifest to be.
+/// A proposed manifest.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ProposedManifest {
-    /// Rows, by subject and sequence.
+    /// Rows sorted by subject and sequence.
     pub rows: Vec<ProposedRow>,
-    /// Columns that say something about people.
+    /// Columns that describe people.
     pub person_columns: Vec<String>,
-    /// Further columns: marks and frames that are known, and those of an earlier manifest.
+    /// Further columns: known marks and frames, and those of an earlier manifest.
     pub more_columns: Vec<String>,
-    /// Columns of the table of people that were not taken.
+    /// Columns of the table of people that were not joined.
     pub not_joined: Vec<String>,
-    /// Subjects that the table of people lacks; where it has a column `publish`, theirs is `no`.
+    /// Subjects missing from the table of people. If it has a column `publish`, they get `no`.
     pub unknown_people: Vec<String>,
-    /// People of that table of whom there is no sequence.
+    /// People in that table without a sequence.
     pub people_without_rows: Vec<String>,
-    /// Sequences of a labelled dataset that are not taken, with the reason.
+    /// Sequences of a labelled dataset that were skipped, with the reason.
     pub skipped: Vec<String>,
-    /// Folders that hold no sequence, relative to the manifest: empty ones, and those with a single picture.
+    /// Folders without a sequence, relative to the manifest: empty ones, and those with a single picture.
     pub left_out: Vec<String>,
-    /// Pictures of several people that lie together: they are in no row.
+    /// Collections of pictures of several people, which are in no row.
     pub pictures_of_people: Vec<PicturesOfPeople>,
-    /// Videos and pictures of formats that are not read, relative to the manifest.
+    /// Videos and pictures in unsupported formats, relative to the manifest.
     pub unread: Vec<String>,
-    /// Folders with results of ours, relative to the manifest: of runs and clones, which were not looked into, and of pictures or videos that a
-    /// command wrote, such as overlays.
+    /// Folders with results of this program, relative to the manifest. Runs and clones are not searched; other folders have pictures or
+    /// videos written by a command, such as overlays.
     pub results: Vec<String>,
-    /// The folder that holds everything, where it was not taken for a person.
+    /// The folder that contains everything, if its name is not a person's.
     pub holds_all: Option<String>,
 }
 
-/// Proposes a manifest for a folder: of Cohn-Kanade's layout with its labels, else of every folder of two images or more and every video
-/// below, with the emotion that a folder or file name says.
+/// Proposes a manifest for a folder.
+///
+/// For Cohn-Kanade's layout it uses its labels. Otherwise it has a row for every folder with two or more images and every video below, with
+/// the emotion in the folder or file name.
 ///
 /// # Errors
-/// [`DatasetError`] when a folder does not read or nothing is found.
+/// [`DatasetError`] when a folder cannot be read or nothing is found.
 pub fn propose_manifest(root: &Path) -> Result<ProposedManifest, DatasetError> {
     if !root.is_dir() {
         return Err(DatasetError::NotFound { path: root.to_owned() });
@@ -113,11 +115,11 @@ pub fn propose_manifest(root: &Path) -> Result<ProposedManifest, DatasetError> {
 }
 
 impl ProposedManifest {
-    /// Joins a table of people: a CSV file with a column `subject` (or `person`), whose other columns go to every sequence of a subject, but for
-    /// those that a manifest has of every sequence ([`ProposedManifest::not_joined`]). Subjects are the same whatever the case of their letters.
+    /// Joins a table of people: a CSV file with a column `subject` (or `person`). Its other columns are added to every sequence of the
+    /// subject, except columns that describe sequences ([`ProposedManifest::not_joined`]). Subjects are compared without regard to case.
     ///
     /// # Errors
-    /// [`DatasetError`] when the file does not read, has no such column, or names nobody of the dataset.
+    /// [`DatasetError`] when the file cannot be read, has no such column, or none of its people is in the dataset.
     pub fn join_people(&mut self, path: &Path) -> Result<(), DatasetError> {
         let csv = CsvFile::open(path)?.or_semicolons(&["subject", "person"])?;
         let by = match csv.column("subject").or_else(|| csv.column("person")) {
@@ -131,9 +133,9 @@ impl ProposedManifest {
         let named = || (0..csv.header().len()).filter(|&k| k != by && !csv.header()[k].is_empty());
         let (ours, others): (Vec<usize>, Vec<usize>) = named().partition(|&k| is_ours(&csv.header()[k]));
         let unnamed: Vec<usize> = (0..csv.header().len()).filter(|&k| csv.header()[k].is_empty()).collect();
-        // Spreadsheets leave columns behind in which nothing stands.
+        // Spreadsheets leave empty columns behind.
         let mut filled: BTreeSet<usize> = BTreeSet::new();
-        // By the key of their names: what the table calls them, and what it says of them.
+        // By name key: the name in the table, and the fields.
         let mut people: BTreeMap<String, (String, Vec<String>)> = BTreeMap::new();
         for row in csv.rows() {
             let row = row?;
@@ -152,7 +154,7 @@ impl ProposedManifest {
         let of_sequences = ours.iter().map(|&k| format!("`{}`, which the manifest sets for each sequence", csv.header()[k]));
         self.not_joined = of_sequences.chain(filled.iter().map(|k| format!("column {}, which has no name", k + 1))).collect();
         self.person_columns = others.iter().map(|&k| csv.header()[k].clone()).collect();
-        // Whoever is not in a table of consents has given none.
+        // A person missing from a table of consents has not consented.
         let nothing_known = |column: &String| if is_publish_column(column) { "no".to_owned() } else { String::new() };
         let unknown_person: Vec<String> = self.person_columns.iter().map(nothing_known).collect();
         let (mut known, mut unknown) = (BTreeSet::new(), BTreeSet::new());
@@ -242,7 +244,7 @@ fn of_folders(root: &Path) -> Result<ProposedManifest, DatasetError> {
             number += 1;
             sequence = format!("{plain}-{number}");
         }
-        // Somebody called Joy is not happy by that.
+        // A person's name such as Joy is not an emotion.
         let is_name = |name: &&String| people_first && names.len() > 1 && **name == subject && !has_other_words(name);
         let emotion =
             names.iter().rev().filter(|name| !is_name(name)).find_map(|name| emotion_of(name)).unwrap_or(UNKNOWN_EMOTION);
@@ -255,8 +257,8 @@ fn of_folders(root: &Path) -> Result<ProposedManifest, DatasetError> {
     Ok(ProposedManifest { rows, left_out, pictures_of_people, unread, results, holds_all, ..ProposedManifest::default() })
 }
 
-/// Whether the first folder of all sequences, such as `videos`, says nothing: it is neither an emotion nor called as people are, and a name
-/// that may be a person's follows everywhere.
+/// Whether the first folder of all sequences, such as `videos`, is without meaning: it is neither an emotion nor has a form typical of
+/// people's labels, and a possible person's name follows in every path.
 fn holds_all(first: &str, names: &[Vec<String>]) -> bool {
     let may_be_person = |name: &String| emotion_of(name).is_none_or(|_| has_other_words(name));
     emotion_of(first).is_none()
@@ -264,20 +266,20 @@ fn holds_all(first: &str, names: &[Vec<String>]) -> bool {
         && names.iter().all(|n| n.len() > 1 && n[0] == first && n[1..].iter().any(may_be_person))
 }
 
-/// Whether folders side by side are called as people are: fewer than half of their names are emotions.
+/// Whether sibling folders are named after people: fewer than half of their names are emotions.
 fn are_people<'a>(names: impl Iterator<Item = &'a String>) -> bool {
     let names: BTreeSet<&String> = names.collect();
     let emotions = names.iter().filter(|name| emotion_of(name).is_some() && !has_other_words(name)).count();
     2 * emotions < names.len()
 }
 
-/// Words that begin the names of folders that hold several people.
+/// Words that begin the names of folders for several people.
 const COLLECTIONS: [&str; 16] = [
     "video", "data", "set", "image", "img", "face", "record", "part", "batch", "day", "take", "export", "vid", "disc", "disk",
     "study",
 ];
 
-/// Whether a name is a short word and a number, as people are called: `S1`, `sub-01`, `012`.
+/// Whether a name is a short word and a number, a typical label of a person: `S1`, `sub-01`, `012`.
 fn is_label(name: &str) -> bool {
     let digits = name.trim_start_matches(|c: char| !c.is_ascii_digit());
     let word = name[..name.len() - digits.len()].trim_end_matches(SEPARATORS).to_lowercase();
@@ -288,15 +290,17 @@ fn is_label(name: &str) -> bool {
         && !COLLECTIONS.iter().any(|collection| word.starts_with(collection))
 }
 
-/// Names of the folders from `root` to a sequence, a video's without its extension, as tables have them.
+/// Names of the folders from `root` to a sequence, without a video's extension, in the form used in tables.
 fn names(root: &Path, path: &Path) -> Vec<String> {
     let path = if path.is_file() { path.with_extension("") } else { path.to_owned() };
     let inside = path.strip_prefix(root).unwrap_or(&path);
     inside.components().map(|c| composed(&c.as_os_str().to_string_lossy())).collect()
 }
 
-/// Subject and sequence by the names: the first where `people_first`, else the first that is no emotion, and the others. Of one name
-/// alone, what stands before the first `_`, `-` or space is the subject; where that is an emotion, the next part that is none.
+/// Subject and sequence from the names.
+///
+/// The subject is the first name if `people_first`, else the first that is not an emotion; the others form the sequence. A single name is
+/// split: the subject is the part before the first `_`, `-` or space or, if that is an emotion, the next part that is not.
 fn subject_and_sequence(root: &Path, names: &[String], people_first: bool) -> (String, String) {
     let of_root = || root.canonicalize().ok().and_then(|p| p.file_name().map(|n| composed(&n.to_string_lossy())));
     let place =
@@ -326,7 +330,7 @@ fn subject_and_sequence(root: &Path, names: &[String], people_first: bool) -> (S
     }
 }
 
-/// Where the manifest of a folder lies.
+/// Path of a folder's manifest.
 pub fn manifest_path(root: &Path) -> PathBuf {
     root.join(MANIFEST_NAME)
 }

@@ -1,10 +1,14 @@
-//! `manifest.csv`: one row per sequence.
+//! Reads `manifest.csv`: one row per sequence.
 //!
-//! Required columns: `subject,sequence,emotion`. Optional: `frames` (folder of images or video, relative to the manifest, by
-//! default `SUBJECT/SEQUENCE`), `first_frame` and `last_frame` (numbers as in the file names), `correspondences` (relative path,
-//! by default `SUBJECT/SEQUENCE/correspondences.csv` where that is there), `landmarks` (name in the frames' folder, or else
-//! relative to the manifest), `fps`. All other columns are metadata. Empty fields count as not given.
-//! Columns may be separated by semicolons, and decimals have commas then.
+//! Required columns: `subject,sequence,emotion`. Optional columns:
+//!
+//! - `frames`: folder of images or video, relative to the manifest, by default `SUBJECT/SEQUENCE`
+//! - `first_frame`, `last_frame`: numbers as in the file names
+//! - `correspondences`: path relative to the manifest, by default `SUBJECT/SEQUENCE/correspondences.csv` if that exists
+//! - `landmarks`: name in the frames' folder, or else path relative to the manifest
+//! - `fps`: frames per second
+//!
+//! All other columns are metadata. Empty fields count as missing. Columns may be separated by semicolons; decimals then have commas.
 
 use std::{
     collections::BTreeMap,
@@ -25,17 +29,17 @@ use crate::{
     units::SequenceId,
 };
 
-/// Name of a correspondence file in the default place.
+/// Default name of a correspondence file.
 pub(crate) const CORRESPONDENCES_NAME: &str = "correspondences.csv";
 
-/// Columns that must be there.
+/// Required columns.
 pub const MANIFEST_COLUMNS: [&str; 3] = ["subject", "sequence", "emotion"];
 
-/// Places of the columns.
+/// Column indices.
 struct Columns {
     subject: usize,
     sequence: usize,
-    /// `None` where emotions need not be known.
+    /// `None` if emotions are optional.
     emotion: Option<usize>,
     frames: Option<usize>,
     first_frame: Option<usize>,
@@ -49,13 +53,12 @@ struct Columns {
 /// Opens a manifest.
 ///
 /// # Errors
-/// [`DatasetError`] when the file does not read, lacks a required column, or has no row. Bad rows are failures of the dataset.
+/// [`DatasetError`] when the file cannot be read, lacks a required column, or has no row. Invalid rows become failures of the dataset.
 pub(super) fn open(path: &Path, labels: Labels) -> Result<Dataset, DatasetError> {
     let csv = CsvFile::open(path)?.or_semicolons(needed(labels))?;
     let columns = columns(&csv, labels)?;
     let root = path.parent().map_or_else(PathBuf::new, Path::to_owned);
-    // Line of each file stem `SUBJECT_SEQUENCE`, as a file system may take it, with its id; two ids may share a stem (`a_b`, `c`
-    // and `a`, `b_c`).
+    // Line and id of each file stem `SUBJECT_SEQUENCE`, by its key on file systems. Two ids may share a stem (`a_b`, `c` and `a`, `b_c`).
     let mut seen: BTreeMap<String, (usize, SequenceId)> = BTreeMap::new();
     let mut sequences = Vec::new();
     let mut failures = Vec::new();
@@ -91,18 +94,18 @@ pub(super) fn open(path: &Path, labels: Labels) -> Result<Dataset, DatasetError>
     Ok(Dataset { root, sequences, failures, skipped: Vec::new() })
 }
 
-/// Columns that need not be there.
+/// Optional columns.
 const OPTIONAL: [&str; 6] = ["frames", "first_frame", "last_frame", "correspondences", "landmarks", "fps"];
 
-/// Frame rates that a recording may have: what is beyond is another unit, such as seconds for each frame.
+/// Valid frame rates, frames per second; values outside are in another unit, such as seconds per frame.
 pub const FRAME_RATES: std::ops::RangeInclusive<f64> = 0.1..=1000.0;
 
-/// Further columns that say something: whether people may be shown, whether a row is a whole recording, which of several faces is meant.
+/// Further columns with a meaning: permission to show pictures, whole recording, selected face.
 const FURTHER: [&str; 3] = [PUBLISH_COLUMN, SEGMENT_COLUMN, FACE_COLUMN];
 
-/// Whether a column is called nearly as one that says something: by case, blanks or hyphens; from 6 letters on also by a letter that is
-/// missing, too many or exchanged with the next, from 10 on by two letters of any kind. A misspelt `publish` shows people who said no, so it is
-/// taken for one from further off.
+/// Whether a column name is a misspelling of one with a meaning: it differs by case, blanks or hyphens; from 6 letters on also by a
+/// missing, additional, or transposed letter; from 10 on by up to two letters of any kind. `publish` tolerates two letters, too, because a
+/// misspelt one would show people who refused.
 fn is_misspelt(found: &str, meant: &str) -> bool {
     let plain = found.trim().to_lowercase().replace([' ', '-'], "_");
     let letters = |text: &str| {
@@ -120,7 +123,7 @@ fn is_misspelt(found: &str, meant: &str) -> bool {
     }
 }
 
-/// The columns that must be there.
+/// Required columns.
 fn needed(labels: Labels) -> &'static [&'static str] {
     match labels {
         Labels::Needed => &MANIFEST_COLUMNS,
@@ -128,12 +131,12 @@ fn needed(labels: Labels) -> &'static [&'static str] {
     }
 }
 
-/// Whether a table of comma- or semicolon-separated values lists sequences, by its first line.
+/// Whether a comma- or semicolon-separated file is a list of sequences, by its first line.
 pub(crate) fn is_manifest(path: &Path) -> bool {
     has_columns(path, needed(Labels::IfAny))
 }
 
-/// Whether the first line of a table of comma- or semicolon-separated values names all of these columns.
+/// Whether the first line of a comma- or semicolon-separated file has all of these columns.
 pub(crate) fn has_columns(path: &Path, columns: &[&str]) -> bool {
     const MOST: u64 = 1 << 16;
     let mut line = Vec::new();
@@ -170,7 +173,7 @@ fn columns(csv: &CsvFile, labels: Labels) -> Result<Columns, DatasetError> {
     Ok(Columns { subject, sequence, emotion, frames, first_frame, last_frame, correspondences, landmarks, fps, metadata })
 }
 
-/// What is wrong with a row: its content as a whole, or one field.
+/// Fault in a row: in the whole row, or in one field.
 enum Fault {
     Row(RowError),
     Field(DatasetError),
@@ -196,7 +199,7 @@ fn entry(
     seen: &mut BTreeMap<String, (usize, SequenceId)>,
 ) -> Result<SequenceEntry, Fault> {
     let given = |column: Option<usize>| column.filter(|&k| !row.get(k).is_empty());
-    // Names and labels with accents behind their letters are those with accents in them.
+    // Names and labels are composed: an accent that follows its letter counts as part of it.
     let id = SequenceId { subject: composed(row.get(columns.subject)), sequence: composed(row.get(columns.sequence)) };
     check_file_name("subject", &id.subject)?;
     check_file_name("sequence", &id.sequence)?;
@@ -260,7 +263,7 @@ fn entry(
     })
 }
 
-/// A field with blanks for the line breaks in it.
+/// A field with its line breaks replaced by blanks.
 fn one_line(field: &str) -> String {
     field.split(['\n', '\r']).filter(|part| !part.is_empty()).collect::<Vec<_>>().join(" ")
 }

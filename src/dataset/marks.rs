@@ -1,4 +1,4 @@
-//! Marks of one picture, in every form that they come in.
+//! Reads the marks of one picture in any supported form.
 
 use std::path::{Path, PathBuf};
 
@@ -14,7 +14,7 @@ use crate::{
     wireframe::Tables,
 };
 
-/// Marks that do not read.
+/// Why marks cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum MarksFileError {
     /// A table of nodes.
@@ -31,16 +31,16 @@ pub enum MarksFileError {
     Count {
         /// The file.
         path: PathBuf,
-        /// Landmarks found.
+        /// Number of landmarks.
         found: usize,
     },
 }
 
-/// Reads the marks of a picture: `node,x,y[,kind,expected_error]`; or 68 landmarks, as `point,x,y` with points 0 to 67 or
-/// as a file of one frame (`.pts`, or CK+'s lines `x y`), of which `selection` takes those that are nodes.
+/// Reads the marks of a picture: `node,x,y[,kind,expected_error]`; or 68 landmarks, as `point,x,y` with points 0 to 67 or as a file of one
+/// frame (`.pts`, or CK+'s lines `x y`). From landmarks, `selection` chooses those that become marks of nodes.
 ///
 /// # Errors
-/// `MarksFileError` for a file that is none of these or does not read.
+/// `MarksFileError` for a file that has none of these forms or cannot be read.
 pub fn read_marks(
     path: &Path,
     selection: &LandmarkSelection,
@@ -100,7 +100,7 @@ mod tests {
         assert_eq!((chin.position.x, chin.position.y), (80.0, 64.0));
         let nodes = read("nodes.csv", "node,x,y\n10,80,64\n".to_owned()).unwrap();
         assert_eq!((nodes[0].node, nodes[0].position), (chin.node, chin.position));
-        // As a spreadsheet writes it where decimals have commas.
+        // As written by a spreadsheet with decimal commas.
         let semicolons: String = (0..68).map(|k| format!("{k};{},0;{}\r\n", 10 * k, k * k)).collect();
         assert_eq!(of_table, read("semicolons.csv", format!("\u{feff}point;x;y\r\n{semicolons}")).unwrap());
         let halves = read("halves.csv", "y;x;node;kind\n64,5;80,25;10;hard\n".to_owned()).unwrap();

@@ -1,8 +1,8 @@
-//! What the user brings: sequences with an emotion, their frames, correspondences and landmarks.
+//! Reads datasets: sequences with an emotion, their frames, correspondences and landmarks.
 //!
-//! A dataset is a folder with `manifest.csv`, or a folder in the layout of Cohn-Kanade. Opening it reads the manifest or the
-//! emotion labels only; frames, correspondences and landmarks are looked up when a sequence is worked on, so that opening is
-//! fast and a broken sequence costs itself alone. Nothing is decoded here.
+//! A dataset is a folder with `manifest.csv`, or a folder in the layout of Cohn-Kanade. Opening it reads only the manifest or the emotion
+//! labels. Frames, correspondences and landmarks are looked up when a sequence is processed, so that opening is fast and a broken sequence
+//! fails alone. This module decodes no pictures.
 
 mod cohn_kanade;
 mod entry;
@@ -55,28 +55,28 @@ pub const MANIFEST_NAME: &str = "manifest.csv";
 /// ```
 #[derive(Debug, Default)]
 pub struct Dataset {
-    /// Folder that relative paths start from: the manifest's, or the one with the subjects' folders.
+    /// Base folder of relative paths: the manifest's, or the one with the subjects' folders.
     pub root: PathBuf,
-    /// Sequences that can be worked on, sorted by id.
+    /// Usable sequences, sorted by id.
     pub sequences: Vec<SequenceEntry>,
-    /// Rows or folders that are no sequence, in the order met.
+    /// Rows or folders that are not valid sequences, in order of appearance.
     pub failures: Vec<FailedEntry>,
-    /// Sequences left out that are no failures, sorted by id.
+    /// Sequences left out on purpose, sorted by id.
     pub skipped: Vec<SkippedEntry>,
 }
 
-/// Whether sequences have to have emotions.
+/// Whether sequences must have emotions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Labels {
-    /// They have.
+    /// Required.
     Needed,
-    /// They need not: an emotion that is not there, or open, is empty.
+    /// Optional: a missing or unknown emotion is empty.
     IfAny,
 }
 
-/// A row or folder that does not make a sequence.
+/// A row or folder that is not a valid sequence.
 ///
-/// A row that is wrong does not keep the others from being used.
+/// An invalid row does not affect the others.
 /// ```
 /// use grimace::dataset::{Dataset, FailedEntry};
 ///
@@ -90,16 +90,16 @@ enum Labels {
 /// ```
 #[derive(Debug)]
 pub struct FailedEntry {
-    /// Subject as far as it could be read, else empty.
+    /// Subject, if it could be read, else empty.
     pub subject: String,
-    /// Sequence as far as it could be read, else empty.
+    /// Sequence, if it could be read, else empty.
     pub sequence: String,
-    /// Why.
+    /// The error.
     pub error: DatasetError,
 }
 
 impl FailedEntry {
-    /// Why, as messages and tables say it.
+    /// The reason, as in messages and tables.
     pub(crate) fn reason(&self) -> String {
         message(&self.error.to_string()).into_owned()
     }
@@ -107,7 +107,7 @@ impl FailedEntry {
 
 /// A sequence left out on purpose.
 ///
-/// Cohn-Kanade has sequences without a label: no failure, but nothing to work on.
+/// Cohn-Kanade has sequences without a label, which are not failures.
 /// ```
 /// use grimace::dataset::Dataset;
 ///
@@ -126,7 +126,7 @@ impl FailedEntry {
 pub struct SkippedEntry {
     /// The sequence.
     pub id: SequenceId,
-    /// Why, such as the lack of an emotion label.
+    /// The reason, such as a missing emotion label.
     pub reason: String,
 }
 
@@ -134,13 +134,13 @@ impl Dataset {
     /// Opens a dataset: a folder with `manifest.csv`, a manifest file, or a folder in the layout of Cohn-Kanade or CK+.
     ///
     /// # Errors
-    /// [`DatasetError`] when there is no such dataset or its manifest does not read as a whole. What is wrong with single
-    /// sequences is in [`Dataset::failures`].
+    /// [`DatasetError`] when there is no such dataset or its manifest as a whole cannot be read. Errors of single sequences are in
+    /// [`Dataset::failures`].
     pub fn open(path: &Path) -> Result<Self, DatasetError> {
         Self::open_as(path, Labels::Needed)
     }
 
-    /// [`Dataset::open`] of sequences whose emotions need not be known: where nothing says them, they are empty, and none is skipped.
+    /// As [`Dataset::open`] for sequences with optional emotions: missing ones are empty, and no sequence is skipped.
     pub(crate) fn open_unlabelled(path: &Path) -> Result<Self, DatasetError> {
         Self::open_as(path, Labels::IfAny)
     }
@@ -163,10 +163,10 @@ impl Dataset {
     }
 }
 
-/// Folders looked into for an example of a sequence.
+/// Most folders searched for an example of a sequence.
 const MAX_FOLDERS_LOOKED_INTO: usize = 1000;
 
-/// The error for a folder without a manifest, with a line for one made from what is there.
+/// The error for a folder without a manifest, with an example line made from its content.
 fn no_manifest(root: &Path) -> DatasetError {
     let mut looked_into = 0;
     for subject in frames::sub_folders(root).unwrap_or_default() {

@@ -1,19 +1,19 @@
-//! Which of the numbers in file names is the frame's.
+//! Determines which number in a file name is the frame number.
 
 use std::{cmp::Ordering, path::Path};
 
-/// How the files of a folder are numbered.
+/// Numbering of the files in a folder.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Numbering {
-    /// The digits of each file's number, as they stand in its name.
+    /// The digits of each file's number, as in its name.
     Named(Vec<String>),
-    /// Several numbers vary: the place of each file in the order of names, from 1.
+    /// Several numbers vary: the position of each file in the order of names, from 1.
     Counted(Vec<u32>),
 }
 
-/// A name in pieces: text, digits, text, digits and so on.
+/// A name split into text, digits, text, digits and so on.
 struct Name {
-    /// What stands before each run of digits, and behind the last.
+    /// The texts before each run of digits, and after the last.
     texts: Vec<String>,
     /// Runs of digits.
     digits: Vec<String>,
@@ -35,7 +35,7 @@ impl Name {
         Self { texts, digits }
     }
 
-    /// A number so that it compares by its value, however long it is.
+    /// Key that compares a number of any length by its value.
     fn value(&self, k: usize) -> (usize, &str) {
         self.digits.get(k).map_or((0, ""), |digits| value_of(digits))
     }
@@ -44,13 +44,13 @@ impl Name {
         self.value(self.digits.len().saturating_sub(1))
     }
 
-    /// Whether a minus stands before a number, and no letter or digit before that: `f_-1`, but not `2024-05` nor `frame-1`.
+    /// Whether a number has a minus sign without a letter or digit before it: `f_-1`, but not `2024-05` nor `frame-1`.
     fn is_negative(&self, k: usize) -> bool {
         let before = self.texts.get(k).and_then(|text| text.strip_suffix('-'));
         before.is_some_and(|before| before.chars().next_back().map_or(k == 0, |c| !c.is_alphanumeric()))
     }
 
-    /// As a person reads: text as text, numbers by their value, those below zero first.
+    /// Natural order: text as text, numbers by value, negative ones first.
     fn compare(&self, other: &Self) -> Ordering {
         let text = |name: &'_ Self, k: usize| -> String {
             let text = name.texts.get(k).map_or("", String::as_str);
@@ -66,20 +66,19 @@ impl Name {
     }
 }
 
-/// What stands around the numbers in a file's name, in small letters.
+/// The texts around the numbers in a file's name, in lower case.
 pub(super) fn pattern(path: &Path) -> Vec<String> {
     Name::new(path).texts.iter().map(|text| text.to_lowercase()).collect()
 }
 
-/// What compares as the value of digits does, however many there are.
+/// Key that compares digits of any length by their value.
 pub(super) fn value_of(digits: &str) -> (usize, &str) {
     let plain = digits.trim_start_matches('0');
     (plain.len(), plain)
 }
 
-/// Makes decimals of one length of what stands behind points, where these are decimals: as a program prints them that leaves out zeros at
-/// the end, they differ in length, and none ends with a zero but `0` alone. (`1.9` and `1.10` are the ninth and the tenth of something.)
-/// Whether there are some.
+/// Pads the digits after points to equal length if they are decimals, and returns whether there are any. Programs that omit trailing zeros
+/// print decimals of different lengths, none of which ends with a zero except `0` itself. (`1.9` and `1.10` are items 9 and 10.)
 fn align_decimals(names: &mut [Name]) -> bool {
     let mut are_there = false;
     let groups = names.iter().map(|name| name.digits.len()).max().unwrap_or(0);
@@ -97,12 +96,12 @@ fn align_decimals(names: &mut [Name]) -> bool {
     are_there
 }
 
-/// Numbers files of one folder by their names, each of which has digits.
+/// Numbers the files of one folder by their names, each of which contains digits.
 ///
-/// The number is the last in the name where no two files share it, and where it gives the order in which a person reads the names or
-/// is all that varies. Else it is the one number that varies. Where several do (dates with times, numbers below zero), and where it is a
-/// decimal, files are counted in the order of their names, numbers in them by their value; and where a number is too long for a frame's, as
-/// clocks of milliseconds write it, in the order of these.
+/// The number is the last one in the name if no two files share it, and if it gives the natural order of the names or is all that varies.
+/// Otherwise it is the only number that varies. If several vary (dates with times, negative numbers), or if it is a decimal, files are
+/// counted in the natural order of their names. If a number is too large for a frame number, as in millisecond clocks, files are counted in
+/// its order.
 pub(super) fn numbered<P: AsRef<Path>>(files: &[P]) -> Numbering {
     match by_names(files) {
         Numbering::Named(digits) if digits.iter().any(|digits| digits.parse::<u32>().is_err()) => counted(digits),
@@ -110,7 +109,7 @@ pub(super) fn numbered<P: AsRef<Path>>(files: &[P]) -> Numbering {
     }
 }
 
-/// Files in the order of their numbers, however long these are, counted; two of one number are left as they are.
+/// Counts files in the order of their numbers, of any length. Files with equal numbers are not counted, so that the duplicate is reported.
 fn counted(digits: Vec<String>) -> Numbering {
     let value = |k: usize| value_of(&digits[k]);
     let mut order: Vec<usize> = (0..digits.len()).collect();
@@ -121,14 +120,14 @@ fn counted(digits: Vec<String>) -> Numbering {
     places(&order)
 }
 
-/// The place of each file, from 1, given their order.
+/// The position of each file, from 1, given their order.
 fn places(order: &[usize]) -> Numbering {
     let mut places = vec![0; order.len()];
     (1..).zip(order).for_each(|(number, &k)| places[k] = number);
     Numbering::Counted(places)
 }
 
-/// Numbers as they stand in the names.
+/// Numbers as they appear in the names.
 fn by_names<P: AsRef<Path>>(files: &[P]) -> Numbering {
     let mut names: Vec<Name> = files.iter().map(|file| Name::new(file.as_ref())).collect();
     let has_decimals = align_decimals(&mut names);
@@ -146,7 +145,7 @@ fn by_names<P: AsRef<Path>>(files: &[P]) -> Numbering {
         let below = names.iter().filter(|name| name.is_negative(k)).count();
         below > 0 && below < names.len()
     };
-    // Names that read alike are the same frame twice.
+    // Names that compare equal are duplicates of a frame.
     let is_twice = order.windows(2).any(|pair| names[pair[0]].compare(&names[pair[1]]).is_eq());
     match varying[..] {
         _ if is_twice => last(),
@@ -188,7 +187,7 @@ mod tests {
     fn numbers_of_clocks_that_are_too_long_are_counted_in_their_order() {
         assert_eq!(numbers(&["IMG_20240501123100.png", "IMG_20240501123059.png", "IMG_20240501123102.png"]), [2, 1, 3]);
         assert_eq!(numbers(&["1716900000123.png", "99.png"]), [2, 1], "by value, not by letters");
-        // Up to 4294967295 they stay as they are; what two files have stays, and is refused.
+        // Numbers up to 4294967295 are kept; a number that two files share is kept, and reported as a duplicate.
         assert_eq!(numbers(&["4294967295.png", "4294967294.png"]), [u32::MAX, u32::MAX - 1]);
         assert!(matches!(numbered(&["a4294967296.png", "a04294967296.png"]), Numbering::Named(_)));
     }

@@ -1,12 +1,12 @@
-//! Names with letters that Unicode writes in two ways: an accent of its own behind its letter, as macOS writes folders, or one with it, as keyboards
-//! and spreadsheets write tables. A file system that keeps the bytes takes the two for different names; people do not.
+//! Finds files whose names have another Unicode form. An accent may be a separate character after its letter, as in macOS folders, or part
+//! of the letter, as from keyboards and in spreadsheets. File systems that compare bytes distinguish the two; people do not.
 
 use std::path::{Component, Path, PathBuf};
 
 use crate::text::composed;
 
-/// Where `value`, relative to `root`, lies: folders and files of that very name, and where there are none, those whose names are the same text.
-/// What is not there at all keeps its name.
+/// Resolves `value` relative to `root`: folders and files with exactly that name or, if there are none, with an equivalent name. Names that
+/// do not exist are kept.
 pub(super) fn place_of(root: &Path, value: &str) -> PathBuf {
     let named = root.join(value);
     if value.is_ascii() || named.exists() {
@@ -23,7 +23,7 @@ pub(super) fn place_of(root: &Path, value: &str) -> PathBuf {
     })
 }
 
-/// The first name in a folder that is the same text.
+/// The first equivalent name in a folder.
 fn same_text(folder: &Path, name: &str) -> Option<String> {
     if name.is_ascii() {
         return None;
@@ -54,9 +54,9 @@ mod tests {
         assert!(root.join(place("Andr\u{e9}/1/f\u{ea}te")).is_dir());
         assert!(root.join(place("Andre\u{301}/1/f\u{ea}te")).is_dir());
         assert!(root.join(place("Andre\u{301} B")).is_dir());
-        // Of what is to be made, the folders that are there.
+        // Of a new path, the existing folders.
         assert!(root.join(place(&format!("{COMPOSED}/1/caf\u{e9}.csv"))).parent().unwrap().is_dir());
-        // Another name is another name, and the very name comes first.
+        // Other names are not equivalent, and the exact name has precedence.
         for other in ["Andre", "Andr\u{e8}/1", "none/\u{e9}"] {
             assert_eq!(place(other), other);
         }

@@ -1,4 +1,4 @@
-//! Tests of whole datasets, made in temporary folders.
+//! Tests of whole datasets in temporary folders.
 
 use std::fs;
 
@@ -57,7 +57,7 @@ fn a_manifest_of_semicolons_reads() {
     );
     let joy = &dataset.sequences[0];
     assert_eq!((ids(&dataset), joy.fps), (vec!["S1_1".to_owned()], Some(12.5)));
-    // What is no number for us stays as it was written.
+    // A text that is not a valid number is kept as written.
     assert_eq!((joy.metadata["age"].as_str(), joy.metadata["note"].as_str()), ("23,5", "mild; closed"));
     let failures = failures(&dataset);
     assert_eq!((failures.len(), failures[0].1, failures[1].1), (2, "2", "3"));
@@ -91,7 +91,7 @@ fn a_manifest_with_every_column_reads() {
     assert_eq!((full.column("nation"), full.column("note")), (Some("GR"), Some("mild, closed")));
     assert_eq!((full.column("subject"), full.column("emotion"), full.column("fps")), (Some("S2"), Some("happiness"), None));
     assert_eq!(full.metadata.len(), 2);
-    // The manifest file itself may be given.
+    // The manifest file itself is also accepted.
     let direct = Dataset::open(&root.join(MANIFEST_NAME)).unwrap();
     assert_eq!(direct.sequences, dataset.sequences);
 }
@@ -254,7 +254,7 @@ fn cohn_kanade_reads_from_above_or_from_the_images() {
     let renamed = cohn_kanade("pictures");
     check_cohn_kanade(renamed.path());
     check_cohn_kanade(&renamed.path().join("pictures"));
-    // Subjects, labels and landmarks side by side.
+    // Subjects, labels and landmarks in the same folder.
     check_cohn_kanade(cohn_kanade(".").path());
 }
 
@@ -311,7 +311,7 @@ fn the_real_sequences_read() {
         let size = |column| entry.column(column).unwrap().parse().unwrap();
         crate::correspondence::validate_correspondences(&marks, size("width"), size("height")).unwrap();
     }
-    // Counted apart from this code: image files in the folder, and the sum of last_frame - first_frame + 1 over the rows.
+    // Counted independently of this code: image files in the folder, and the sum of last_frame - first_frame + 1 over the rows.
     assert_eq!(frame_count, 638);
 }
 

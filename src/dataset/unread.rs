@@ -1,4 +1,4 @@
-//! Pictures and videos of formats that other programs read: what of them would be a frame, and what lies beside.
+//! Detects pictures and videos in unsupported formats, and which of them would be frames.
 
 use std::{
     collections::BTreeSet,
@@ -13,16 +13,16 @@ use super::{
 };
 use crate::output::count;
 
-/// Extensions of pictures that are not read.
+/// Extensions of unsupported picture formats.
 const UNREAD_PICTURES: [&str; 18] = [
     "gif", "heic", "heif", "avif", "jp2", "j2k", "jxl", "jfif", "jpe", "pbm", "tga", "exr", "dng", "cr2", "cr3", "nef", "arw",
     "raw",
 ];
 
-/// Extensions of videos that are not read.
+/// Extensions of unsupported video formats.
 const UNREAD_VIDEOS: [&str; 12] = ["wmv", "mts", "m2ts", "ts", "flv", "f4v", "3gp", "3g2", "ogv", "mxf", "vob", "asf"];
 
-/// Whether a path has the extension of a picture or video that is not read.
+/// Whether a path has the extension of an unsupported picture or video format.
 pub(super) fn is_unread(path: &Path) -> bool {
     is_unread_picture(path) || has_extension(path, &UNREAD_VIDEOS)
 }
@@ -31,7 +31,7 @@ fn is_unread_picture(path: &Path) -> bool {
     has_extension(path, &UNREAD_PICTURES)
 }
 
-/// Pictures of a folder that are not read, by name; without those that lie there as a picture that is read, too.
+/// Pictures of a folder in unsupported formats, by name, except those that also exist in a supported one.
 pub(super) fn unread_pictures(folder: &Path) -> io::Result<Vec<PathBuf>> {
     let paths: Vec<PathBuf> = visible(folder)?.iter().map(std::fs::DirEntry::path).collect();
     let stem = |path: &Path| path.file_stem().unwrap_or_default().to_string_lossy().to_lowercase();
@@ -39,8 +39,8 @@ pub(super) fn unread_pictures(folder: &Path) -> io::Result<Vec<PathBuf>> {
     Ok(paths.into_iter().filter(|path| is_unread_picture(path) && !read.contains(&stem(path)) && path.is_file()).collect())
 }
 
-/// Those of `unread` that would be frames from `first` to `last`, in their order: called as the frames are, `read`, and of numbers between or
-/// beside theirs. A `first` or `last` that is not asked for leaves that end open.
+/// The `unread` pictures that would be frames from `first` to `last`, in order: their names have the form of the supported frames `read`,
+/// and their numbers lie in the range without being taken. Without `first` or `last`, that end is open.
 pub(super) fn unread_frames(read: &[FrameFile], unread: Vec<PathBuf>, first: Option<u32>, last: Option<u32>) -> Vec<PathBuf> {
     let patterns: BTreeSet<_> = read.iter().map(|frame| pattern(&frame.path)).collect();
     let unread: Vec<PathBuf> = unread.into_iter().filter(|path| has_digits(path) && patterns.contains(&pattern(path))).collect();
@@ -69,7 +69,7 @@ pub(super) fn unread_frames(read: &[FrameFile], unread: Vec<PathBuf>, first: Opt
     found.into_iter().map(|(_, path)| path.clone()).collect()
 }
 
-/// What is to be said of pictures beside the frames of a folder that are not read and called otherwise than the frames.
+/// Note about unsupported pictures in the folder of the frames with names of another form.
 pub fn unread_beside(frames: &FrameSource) -> Option<String> {
     let FrameSource::Images(files) = frames else { return None };
     let folder = files.first()?.path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));

@@ -26,7 +26,7 @@ const HIGH_LEVEL_FAPS: &str = include_str!("../../candide/high_level_faps.csv");
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct FapNumber(u8);
 
-/// A number or text that names no FAP.
+/// Error for a number or text that is no FAP number.
 ///
 /// ```
 /// use grimace::fap::FapNumber;
@@ -39,11 +39,11 @@ pub struct FapNumber(u8);
 pub struct ParseFapNumberError(pub String);
 
 impl FapNumber {
-    /// How many FAPs there are.
+    /// Number of FAPs.
     pub const COUNT: usize = 68;
-    /// FAP 1, the visemes of speech.
+    /// FAP 1: the visemes of speech.
     pub const VISEME: Self = Self(1);
-    /// FAP 2, the primary facial expressions.
+    /// FAP 2: the primary facial expressions.
     pub const EXPRESSION: Self = Self(2);
 
     /// All FAPs in ascending order.
@@ -51,7 +51,7 @@ impl FapNumber {
         (1..=68).map(Self)
     }
 
-    /// The low-level FAPs, 3 to 68: those that are one value each.
+    /// The low-level FAPs, 3 to 68, which have a single value each.
     pub fn low_level() -> impl DoubleEndedIterator<Item = Self> + Clone {
         (3..=68).map(Self)
     }
@@ -61,12 +61,12 @@ impl FapNumber {
         self.0
     }
 
-    /// Place in an array over all FAPs, 0 to 67.
+    /// Index in an array over all FAPs, 0 to 67.
     pub fn index(self) -> usize {
         usize::from(self.0 - 1)
     }
 
-    /// Whether it is one of the compound FAPs 1 and 2.
+    /// Whether it is one of the compound FAPs, 1 and 2.
     pub fn is_high_level(self) -> bool {
         self.0 <= 2
     }
@@ -95,7 +95,7 @@ impl fmt::Display for FapNumber {
     }
 }
 
-/// Whether a FAP moves both ways from neutral.
+/// Whether a FAP moves in one or both directions from neutral.
 ///
 /// ```
 /// use grimace::fap::{Directionality, FapCatalog};
@@ -114,7 +114,7 @@ pub enum Directionality {
     Bidirectional,
 }
 
-/// What a FAP moves along or about, in face axes.
+/// Kind and axis of a FAP's motion, in face axes.
 ///
 /// ```
 /// use grimace::{fap::{FapCatalog, FapMotion}, wireframe::Axis};
@@ -130,18 +130,18 @@ pub enum FapMotion {
     X,
     /// Shift along y.
     Y,
-    /// Shift along z; a frontal view does not see it.
+    /// Shift along z; not visible in a frontal view.
     Z,
-    /// Rotation about y: a front point goes along x.
+    /// Rotation about y: a point in front moves along x.
     Yaw,
-    /// Rotation about x: a front point goes along y.
+    /// Rotation about x: a point in front moves along y.
     Pitch,
     /// Rotation about z.
     Roll,
 }
 
 impl FapMotion {
-    /// The axis of a frontal view along which the motion shows: x or y; `None` for depth and roll.
+    /// Axis of a frontal view along which the motion is visible: x or y; `None` for depth and roll.
     pub fn frontal_axis(self) -> Option<Axis> {
         match self {
             Self::X | Self::Yaw => Some(Axis::X),
@@ -156,7 +156,7 @@ impl FapMotion {
     }
 }
 
-/// How well a frontal 2-D wireframe measures a FAP.
+/// How well a frontal 2-D wireframe can measure a FAP.
 ///
 /// ```
 /// use grimace::fap::{FapCatalog, FrontalRating};
@@ -169,26 +169,26 @@ impl FapMotion {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FrontalRating {
-    /// Compound FAPs 1 and 2: nothing to measure.
+    /// Compound FAPs 1 and 2: not measured.
     HighLevel,
-    /// Directly.
+    /// Measured directly.
     Yes,
-    /// With reservations: hidden at times, little texture, or inferred.
+    /// Measured with limitations: sometimes hidden, little texture, or inferred.
     Partial,
-    /// Not at all: depth, tongue, ears, pupils.
+    /// Not measured: depth, tongue, ears, pupils.
     No,
-    /// Head motion, which normalizing removes.
+    /// Head motion, which normalization removes.
     Global,
 }
 
 impl FrontalRating {
-    /// Whether a value is measured at all.
+    /// Whether a FAP with this rating is measured.
     pub fn is_measured(self) -> bool {
         matches!(self, Self::Yes | Self::Partial)
     }
 }
 
-/// One FAP.
+/// One FAP: a row of the table.
 ///
 /// ```
 /// use grimace::{fap::{FapCatalog, FapRow}, units::NodeId};
@@ -206,33 +206,33 @@ pub struct FapRow {
     pub name: String,
     /// Unit: values are in 1/1024 of its length, or in 1e-5 rad for [`Fapu::Au`]. `None` for FAPs 1 and 2.
     pub fapu: Option<Fapu>,
-    /// Whether it moves both ways; `None` for FAPs 1 and 2.
+    /// Whether it moves in one or both directions; `None` for FAPs 1 and 2.
     pub directionality: Option<Directionality>,
     /// Feature points that move.
     pub feature_points: Vec<FeaturePoint>,
-    /// Driving nodes: the FAP measures their mean position. None where Candide-3 lacks the feature point.
+    /// Driving nodes: the FAP measures their mean position. Empty if Candide-3 lacks the feature point.
     pub nodes: Vec<NodeId>,
-    /// Nodes whose mean motion is no part of the FAP: the corners of the eye, for the gaze. Usually none.
+    /// Nodes whose mean motion is subtracted: the corners of the eye, for the gaze. Usually empty.
     pub relative_to: Vec<NodeId>,
-    /// What it moves along or about; `None` for FAPs 1, 2, 29 and 30.
+    /// Kind and axis of its motion; `None` for FAPs 1, 2, 29 and 30.
     pub motion: Option<FapMotion>,
-    /// +1 when motion towards the positive axis is a positive value, -1 when a negative one.
+    /// +1 if motion towards the positive axis gives a positive value, -1 if it gives a negative one.
     pub sign: f64,
-    /// How well a frontal view measures it.
+    /// How well a frontal view can measure it.
     pub frontal: FrontalRating,
-    /// Least and greatest value of the standard, FAP units; `None` for FAPs 1 and 2.
+    /// Smallest and largest value in the standard, FAP units; `None` for FAPs 1 and 2.
     pub range: Option<(i32, i32)>,
     /// Quantizer step of the standard's bit stream, FAP units.
     pub quantizer_step: u32,
 }
 
 impl FapRow {
-    /// Whether it moves a node of the wireframe so that a view from the front shows it.
+    /// Whether it moves a node of the wireframe in a way that is visible from the front.
     pub(crate) fn shows_from_front(&self) -> bool {
         self.fapu.is_some() && self.motion.and_then(FapMotion::frontal_axis).is_some() && !self.nodes.is_empty()
     }
 
-    /// The unit of its values, as reports write it: `ENS/1024`, `1e-5 rad`, or `code` for FAPs 1 and 2.
+    /// The unit of its values as written in reports: `ENS/1024`, `1e-5 rad`, or `code` for FAPs 1 and 2.
     pub fn unit_name(&self) -> String {
         match self.fapu {
             Some(Fapu::Au) => "1e-5 rad".to_owned(),
@@ -242,7 +242,7 @@ impl FapRow {
     }
 }
 
-/// One integer of FAP 1 or 2.
+/// One integer field of FAP 1 or 2.
 ///
 /// ```
 /// use grimace::fap::{FapCatalog, FapNumber};
@@ -256,7 +256,7 @@ pub struct HighLevelField {
     pub fap: FapNumber,
     /// Its name, such as `viseme_select1`.
     pub name: String,
-    /// Least and greatest value.
+    /// Smallest and largest value.
     pub range: (i32, i32),
 }
 
@@ -278,7 +278,7 @@ pub struct FapCatalog {
 }
 
 impl FapCatalog {
-    /// The table of the standard.
+    /// Returns the table of the standard.
     pub fn mpeg4() -> &'static Self {
         static CATALOG: LazyLock<FapCatalog> =
             LazyLock::new(|| FapCatalog::embedded().unwrap_or_else(|error| unreachable!("embedded FAP table: {error}")));
@@ -295,12 +295,12 @@ impl FapCatalog {
         &self.rows[fap.index()]
     }
 
-    /// The integers of FAP 1 (4) or FAP 2 (6), in file order; empty for other FAPs.
+    /// The integer fields of FAP 1 (4) or FAP 2 (6), in file order; empty for other FAPs.
     pub fn fields(&self, fap: FapNumber) -> impl ExactSizeIterator<Item = &HighLevelField> {
         self.high_level.iter().filter(move |field| field.fap == fap).collect::<Vec<_>>().into_iter()
     }
 
-    /// FAPs of the inner lips with the same motion of the outer lips, (4, 51) to (13, 60).
+    /// Pairs of an inner-lip FAP and the outer-lip FAP of the same motion, (4, 51) to (13, 60).
     pub fn lip_twins(&self) -> &[(FapNumber, FapNumber)] {
         &self.twins
     }
@@ -421,7 +421,7 @@ mod tests {
 
     #[test]
     fn no_two_faps_drive_one_coordinate_of_a_node() {
-        // Otherwise the way back from FAPs to offsets would be ambiguous.
+        // Otherwise the conversion from FAPs to offsets would be ambiguous.
         let mut seen = std::collections::BTreeSet::new();
         for row in FapCatalog::mpeg4().rows() {
             let Some(axis) = row.motion.and_then(FapMotion::frontal_axis) else { continue };

@@ -1,4 +1,4 @@
-//! Linter of FAP files: everything the reader notes, and values that the standard or a reader does not take as written.
+//! Checks FAP files: reports everything the reader notes, and values that the standard or a reader treats differently.
 
 use super::{
     catalog::{Directionality, FapCatalog, FapNumber},
@@ -7,10 +7,10 @@ use super::{
     sequence::{FapFrame, FapSequence},
 };
 
-/// Checks the bytes of a FAP file against the strict subset that every known reader takes.
+/// Checks the bytes of a FAP file against the strict subset that every known reader accepts.
 ///
-/// Findings are by line. An error means that the file does not read; a warning that some reader takes it otherwise than meant.
-/// Rules about values are checked on all frames that read, whatever else is wrong.
+/// Findings are sorted by line. An error means that the file cannot be read; a warning means that some reader interprets it
+/// differently than intended. The rules about values are checked on all readable frames, whatever other errors there are.
 ///
 /// ```
 /// use grimace::fap::{Severity, check_fap};
@@ -33,8 +33,8 @@ pub fn check_fap(bytes: &[u8]) -> Vec<Finding> {
     all
 }
 
-/// The FAPs of a sequence that are beyond the range of the standard in some frame: the first of each, with the number of the frame, from 0, in
-/// place of the line.
+/// Finds the FAPs of a sequence that exceed the range of the standard in some frame: one finding for each, with the index of its
+/// first such frame, from 0, as the line.
 pub fn beyond_range(sequence: &FapSequence) -> Vec<Finding> {
     let mut findings = Findings::default();
     for (index, frame) in sequence.frames.iter().enumerate() {
@@ -43,7 +43,7 @@ pub fn beyond_range(sequence: &FapSequence) -> Vec<Finding> {
     findings.into_sorted()
 }
 
-/// Values outside the range of the standard.
+/// Checks values against the range of the standard.
 fn ranges(findings: &mut Findings, catalog: &FapCatalog, line: usize, frame: &FapFrame) {
     for row in catalog.rows() {
         let field = || format!("FAP {}", row.number);
@@ -53,7 +53,7 @@ fn ranges(findings: &mut Findings, catalog: &FapCatalog, line: usize, frame: &Fa
             if !(min..=max).contains(&value) {
                 let message = || format!("{} is {value}; the standard allows {min} to {max}", field_row.name);
                 findings.warning(line, field(), Rule::Range, message);
-                // Once for a frame, however many of its fields are.
+                // One finding per frame, for any number of its fields.
                 break;
             }
         }
@@ -68,7 +68,8 @@ fn ranges(findings: &mut Findings, catalog: &FapCatalog, line: usize, frame: &Fa
     }
 }
 
-/// Lip FAPs that stand still while their twin on the other contour moves: one reader overwrites them with it.
+/// Finds lip FAPs that do not move while their twin on the other contour moves: one reader overwrites them with the twin's
+/// values.
 fn lips(findings: &mut Findings, catalog: &FapCatalog, frames: &[(usize, FapFrame)]) {
     let first_moving = |fap: FapNumber| frames.iter().find(|(_, frame)| frame.value(fap).is_some_and(|v| v != 0.0));
     for &(inner, outer) in catalog.lip_twins() {
@@ -82,14 +83,17 @@ fn lips(findings: &mut Findings, catalog: &FapCatalog, frames: &[(usize, FapFram
     }
 }
 
-/// Lip FAPs that are 0 or unset in single frames in which their twin on the other contour is not: Xface shows the twin's value there.
-/// Files of the strict subset have such frames wherever one contour moves and the other does not; they are warnings, never errors.
+/// Finds lip FAPs that are 0 or unset in single frames in which their twin on the other contour is not: Xface shows the twin's
+/// value there.
+///
+/// Files of the strict subset have such frames whenever one contour moves and the other does not; they are warnings, never
+/// errors.
 pub fn check_lips(bytes: &[u8]) -> Vec<Finding> {
     let ParsedFap { frames, .. } = parse_fap(bytes);
     let moves = |fap: FapNumber| frames.iter().any(|(_, frame)| frame.value(fap).is_some_and(|v| v != 0.0));
     let mut found = Vec::new();
     for &(inner, outer) in FapCatalog::mpeg4().lip_twins() {
-        // Where one of them rests throughout, `check_fap` says so.
+        // If one of them never moves, `check_fap` reports it.
         if !moves(inner) || !moves(outer) {
             continue;
         }
@@ -178,7 +182,7 @@ mod tests {
 
     #[test]
     fn a_lip_that_rests_for_a_frame_is_named_beside_its_moving_twin() {
-        // 5 and 52 are twins: 5 rests in the second frame (line 5), where 52 is 4; both move at some time.
+        // 5 and 52 are twins: 5 is 0 in the second frame (line 5), where 52 is 4; both move at some time.
         let frames = [&[(5, 3.0), (52, 2.0)][..], &[(5, 0.0), (52, 4.0)], &[(5, 0.0), (52, -7.0)]];
         let frame = |values: &&[(u8, f64)]| {
             let mut frame = FapFrame::default();

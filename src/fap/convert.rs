@@ -1,14 +1,16 @@
-//! Face units to FAP values and back: the only place that does it.
+//! Converts face units to FAP values and back; no other module does this.
 //!
-//! A shift is `value = sign * o * 1024 / FAPU0`, o the neutral offset along the FAP's axis of the mean of its driving nodes and
-//! FAPU0 the length of the FAP's unit in the canonical neutral [MPEG-4]. The gaze (FAPs 23 to 26) is an angle, and Candide-3 only
-//! shifts its irises: `value = sign * asin(s / r) / 1e-5 rad`, s the shift of the iris centroid and r the radius of the eyeball. s
-//! is taken relative to the eye, that is less the mean neutral offset of the two corners of that eye: whatever head motion
-//! normalizing left moves corners and iris alike, and is no gaze. (At r = 195 face units, 10 units of residual motion would pass
-//! for three degrees.) The other FAPs have no such fixed points beside them and are taken as they are.
+//! A shift has the value `sign * o * 1024 / FAPU0`. Here o is the mean offset of the driving nodes from neutral along the FAP's
+//! axis, and FAPU0 is the length of the FAP's unit in the canonical neutral [MPEG-4].
 //!
-//! Face units are normalized by one IRISD0 for both eyes. Where the face that a motion was measured on is known, FAPs of the lids are in
-//! openings of each eye ([`LidUnits`]).
+//! The gaze (FAPs 23 to 26) is an angle, but Candide-3 only shifts its irises: `value = sign * asin(s / r) / 1e-5 rad`, with s
+//! the shift of the iris centroid and r the radius of the eyeball. The mean offset of the two corners of that eye is subtracted
+//! from s, because head motion left by the normalization moves corners and iris alike and is not gaze. (At r = 195 face units, 10
+//! units of residual motion would appear as three degrees.) For the other FAPs there are no such fixed points, and nothing is
+//! subtracted.
+//!
+//! Face units are normalized by one IRISD0 for both eyes. If the face on which a motion was measured is known, FAPs of the lids
+//! are in openings of each eye ([`LidUnits`]).
 
 use std::{collections::BTreeMap, f64::consts::FRAC_PI_2};
 
@@ -25,7 +27,7 @@ use crate::{
     wireframe::{Axis, Fapu, Fapus, LidUnits},
 };
 
-/// FAP units in one FAPU length [MPEG-4].
+/// Number of FAP units in one FAPU length [MPEG-4].
 pub(crate) const FAP_UNITS_PER_FAPU: f64 = 1024.0;
 /// One unit of an angular FAP, rad [MPEG-4].
 const ANGLE_UNIT_RAD: f64 = 1e-5;
@@ -35,7 +37,7 @@ const EYEBALL_RADIUS_MM: f64 = 12.0;
 /// Mean adult interpupillary distance, mm (Dodgson: *Variation and extrema of human interpupillary distance*, SPIE 2004).
 const INTERPUPILLARY_DISTANCE_MM: f64 = 63.0;
 
-/// A measured value outside the range of the standard, which was set to the limit.
+/// A measured value outside the range of the standard that was set to the limit.
 ///
 /// ```
 /// use grimace::{fap::{Clamped, FapCatalog, FapSequence}, model::DynamicExpressionModel, normalize::Canonical};
@@ -56,15 +58,15 @@ const INTERPUPILLARY_DISTANCE_MM: f64 = 63.0;
 pub struct Clamped {
     /// The FAP.
     pub fap: FapNumber,
-    /// Frame of the model, from 0.
+    /// Frame index in the model, from 0.
     pub frame: usize,
-    /// Value measured, FAP units.
+    /// Measured value, FAP units.
     pub value: f64,
     /// Value written instead.
     pub limit: i32,
 }
 
-/// Why a model has no FAP values.
+/// Error for a model from which FAP values cannot be computed.
 ///
 /// ```
 /// use grimace::{fap::{ConvertError, FapCatalog, measure_faps}, normalize::Canonical, pipeline::read_model, wireframe::Fapus};
@@ -86,7 +88,7 @@ pub enum ConvertError {
         fap: FapNumber,
         /// The node.
         node: NodeId,
-        /// Nodes there are.
+        /// Number of nodes.
         count: usize,
     },
     /// A unit that is not a positive length.
@@ -103,13 +105,14 @@ pub enum ConvertError {
 }
 
 impl FapSequence {
-    /// FAP values of a normalized model, for every FAP that a frontal view measures, as integers.
+    /// Converts a normalized model to integer values of every FAP that a frontal view measures.
     ///
-    /// The frames of the model are key frames; `between` frames are put between successive ones. With 25 frames a second and 5 between, as
-    /// the command line writes them, the five frames of a model last a second. `fapus` are those of the
-    /// canonical neutral, face units. Values are limited to the range of the standard (unidirectional FAPs have minimum 0), and
-    /// whatever that changed is returned. Of the name, all but ASCII letters, digits and signs, blanks too, becomes `_`: readers of
-    /// FAP files take it as one word. [`measure_faps`] gives the key frames alone, not rounded.
+    /// The frames of the model are key frames; `between` frames are inserted between consecutive ones. With 25 frames per second
+    /// and 5 between, the defaults of the command line, the five frames of a model last a second. `fapus` are those of the
+    /// canonical neutral, in face units. Values are limited to the range of the standard (the minimum of unidirectional FAPs is
+    /// 0); the second result lists the values that were limited. In `name`, all characters except ASCII letters, digits and
+    /// punctuation become `_`, because readers of FAP files expect one word. [`measure_faps`] returns the key frames only,
+    /// without rounding.
     ///
     /// # Errors
     /// [`ConvertError`] for a model without Candide-3's nodes, FAPUs that are not positive, or too many frames.
@@ -124,10 +127,11 @@ impl FapSequence {
         Self::from_measured(model, (fapus, LidUnits::CANONICAL), catalog, name, fps, between)
     }
 
-    /// As [`FapSequence::from_model`], of a model measured on one face: FAPs of the lids are in openings of its own lids.
+    /// Same as [`FapSequence::from_model`], for a model measured on one face: FAPs of the lids are in openings of that face's
+    /// lids.
     ///
     /// # Errors
-    /// As [`FapSequence::from_model`].
+    /// Same as [`FapSequence::from_model`].
     pub(crate) fn from_measured(
         model: &DynamicExpressionModel<FaceUnit>,
         units: (&Fapus, LidUnits),
@@ -144,10 +148,9 @@ impl FapSequence {
     }
 }
 
-/// FAP values of every frame of a normalized model, limited to the standard's ranges and not rounded, to compute with; for a file
-/// take [`FapSequence::from_model`].
+/// Computes the FAP values of every frame of a normalized model, limited to the standard's ranges but not rounded.
 ///
-/// `fapus` as there.
+/// This is for calculations; for a file use [`FapSequence::from_model`]. `fapus` are as in that function.
 ///
 /// ```
 /// use grimace::{fap::{FapCatalog, measure_faps}, normalize::Canonical, pipeline::read_model, wireframe::Face};
@@ -173,11 +176,11 @@ pub fn measure_faps(
     Ok(key_frames(model, (fapus, LidUnits::CANONICAL), catalog)?.0)
 }
 
-/// FAP values of the neutral offsets of one frame, neither limited to the standard's ranges nor rounded; `units` as in
-/// [`FapSequence::from_measured`].
+/// Computes FAP values from the offsets of one frame from neutral, neither limited to the standard's ranges nor rounded. `units`
+/// are as in [`FapSequence::from_measured`].
 ///
 /// # Errors
-/// As [`measure_faps`].
+/// Same as [`measure_faps`].
 pub fn unlimited_faps(
     offsets: &[Vector2<f64>],
     units: (&Fapus, LidUnits),
@@ -186,7 +189,7 @@ pub fn unlimited_faps(
     Ok(values(offsets, units, catalog)?.into_iter().map(|(row, value)| (row.number, value)).collect())
 }
 
-/// Values of all FAPs that a frontal view measures and the standard has a range for.
+/// Values of all FAPs that a frontal view measures and that have a range in the standard.
 fn values<'a>(
     offsets: &[Vector2<f64>],
     (fapus, lids): (&Fapus, LidUnits),
@@ -201,7 +204,7 @@ fn values<'a>(
     Ok(found)
 }
 
-/// FAP values of every frame of a model, limited to their ranges but not rounded, and what that limited.
+/// FAP values of every frame of a model, limited to their ranges but not rounded, and the values that were limited.
 fn key_frames(
     model: &DynamicExpressionModel<FaceUnit>,
     units: (&Fapus, LidUnits),
@@ -224,7 +227,7 @@ fn key_frames(
     Ok((frames, clamped))
 }
 
-/// Neutral offset of one node as far as FAPs tell it, face units; `None` along an axis that no FAP of the frame drives.
+/// Offset of one node from neutral as far as FAPs determine it, face units; `None` along an axis that no FAP of the frame drives.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PartialOffset {
     /// Along x.
@@ -233,11 +236,11 @@ pub struct PartialOffset {
     pub y: Option<f64>,
 }
 
-/// Neutral offsets that a frame of FAP values asks of the driving nodes, in the unit of `fapus` (face units for those of the
-/// canonical neutral), by node.
+/// Converts a frame of FAP values to the offsets of the driving nodes from neutral, in the unit of `fapus` (face units for those
+/// of the canonical neutral).
 ///
-/// The inverse of what [`FapSequence::from_model`] measures, up to rounding: FAPs that are masked out, that move in depth or that
-/// have no node drive nothing. All driving nodes of a FAP shift alike. The shift of an iris is relative to its eye.
+/// This is the inverse of [`FapSequence::from_model`], up to rounding. FAPs that are masked out, that move in depth or that have
+/// no node drive nothing. All driving nodes of a FAP shift alike. The shift of an iris is relative to its eye.
 ///
 /// # Errors
 /// [`ConvertError::Fapu`] when a unit is not a positive length.
@@ -259,19 +262,19 @@ pub fn offsets_from_frame(
     Ok(offsets)
 }
 
-/// How a shift along an axis of the frontal view becomes a value.
+/// Conversion between a shift along an axis of the frontal view and a FAP value.
 #[derive(Clone, Copy, Debug)]
 struct Scale {
     /// x or y.
     axis: Axis,
     sign: f64,
-    /// FAPU0 of a shift, or the eyeball's radius, in the unit of the shift.
+    /// FAPU0 of a shift, or the radius of the eyeball, in the unit of the shift.
     length: f64,
     is_angle: bool,
 }
 
 impl Scale {
-    /// The scale of a FAP; `None` when it does not show in a frontal view.
+    /// Returns the scale of a FAP; `None` when it is not visible in a frontal view.
     fn of(row: &FapRow, fapus: &Fapus) -> Result<Option<Self>, ConvertError> {
         let (Some(axis), Some(fapu)) = (row.motion.and_then(FapMotion::frontal_axis), row.fapu) else { return Ok(None) };
         let (fapu, length) = match fapus.length(fapu) {
@@ -284,7 +287,7 @@ impl Scale {
         Ok(Some(Self { axis, sign: row.sign, length, is_angle: row.motion.is_some_and(FapMotion::is_angle) }))
     }
 
-    /// FAP value of a shift.
+    /// Returns the FAP value of a shift.
     fn value(self, shift: f64) -> f64 {
         let Self { sign, length, is_angle, .. } = self;
         if is_angle {
@@ -294,7 +297,7 @@ impl Scale {
         }
     }
 
-    /// Shift of a FAP value. An angle beyond a right one, which no file should have, counts as a right one.
+    /// Returns the shift of a FAP value. An angle beyond 90 degrees, which no valid file has, counts as 90 degrees.
     fn shift(self, value: f64) -> f64 {
         let Self { sign, length, is_angle, .. } = self;
         if is_angle {
@@ -309,7 +312,7 @@ fn along(axis: Axis, vector: Vector2<f64>) -> f64 {
     if axis == Axis::X { vector.x } else { vector.y }
 }
 
-/// Mean neutral offset of some nodes; zero for none.
+/// Mean offset of some nodes from neutral; zero for none.
 fn mean_offset(row: &FapRow, nodes: &[NodeId], offsets: &[Vector2<f64>]) -> Result<Vector2<f64>, ConvertError> {
     let mut sum = Vector2::zeros();
     for &node in nodes {
@@ -335,7 +338,7 @@ mod tests {
         FapNumber::try_from(number).unwrap()
     }
 
-    /// Canonical neutral (ES0 = 1024 face units) and its FAPUs: the neutral's lengths are 0.613 model units for ES, 0.4225 ENS,
+    /// Canonical neutral (ES0 = 1024 face units) and its FAPUs. The neutral's lengths in model units are 0.613 ES, 0.4225 ENS,
     /// 0.196 MNS, 0.492 MW, 0.085 IRISD.
     fn canonical() -> (Vec<Point2<f64>>, Fapus) {
         let (tables, frontal) = (Tables::candide3(), Wireframe::candide3().frontal());
@@ -378,7 +381,7 @@ mod tests {
 
     #[test]
     fn shifts_are_measured_in_the_unit_of_the_fap_with_the_sign_of_the_standard() {
-        // One face unit is 1/1024 ES. In other units it is ES/FAPU0 times that: MW 613/492 = 1.245935, MNS 613/196 = 3.127551,
+        // One face unit is 1/1024 ES. In other units it is this times ES/FAPU0: MW 613/492 = 1.245935, MNS 613/196 = 3.127551,
         // ENS 6130/4225 = 1.450888.
         let (sequence, clamped) = convert(&[
             (31, 100.0, 50.0),  // left mouth corner outwards and up: 53 +124.59, 59 +156.38
@@ -399,9 +402,9 @@ mod tests {
 
     #[test]
     fn candides_own_fap_vectors_measure_one_unit_of_their_fap() {
-        // The wireframe file's FAP vectors move the driving node by one FAPU, 1024 FAP units; half of one here. Its author made
-        // them without this table. Where they differ from the standard: FAP 15 in MNS instead of MW, FAP 18 downwards. The gaze
-        // is no shift.
+        // The FAP vectors of the wireframe file move the driving node by one FAPU, 1024 FAP units; here by half of one. Their
+        // author made them without this table. They differ from the standard in FAP 15 (MNS instead of MW) and FAP 18
+        // (downwards). The gaze is no shift.
         let ((_, fapus), catalog) = (canonical(), FapCatalog::mpeg4());
         let mut checked = 0;
         for unit in Wireframe::candide3().action_units() {
@@ -418,15 +421,16 @@ mod tests {
 
     #[test]
     fn the_gaze_is_an_angle_relative_to_the_eye() {
-        // r = 1024 * 12/63 = 195.0476 face units. Iris 97.5238 = r/2 to the left: asin(1/2) = pi/6 = 52360e-5 rad. Of the right
-        // eye only one of the four iris nodes moves, by r: centroid r/4, asin(1/4) = 25268e-5 rad, downwards, which is positive.
+        // r = 1024 * 12/63 = 195.0476 face units. Left iris by 97.5238 = r/2 to the left: asin(1/2) = pi/6 = 52360e-5 rad. Of the
+        // right eye only one of the four iris nodes moves, by r: centroid r/4, asin(1/4) = 25268e-5 rad, downwards, which is
+        // positive.
         let r = 1024.0 * 12.0 / 63.0;
         let left = [67, 68, 71, 72].map(|n| (n, r / 2.0, 0.0));
         let shifts: Vec<_> = left.into_iter().chain([(69, 0.0, -r)]).collect();
         let (sequence, _) = convert(&shifts);
         let gaze = [23, 24, 25, 26].map(|n| apex(&sequence, n));
         assert_eq!(gaze, [52360.0, 0.0, 0.0, 25268.0]);
-        // The whole face shifted by (20, -30) looks nowhere else, but for the FAPs that are not relative.
+        // A shift of the whole face by (20, -30) does not change the gaze, only the FAPs that are not relative.
         let all: Vec<_> = (0..113).map(|n| (n, 20.0, -30.0)).collect();
         let (moved, _) = convert(&all);
         assert_eq!([23, 24, 25, 26].map(|n| apex(&moved, n)), [0.0; 4]);
@@ -443,7 +447,7 @@ mod tests {
         let reported: Vec<_> = clamped.iter().map(|c| (c.fap.get(), c.frame, c.limit)).collect();
         assert_eq!(reported, [(3, 1, 0), (23, 1, 153_600)]);
         assert_relative_eq!(clamped[0].value, -10.0 * 613.0 / 196.0, epsilon = 1e-9);
-        // A tenth of a unit below zero rounds to zero anyway and is not worth a report.
+        // A tenth of a unit below zero rounds to zero and is not reported.
         assert!(convert(&[(10, 0.0, 0.1)]).1.is_empty());
     }
 
@@ -499,7 +503,7 @@ mod tests {
         fn offsets_to_values_and_back_is_identity_up_to_rounding(
             shifts in prop::collection::vec((-40.0..40.0_f64, -40.0..40.0_f64), 113),
         ) {
-            // The eye corners stay, so that the iris shifts are relative to the eye already; the four iris nodes move alike.
+            // The eye corners do not move, so the iris shifts are relative to the eye; the four iris nodes move alike.
             let fixed = [20, 23, 53, 56];
             let alike = |node: usize| match node { 68 | 71 | 72 => 67, 70 | 73 | 74 => 69, n => n };
             let shift = |node: usize| if fixed.contains(&node) { (0.0, 0.0) } else { shifts[alike(node)] };

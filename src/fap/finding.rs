@@ -1,10 +1,10 @@
-//! What is found wrong in a FAP file, by line, field and rule.
+//! Findings in a FAP file: line, field and violated rule.
 
 use std::{collections::BTreeMap, fmt};
 
 use serde::Serialize;
 
-/// How bad a finding is.
+/// Severity of a finding.
 ///
 /// ```
 /// use grimace::fap::{Severity, check_fap};
@@ -18,7 +18,7 @@ use serde::Serialize;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Severity {
-    /// Off the strict subset, yet a known writer does it: read as meant.
+    /// Outside the strict subset, but a known writer does it: read as intended.
     Warning,
     /// Unreadable.
     Error,
@@ -33,7 +33,7 @@ impl fmt::Display for Severity {
     }
 }
 
-/// A rule of the strict subset that every known reader takes.
+/// A rule of the strict subset that every known reader accepts.
 ///
 /// ```
 /// use grimace::fap::{Rule, check_fap};
@@ -52,7 +52,7 @@ pub enum Rule {
     Name,
     /// The frame rate is a positive integer.
     FpsInteger,
-    /// The header counts the frames.
+    /// The header has the right number of frames.
     FrameCount,
     /// The mask has 68 flags.
     MaskCount,
@@ -80,7 +80,7 @@ pub enum Rule {
     Unidirectional,
     /// Inner and outer lips are both written.
     LipsMirrored,
-    /// No lip is 0 in a frame in which its twin is not; only Xface minds.
+    /// No lip is 0 in a frame in which its twin is not; this affects only Xface.
     LipAtRest,
     /// No comments.
     Comment,
@@ -98,20 +98,20 @@ pub enum Rule {
     LineEnding,
     /// The last line ends, too.
     FinalNewline,
-    /// No byte order mark.
+    /// The last line also ends with LF.
     ByteOrderMark,
-    /// Reading stopped after too many errors.
+    /// Not a rule: reading stopped after too many errors.
     TooManyErrors,
 }
 
 impl fmt::Display for Rule {
-    /// The rule's id, as in JSON: `mask-count`.
+    /// Writes the id of the rule, as in JSON: `mask-count`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.serialize(f)
     }
 }
 
-/// One thing found in a FAP file.
+/// One finding in a FAP file.
 ///
 /// ```
 /// use grimace::fap::{Finding, Rule, check_fap};
@@ -125,22 +125,22 @@ impl fmt::Display for Rule {
 /// ```
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Finding {
-    /// Line, from 1; where the thing happens more than once, the first.
+    /// Line, from 1; the first if there are several.
     pub line: usize,
-    /// What it is about: `fps`, `mask`, `FAP 3`, ...
+    /// The field concerned: `fps`, `mask`, `FAP 3`, ...
     pub field: String,
-    /// Rule that is broken.
+    /// The violated rule.
     pub rule: Rule,
-    /// How bad it is.
+    /// Severity.
     pub severity: Severity,
-    /// What was found, what was expected, what to do.
+    /// What was found, what was expected, and what to do.
     pub message: String,
-    /// How often it happens in the file, at least 1.
+    /// Number of occurrences in the file, at least 1.
     pub times: usize,
 }
 
 impl fmt::Display for Finding {
-    /// `severity rule: field: message`, with the number of further places.
+    /// Writes `severity rule: field: message`, with the number of further occurrences.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} {}: {}: {}", self.severity, self.rule, self.field, self.message)?;
         if self.times > 1 {
@@ -150,10 +150,10 @@ impl fmt::Display for Finding {
     }
 }
 
-/// Errors after which a file is given up: it is none of these.
+/// Number of errors after which reading stops, because the file is no FAP file.
 const MAX_ERRORS: usize = 100;
 
-/// Gathers findings: a warning once for each rule and field, every error.
+/// Collects findings: each warning once for its rule and field, and every error.
 #[derive(Debug, Default)]
 pub(super) struct Findings {
     list: Vec<Finding>,
@@ -162,7 +162,7 @@ pub(super) struct Findings {
 }
 
 impl Findings {
-    /// Adds a warning, or counts it when its rule and field had one.
+    /// Adds a warning, or counts it if there is one with the same rule and field.
     pub(super) fn warning(&mut self, line: usize, field: impl Into<String>, rule: Rule, message: impl FnOnce() -> String) {
         let field = field.into();
         if let Some(&place) = self.warnings.get(&(rule, field.clone())) {
@@ -186,12 +186,12 @@ impl Findings {
         self.list.push(Finding { line, field, rule, severity: Severity::Error, message, times: 1 });
     }
 
-    /// Whether reading on is pointless.
+    /// Whether the limit of errors was reached, so that reading should stop.
     pub(super) fn given_up(&self) -> bool {
         self.errors > MAX_ERRORS
     }
 
-    /// The findings by line, those of one line in the order they were made.
+    /// Returns the findings sorted by line; those of one line stay in order.
     pub(super) fn into_sorted(mut self) -> Vec<Finding> {
         self.list.sort_by_key(|finding| finding.line);
         self.list

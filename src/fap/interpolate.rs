@@ -1,6 +1,6 @@
-//! Frames between frames of FAPs, each on the curve of [`crate::interpolation`].
+//! Interpolates between frames of FAPs, on the curves of [`crate::interpolation`].
 //!
-//! A FAP is interpolated only where both neighbours set it. FAPs 1 and 2 are codes: they keep the fields of the frame before.
+//! A FAP is interpolated only if both neighbours set it. FAPs 1 and 2 are codes: they keep the fields of the previous frame.
 
 use super::{
     catalog::FapNumber,
@@ -8,10 +8,10 @@ use super::{
 };
 use crate::interpolation::{Curve, Moment};
 
-/// Most frames that interpolation makes: four hours at 25 frames per second, 400 MB.
+/// Largest number of frames that interpolation may make: four hours at 25 frames per second, 400 MB.
 pub const MAX_FRAMES: usize = 360_000;
 
-/// Why frames cannot be interpolated.
+/// Error for frames that cannot be interpolated.
 ///
 /// ```
 /// use grimace::fap::{InterpolateError, read_fap};
@@ -27,7 +27,7 @@ pub enum InterpolateError {
         "the result would have {frames} frames, more than {MAX_FRAMES}: choose fewer frames in between or a lower frame rate"
     )]
     TooManyFrames {
-        /// Frames asked for.
+        /// Requested number of frames.
         frames: f64,
     },
     /// A frame rate that is not positive.
@@ -35,28 +35,28 @@ pub enum InterpolateError {
     FrameRate {
         /// Frame rate of the sequence.
         from: f64,
-        /// Frame rate asked for.
+        /// Requested frame rate.
         to: f64,
     },
 }
 
-/// Most frames that are written for one so that the frame rate is a whole number.
+/// Largest factor by which frames are multiplied to reach an integer frame rate.
 const MOST_FOR_ONE: u8 = 4;
-/// A whole frame rate this near, as share of it, is as good.
+/// Relative difference up to which an integer frame rate counts as equal.
 const SAME_RATE: f64 = 0.002;
-/// Highest frame rate that is written by itself, frames per second.
+/// Largest frame rate that is written unchanged, frames per second.
 const MOST_FPS: f64 = 1000.0;
 
-/// A frame rate and the whole one at which it is written ([`FapSequence::at_whole_rate`]), frames per second.
+/// A frame rate and the integer rate at which it is written ([`FapSequence::at_whole_rate`]), frames per second.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WholeRate {
-    /// That of the frames, put right by what the written one tells.
+    /// The rate of the frames, adjusted to be an exact fraction of `written` if it is close to one.
     pub taken: f64,
-    /// The whole one.
+    /// The integer frame rate.
     pub written: f64,
 }
 
-/// The whole frame rate for one that need not be.
+/// Returns the integer frame rate at which frames with the rate `fps` are written.
 pub fn whole_rate(fps: f64) -> WholeRate {
     let whole = |times: f64| {
         let written = (times * fps).round();
@@ -68,9 +68,9 @@ pub fn whole_rate(fps: f64) -> WholeRate {
 }
 
 impl FapSequence {
-    /// The frames as key frames, with `between` frames put between successive ones at equal steps.
+    /// Treats the frames as key frames and inserts `between` frames between consecutive ones, at equal steps.
     ///
-    /// Every key frame is hit exactly: key frame k is frame k (`between` + 1). The frame rate stays. Values are not rounded.
+    /// Key frame k becomes frame k (`between` + 1), unchanged. The frame rate stays the same. Values are not rounded.
     ///
     /// # Errors
     /// [`InterpolateError::TooManyFrames`].
@@ -83,12 +83,12 @@ impl FapSequence {
         self.resampled(count, |k| Moment::of_frame(k, (count as usize - 1).max(1), steps))
     }
 
-    /// The same motion at another frame rate, in its own time.
+    /// Returns the same motion at another frame rate, with the same timing.
     ///
-    /// A frame lasts one over the rate, and the sequence as long as before, as near as whole frames allow: of n frames it makes n times the
-    /// ratio of the rates, rounded; of several at least two. Frame k shows the motion k / `fps` seconds after the first frame. The last one is
-    /// the last frame there was, also where its time has not come yet, for a motion ends where it did; where it would come by a whole frame too
-    /// early, there is one more. Values are not rounded.
+    /// A frame lasts 1 / `fps` seconds, and the duration is kept as far as whole frames allow. The number of frames is multiplied
+    /// by the ratio of the rates and rounded; several frames give at least two. Frame k shows the motion k / `fps` seconds after
+    /// the first frame. The last frame is always the last original frame, even if its time has not come yet, so that the motion
+    /// ends in the same pose. If it would come a whole frame too early, one more frame is added. Values are not rounded.
     ///
     /// # Errors
     /// [`InterpolateError`] for too many frames or a rate that is not positive.
@@ -103,7 +103,7 @@ impl FapSequence {
         let last = self.frames.len().saturating_sub(1);
         let ratio = fps / self.fps;
         let count = (self.frames.len() as f64 * ratio).round().max(2.0);
-        // A last frame that came by a whole one too early would be a jump.
+        // A last frame that is a whole frame too early would be a visible jump.
         let early = last as f64 * ratio - (count - 1.0);
         let count = if early > 1.0 - SAME_RATE { count + 1.0 } else { count };
         let moment =
@@ -111,18 +111,19 @@ impl FapSequence {
         Ok(Self { fps, ..self.resampled(count, moment)? })
     }
 
-    /// The same motion at a whole frame rate, which files of the strict subset must have.
+    /// Returns the same motion at an integer frame rate, which files of the strict subset must have.
     ///
-    /// The rate is the nearest whole one where that is as good (30 for 29.97); else up to four times its own where that is whole, so that every
-    /// frame stays one (25 for 12.5); else the next higher. Values are not rounded. Where that were too many frames, they stay as they are,
-    /// and the motion is faster.
+    /// The rate is the nearest integer if it is close enough (30 for 29.97). Otherwise it is two, three or four times the
+    /// sequence's own rate if one of these is an integer, so that every frame is kept (25 for 12.5); otherwise the next higher
+    /// integer. Values are not rounded. If that would give too many frames, the frames stay as they are, and the motion is
+    /// faster.
     pub(crate) fn at_whole_rate(self) -> Self {
         let WholeRate { taken, written } = whole_rate(self.fps);
         let own = Self { fps: taken, ..self };
         own.retimed(written).unwrap_or(Self { fps: written, ..own })
     }
 
-    /// A given number of frames, each at its moment among those there are. One frame stays one.
+    /// Returns this number of frames, each interpolated at its moment. A single frame stays single.
     fn resampled(&self, frame_count: f64, moment: impl Fn(usize) -> Moment) -> Result<Self, InterpolateError> {
         let from = &self.frames;
         if from.len() < 2 {
@@ -173,7 +174,7 @@ mod tests {
         assert_eq!((half.fps, half.frames.len()), (25.0, 6));
         let value = |k: usize| half.frames[k].value(fap(3)).unwrap();
         assert_eq!([value(0), value(2), value(4), value(5)], [0.0, 10.0, 40.0, 40.0]);
-        // Twenty seconds stay twenty seconds: a frame of ten that moves, and one that holds.
+        // Twenty seconds stay twenty seconds: ten seconds that move, and ten that hold.
         let slow = FapSequence { fps: 0.1, ..sequence(&[Some(0.0), Some(10.0)]) }.at_whole_rate();
         assert_eq!((slow.fps, slow.frames.len()), (1.0, 20));
     }
@@ -199,7 +200,7 @@ mod tests {
 
     #[test]
     fn a_line_stays_a_line() {
-        // Equal secants: all slopes equal them, and the cubic is the line.
+        // Equal secants: all slopes equal them, and the cubic is a straight line.
         for (k, value) in between(&[0.0, 6.0, 12.0], 5).into_iter().enumerate() {
             assert_relative_eq!(value, k as f64, epsilon = 1e-12);
         }
@@ -207,7 +208,7 @@ mod tests {
 
     #[test]
     fn half_way_values_by_hand() {
-        // Keys 0, 8, 8: secants 8, 0. Slopes: the first key has 8, the others 0 (flat after). Half-way of the first step:
+        // Keys 0, 8, 8: secants 8, 0. Slopes: 8 at the first key, 0 at the others (flat after). Halfway through the first step:
         // (0 + 8)/2 + (8 - 0)/8 = 5; the second step is flat.
         assert_eq!(between(&[0.0, 8.0, 8.0], 1), [0.0, 5.0, 8.0, 8.0, 8.0]);
         // A peak: keys 0, 4, 0. The slope at the peak is 0, at the ends 4 and -4: 2 + 4/8 = 2.5 on either side.
@@ -232,24 +233,24 @@ mod tests {
 
     #[test]
     fn retiming_keeps_length_and_moments() {
-        // A ramp of 1 a frame, 10 frames at 25 per second: 0.4 s.
+        // A ramp of 1 per frame, 10 frames at 25 per second: 0.4 s.
         let ramp = sequence(&(0..10).map(|k| Some(f64::from(k))).collect::<Vec<_>>());
         let at = |fps: f64| values(&ramp.retimed(fps).unwrap()).into_iter().map(Option::unwrap).collect::<Vec<_>>();
-        // 20 frames of half the time; the last one holds.
+        // 20 frames of half the duration; the last one holds.
         let fast = at(50.0);
         assert_eq!((fast.len(), ramp.retimed(50.0).unwrap().fps), (20, 50.0));
         assert!(fast[..19].iter().enumerate().all(|(k, value)| *value == k as f64 / 2.0) && fast[19] == 9.0, "{fast:?}");
-        // 4 frames, 2.5 of the old ones each; the last one is the last there was, and 3 frames of 1 / 7.5 s the same.
+        // 4 frames, each 2.5 of the old ones long, of which the last is the last old one; and likewise 3 frames of 1 / 7.5 s.
         for (found, expected) in [(at(10.0), vec![0.0, 2.5, 5.0, 9.0]), (at(7.5), vec![0.0, 10.0 / 3.0, 9.0])] {
             assert_eq!(found.len(), expected.len());
             found.iter().zip(&expected).for_each(|(value, expected)| assert_relative_eq!(value, expected, epsilon = 1e-9));
         }
-        // Of 11 frames 4 would end by a whole one too early: there are 5.
+        // With 4 frames, 11 frames would end a whole frame too early: there are 5.
         let longer = sequence(&(0..11).map(|k| Some(f64::from(k))).collect::<Vec<_>>()).retimed(10.0).unwrap();
         assert_eq!(values(&longer), [0.0, 2.5, 5.0, 7.5, 10.0].map(Some));
         // Moments at 30 per second are 5/6 of a frame apart.
         assert_relative_eq!(at(30.0)[7], 7.0 * 5.0 / 6.0, epsilon = 1e-9);
-        // A rate far too low keeps both ends, one frame stays one frame, the same rate changes nothing.
+        // A rate far too low keeps both ends, one frame stays one frame, and the same rate changes nothing.
         assert_eq!(at(1.0), [0.0, 9.0]);
         assert_eq!(values(&sequence(&[Some(3.0)]).retimed(50.0).unwrap()), [Some(3.0)]);
         assert_eq!(ramp.retimed(25.0).unwrap(), ramp);

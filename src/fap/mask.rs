@@ -1,4 +1,4 @@
-//! Which FAPs a file sets.
+//! Masks: selections of the FAPs that a file sets.
 
 use std::{collections::BTreeSet, fmt, str::FromStr};
 
@@ -7,7 +7,7 @@ use super::{
     sequence::FapSequence,
 };
 
-/// Which FAPs are written.
+/// Selects the FAPs that are written.
 ///
 /// ```
 /// use grimace::fap::{FapMask, read_fap};
@@ -20,16 +20,16 @@ use super::{
 /// ```
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum FapMask {
-    /// All low-level FAPs, 3 to 68, and FAPs 1 and 2 where they are set.
+    /// All low-level FAPs, 3 to 68, and FAPs 1 and 2 if they are set.
     All,
-    /// Those that any frame sets.
+    /// The FAPs that any frame sets.
     #[default]
     Set,
-    /// Those listed.
+    /// The listed FAPs.
     List(BTreeSet<FapNumber>),
 }
 
-/// A text that lists no FAPs.
+/// Error for a text that does not list FAPs.
 ///
 /// ```
 /// use grimace::fap::FapMask;
@@ -70,7 +70,7 @@ impl FromStr for FapMask {
 }
 
 impl fmt::Display for FapMask {
-    /// As it parses: `all`, `set`, or a list with ranges such as `3-13,15`.
+    /// Writes the mask in the form that can be parsed: `all`, `set`, or a list with ranges such as `3-13,15`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let list = match self {
             Self::All => return f.write_str("all"),
@@ -93,8 +93,8 @@ impl fmt::Display for FapMask {
 }
 
 impl FapSequence {
-    /// Gives every frame the same mask: what it leaves out is masked out, and a low-level FAP that a frame does not set becomes 0,
-    /// which is what readers take an unset FAP for. FAPs 1 and 2 have no such value: they stay unset.
+    /// Gives every frame the same mask. FAPs outside the mask are masked out. A low-level FAP of the mask that a frame does not
+    /// set becomes 0, as readers interpret an unset FAP. FAPs 1 and 2 have no such value: they stay unset.
     pub fn apply_mask(&mut self, mask: &FapMask) {
         let set = self.set_faps();
         for fap in FapNumber::all() {

@@ -1,10 +1,10 @@
-//! MPEG-4 facial animation parameters (FAPs): what they are, how they are measured, and the files they travel in.
+//! MPEG-4 facial animation parameters (FAPs): the table of FAPs, their measurement, and their file formats.
 //!
-//! [`FapCatalog`] is the table of the 68 FAPs; `convert` is the only place where face units become FAP values and back
-//! ([`FapSequence::from_model`], [`offsets_from_frame`]); `interpolate` puts frames between key frames and changes the frame
-//! rate; `reader`, `check`, `writer` and `tidy` are the file formats. A value is the offset from the neutral face in 1/1024 of
+//! [`FapCatalog`] is the table of the 68 FAPs. `convert` is the only module that converts face units to FAP values and back
+//! ([`FapSequence::from_model`], [`offsets_from_frame`]). `interpolate` inserts frames between key frames and changes the frame
+//! rate. `reader`, `check`, `writer` and `tidy` are the file formats. A value is the offset from the neutral face in 1/1024 of
 //! the FAP's unit (FAPU), or an angle in 1e-5 rad [MPEG-4].
-// Values are integers held as `f64`, so that floats of other writers survive: comparing them exactly is meant.
+// Values are integers stored as `f64`, so that float values of other writers are kept; exact comparison is intended.
 #![allow(clippy::float_cmp)]
 
 mod catalog;

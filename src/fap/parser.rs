@@ -1,9 +1,9 @@
-//! The lines of ASCII FAP files, taken as far as they go.
+//! Parses ASCII FAP files and recovers as much as possible from invalid ones.
 //!
-//! A file is a header `version name fps nframes`, then two lines per frame: 68 flags, then the frame number and one value for
-//! every flag that is 1. Tolerated, each with a warning: a 69th flag (Greta), float values and one value for FAPs 1 and 2
-//! (Xface), a blank in the name, CRLF, tabs, further blanks, comments and blank lines, a first frame number of 1, versions 2.0 and
-//! 2.2, and fewer frames than the 10000 that streaming encoders announce.
+//! A file has a header `version name fps nframes`, then two lines per frame: 68 flags, then the frame number and one value for
+//! every flag that is 1. The following deviations are tolerated, each with a warning: a 69th flag (Greta), float values and one
+//! value for FAPs 1 and 2 (Xface), a blank in the name, CRLF, tabs, additional blanks, comments and blank lines, a first frame
+//! number of 1, versions 2.0 and 2.2, and fewer frames than the 10000 that streaming encoders announce.
 
 use std::borrow::Cow;
 
@@ -14,9 +14,9 @@ use super::{
 };
 use crate::text::excerpt;
 
-/// Frame count that encoders write who stream and do not know it.
+/// Frame count in the header of encoders that stream and do not know the real one.
 const STREAMING_FRAME_COUNT: u64 = 10_000;
-/// Greatest absolute value: what a 32-bit reader holds.
+/// Largest absolute value: the limit of a 32-bit reader.
 const VALUE_LIMIT: f64 = i32::MAX as f64;
 const LEAST_VALUE: f64 = i32::MIN as f64;
 
@@ -25,7 +25,7 @@ const LEAST_VALUE: f64 = i32::MIN as f64;
 pub struct ParsedHeader {
     /// Version, `2.0` to `2.2`.
     pub version: String,
-    /// Name, words joined with single blanks.
+    /// Name, with its words joined by single blanks.
     pub name: String,
     /// Frames per second, positive.
     pub fps: f64,
@@ -33,18 +33,18 @@ pub struct ParsedHeader {
     pub frame_count: u64,
 }
 
-/// What could be read of a FAP file, and everything found on the way.
+/// The readable content of a FAP file, and all findings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ParsedFap {
-    /// The header, when it reads.
+    /// The header, if readable.
     pub header: Option<ParsedHeader>,
-    /// The frames that read, each with the line of its values.
+    /// The readable frames, each with the line of its values.
     pub frames: Vec<(usize, FapFrame)>,
     /// Warnings and errors by line.
     pub findings: Vec<Finding>,
 }
 
-/// Parses the bytes of a FAP file as far as they go; nothing is refused, everything is noted.
+/// Parses the bytes of a FAP file as far as possible; it rejects nothing and reports every deviation.
 pub fn parse_fap(bytes: &[u8]) -> ParsedFap {
     let mut parser = Parser::default();
     let (header, frames) = parser.file(bytes);
@@ -54,7 +54,7 @@ pub fn parse_fap(bytes: &[u8]) -> ParsedFap {
 /// Flags of one mask line.
 type Mask = [bool; FapNumber::COUNT];
 
-/// Whether a line is a mask with one blank behind its last flag, without which Greta's C++ readers lose that flag.
+/// Whether a line is a mask with one blank after its last flag; without it, Greta's C++ readers lose that flag.
 pub(super) fn is_mask_for_greta(text: &str) -> bool {
     let mut flags = text.split(' ');
     flags.next_back() == Some("") && flags.clone().count() == FapNumber::COUNT && flags.all(is_flag)
@@ -64,17 +64,17 @@ pub(super) fn is_mask_for_greta(text: &str) -> bool {
 struct Parser {
     findings: Findings,
     first_mask: Option<Mask>,
-    /// Lines were missing or strange, so that counting frames says nothing new.
+    /// Whether lines were missing or unexpected, so that a wrong frame count is not worth a finding.
     out_of_step: bool,
-    /// Number that the next frame should have; `None` before the first.
+    /// Expected number of the next frame; `None` before the first.
     next_number: Option<i64>,
 }
 
-/// What the next line should be.
+/// The expected kind of the next line.
 enum Expect {
     Header,
     Mask,
-    /// The values of a frame whose mask read (or not), and the mask's line.
+    /// The values of a frame: its mask, if readable, and the line of the mask.
     Values(Option<Mask>, usize),
 }
 
@@ -88,7 +88,7 @@ impl Parser {
             _ => (bytes, false),
         };
         let mut line = 0;
-        // What old Macs wrote: every line would be the end of the first one.
+        // Line ends of old Macs: otherwise the whole file would be one line.
         let (_, before_last) = body.split_last().unwrap_or((&0, &[]));
         let end = if !body.contains(&b'\n') && before_last.contains(&b'\r') { b'\r' } else { b'\n' };
         let (body, ends) = match body {
@@ -152,7 +152,7 @@ impl Parser {
         (header, frames)
     }
 
-    /// Text of a line without its end.
+    /// Text of a line without its line end.
     fn line_text<'a>(&mut self, line: usize, raw: &'a [u8]) -> Cow<'a, str> {
         let mut raw = raw;
         if line == 1
@@ -266,7 +266,7 @@ impl Parser {
         }
     }
 
-    /// Reads a mask; a line that is none costs its frame.
+    /// Reads a mask; if the line is not a mask, its frame is lost.
     fn mask_or_stray_values(&mut self, line: usize, words: &[&str]) -> Expect {
         let flags = words.iter().all(|word| is_flag(word));
         let count_fits = (FapNumber::COUNT..=FapNumber::COUNT + 1).contains(&words.len());
@@ -303,7 +303,7 @@ impl Parser {
         Expect::Values(Some(mask), line)
     }
 
-    /// Reads frame number and values; `None` when an error stands in the way.
+    /// Reads frame number and values; `None` on an error.
     fn values(&mut self, line: usize, words: &[&str], mask: Option<&Mask>) -> Option<FapFrame> {
         let (number, words) = words.split_first()?;
         let in_order = self.frame_number(line, number);
@@ -381,7 +381,7 @@ impl Parser {
         Some(value)
     }
 
-    /// The integers of FAP 1 or 2.
+    /// Reads the integers of FAP 1 or 2.
     fn fields(&mut self, line: usize, fap: FapNumber, words: &[&str]) -> Option<Vec<i32>> {
         let field = format!("FAP {fap}");
         if words.len() == 1 {
@@ -405,14 +405,15 @@ impl Parser {
     }
 }
 
-/// How many values a mask asks for: with all fields of FAPs 1 and 2, and with one value for each, as old tools write them.
+/// Number of values that a mask requires: with all fields of FAPs 1 and 2, and with one value for each, as old tools write them.
 fn asked_for(mask: &Mask) -> [usize; 2] {
     let set = FapNumber::all().filter(|fap| mask[fap.index()]);
     let fields = |fap: FapNumber| if fap.is_high_level() { FapCatalog::mpeg4().fields(fap).len() } else { 1 };
     [set.clone().map(fields).sum(), set.count()]
 }
 
-/// Whether a line in the place of values is rather a mask: 68 or 69 flags that are not the values the last mask asks for.
+/// Whether a line at the position of values looks like a mask: 68 or 69 flags, when the last mask requires another number of
+/// values.
 fn looks_like_mask(words: &[&str], mask: Option<&Mask>) -> bool {
     (FapNumber::COUNT..=FapNumber::COUNT + 1).contains(&words.len())
         && !mask.is_some_and(|mask| asked_for(mask).contains(&(words.len() - 1)))
@@ -423,7 +424,7 @@ pub(super) fn is_flag(word: &str) -> bool {
     matches!(word, "0" | "1")
 }
 
-/// Whether a word is a decimal integer as the strict subset has it: digits, perhaps after a minus.
+/// Whether a word is a decimal integer of the strict subset: digits, optionally after a minus.
 fn is_plain_integer(word: &str) -> bool {
     let digits = word.strip_prefix('-').unwrap_or(word);
     !digits.is_empty() && digits.bytes().all(|b| b.is_ascii_digit())

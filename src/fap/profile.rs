@@ -1,4 +1,4 @@
-//! Whom a file is written for: what single readers need or take beyond the strict subset.
+//! Target readers of a file: what individual readers need or accept beyond the strict subset.
 
 use std::{fmt, str::FromStr};
 
@@ -10,7 +10,7 @@ use super::{
     sequence::{FapSequence, VERSION, name_token},
 };
 
-/// Readers that a file is written for.
+/// The reader that a file is written for.
 ///
 /// ```
 /// use grimace::fap::{Profile, read_fap};
@@ -28,30 +28,30 @@ pub enum Profile {
     /// Every known reader.
     #[default]
     Strict,
-    /// Xface: takes FAPs 1 and 2 in full and float values, and copies between inner and outer lips where one of them is 0.
+    /// Xface: accepts FAPs 1 and 2 in full and float values; copies between inner and outer lips if one of them is 0.
     Xface,
-    /// Greta: plays 25 frames per second, whatever the header says, and takes integers only. Its C++ readers cut a mask line into flags by
-    /// the blank behind each, so they need one behind the last flag, too.
+    /// Greta: always plays 25 frames per second, regardless of the header, and accepts only integers. Its C++ readers split a
+    /// mask line at the blank after each flag, so they also need one after the last flag.
     Greta,
-    /// The visage encoder: expects version 2.2, takes FAPs 1 and 2 in full, integers only.
+    /// The visage encoder: expects version 2.2, accepts FAPs 1 and 2 in full, and only integers.
     Visage,
 }
 
-/// What a profile's readers take.
+/// Capabilities of a profile's readers.
 #[derive(Clone, Copy, Debug)]
 #[allow(clippy::struct_excessive_bools)]
 pub(super) struct Rules {
     /// Version in the header.
     pub(super) version: &'static str,
-    /// Float values.
+    /// Whether they accept float values.
     pub(super) floats: bool,
-    /// FAPs 1 and 2, as 4 and 6 integers.
+    /// Whether they accept FAPs 1 and 2, as 4 and 6 integers.
     pub(super) high_level: bool,
-    /// The only frame rate.
+    /// The only supported frame rate; `None` for any.
     pub(super) fps: Option<u32>,
-    /// A blank behind the last flag of a mask.
+    /// Whether they need a blank after the last flag of a mask.
     pub(super) blank_after_mask: bool,
-    /// A lip FAP that is 0 is taken from its twin.
+    /// Whether they replace a lip FAP that is 0 by its twin.
     mirrors_lips: bool,
 }
 
@@ -70,15 +70,15 @@ impl Profile {
         }
     }
 
-    /// The only frame rate that the reader plays, where there is one.
+    /// The only frame rate that the reader plays; `None` for any.
     pub fn fixed_fps(self) -> Option<u32> {
         self.rules().fps
     }
 
-    /// Makes a sequence fit for the profile's readers, but for its frame rate, and says what that changed.
+    /// Changes a sequence so that the profile's readers accept it, except for the frame rate; returns what was changed.
     ///
-    /// FAPs 1 and 2 are masked out where the reader may misread them, the name becomes a token. For Xface, a lip FAP that is
-    /// masked out gets the value of its twin, as Xface would do on its own, and one that is 0 while its twin moves becomes 1, a
+    /// FAPs 1 and 2 are masked out if the reader may misread them, and the name becomes a token. For Xface, a lip FAP that is
+    /// masked out gets the value of its twin, as Xface itself would do. A lip FAP that is 0 while its twin moves becomes 1, a
     /// thousandth of the mouth-nose separation, so that Xface does not overwrite it.
     pub fn prepare(self, sequence: &mut FapSequence) -> Prepared {
         let rules = self.rules();
@@ -121,10 +121,11 @@ impl Profile {
 }
 
 impl FapSequence {
-    /// The sequence as the readers of a profile take it: at the rate that they play, prepared ([`Profile::prepare`]), values rounded.
+    /// Returns the sequence for the readers of a profile: at the frame rate that they play, prepared ([`Profile::prepare`]),
+    /// values rounded.
     ///
     /// # Errors
-    /// [`InterpolateError`] when the change of the rate makes too many frames.
+    /// [`InterpolateError`] when the change of rate gives too many frames.
     pub fn for_profile(&self, profile: Profile) -> Result<Self, InterpolateError> {
         let fps = profile.fixed_fps().map_or(self.fps, f64::from);
         let mut sequence = if fps == self.fps { self.clone() } else { self.retimed(fps)? };
@@ -134,16 +135,16 @@ impl FapSequence {
     }
 }
 
-/// What [`Profile::prepare`] changed.
+/// Changes made by [`Profile::prepare`].
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Prepared {
-    /// The former name, when it was no token.
+    /// The original name, if it was changed to a token.
     pub renamed: Option<String>,
-    /// FAPs 1 and 2 masked out, summed over frames.
+    /// Number of values of FAPs 1 and 2 masked out, summed over frames.
     pub dropped: usize,
-    /// Lip values copied from their twins, summed over frames.
+    /// Number of lip values copied from their twins, summed over frames.
     pub lips_copied: usize,
-    /// Lip values set to 1 so that the reader keeps them, summed over frames.
+    /// Number of lip values set to 1 so that the reader keeps them, summed over frames.
     pub lips_kept: usize,
 }
 

@@ -1,5 +1,7 @@
-//! Tolerant reader of ASCII FAP files: it takes what known tools write and says where that is off the strict subset; it refuses
-//! the rest with line and rule.
+//! Tolerant reader of ASCII FAP files.
+//!
+//! It accepts what known tools write and reports deviations from the strict subset. It rejects everything else, with line and
+//! rule.
 
 use std::{
     io,
@@ -13,7 +15,7 @@ use super::{
     sequence::FapSequence,
 };
 
-/// A FAP file that was read.
+/// Content of a FAP file, with warnings.
 ///
 /// ```
 /// use grimace::fap::read_fap;
@@ -24,13 +26,13 @@ use super::{
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct FapFile {
-    /// Its content.
+    /// The content.
     pub sequence: FapSequence,
-    /// Deviations from the strict subset that were tolerated, by line.
+    /// Tolerated deviations from the strict subset, by line.
     pub findings: Vec<Finding>,
 }
 
-/// A FAP file that was not read.
+/// Error for a FAP file that could not be read.
 ///
 /// ```
 /// use grimace::fap::{FapReadError, read_fap};
@@ -49,7 +51,7 @@ pub enum FapReadError {
     Io {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         source: io::Error,
     },
     /// The content is no FAP file that a known tool writes.
@@ -68,7 +70,7 @@ fn more(errors: usize) -> String {
     if errors > 1 { format!(" (and {} more; `grimace fap check` lists them)", errors - 1) } else { String::new() }
 }
 
-/// Whether the masks of a file are written for Greta: each with a blank behind its last flag.
+/// Whether the masks of a file are written for Greta: each has a blank after its last flag.
 pub fn is_for_greta(bytes: &[u8]) -> bool {
     let text = String::from_utf8_lossy(bytes);
     let flags = |line: &&str| line.split_whitespace().count() == FapNumber::COUNT && line.split_whitespace().all(is_flag);
@@ -77,10 +79,10 @@ pub fn is_for_greta(bytes: &[u8]) -> bool {
 }
 
 impl ParsedFap {
-    /// The sequence and its warnings.
+    /// Returns the sequence and its warnings.
     ///
     /// # Errors
-    /// The findings, when there is an error among them.
+    /// The findings, if one of them is an error.
     pub fn into_file(self) -> Result<FapFile, Vec<Finding>> {
         match self.header {
             Some(header) if self.findings.iter().all(|f| f.severity < Severity::Error) => {
@@ -104,13 +106,13 @@ impl ParsedFap {
 /// ```
 ///
 /// # Errors
-/// [`FapReadError`] when the file cannot be read or its content is none that a known tool writes.
+/// [`FapReadError`] when the file cannot be read, or has content that no known tool writes.
 pub fn read_fap(path: &Path) -> Result<FapFile, FapReadError> {
     let bytes = crate::input::read_or_stdin(path).map_err(|source| FapReadError::Io { path: path.to_owned(), source })?;
     read_fap_bytes(path, &bytes)
 }
 
-/// [`read_fap`] of bytes that were read already; `path` is their name in errors.
+/// Same as [`read_fap`] for the bytes of a file; `path` is its name in errors.
 ///
 /// # Errors
 /// [`FapReadError::Invalid`].

@@ -1,4 +1,4 @@
-//! Tests of the tolerant reader: what known tools write, and what none of them does.
+//! Tests of the tolerant reader: content that known tools write, and content that none of them writes.
 
 use super::{super::finding::Rule, *};
 
@@ -23,7 +23,7 @@ fn tolerates(text: &str, line: usize, rule: Rule) -> FapFile {
     parse_fap(text.as_bytes()).into_file().unwrap()
 }
 
-/// The first error.
+/// Fails to read; returns the message of the first error.
 fn refuses(text: &str, line: usize, rule: Rule) -> String {
     let findings = parse_fap(text.as_bytes()).into_file().unwrap_err();
     let first = findings.iter().find(|f| f.severity == Severity::Error).unwrap();
@@ -71,7 +71,7 @@ fn faps_1_and_2_have_4_and_6_values_when_the_line_is_that_long() {
     let file = parse_fap(text.as_bytes()).into_file().unwrap();
     assert_eq!(file.sequence.frames[0].fields(FapNumber::VISEME), Some(&[1, 2, 63, 0][..]));
     assert_eq!(file.sequence.frames[0].fields(FapNumber::EXPRESSION), Some(&[1, 63, 0, 0, 0, 1][..]));
-    // One of them in full and the other in short: no tool writes that.
+    // One of them in full and the other in short form: no tool writes that.
     let message = refuses(&format!("2.1 x 25 1\n{}\n0 1 2 63 0 1 9\n", mask(&[1, 2, 3])), 3, Rule::ValueCount);
     assert_eq!(message, "6 values after the frame number; the mask asks for 11 (or 3)");
     refuses(&format!("2.1 x 25 1\n{}\n0 1.5 9\n", mask(&[1, 3])), 3, Rule::Integer);

@@ -1,4 +1,4 @@
-//! FAP values over time.
+//! FAP values over time: frames and sequences.
 
 use super::catalog::FapNumber;
 
@@ -18,7 +18,7 @@ use super::catalog::FapNumber;
 #[derive(Clone, Debug, PartialEq)]
 pub struct FapFrame {
     values: [Option<f64>; FapNumber::COUNT],
-    /// FAPs 1 and 2.
+    /// Fields of FAPs 1 and 2.
     fields: [Option<Vec<i32>>; 2],
 }
 
@@ -35,7 +35,7 @@ impl FapFrame {
         self.values[fap.index()]
     }
 
-    /// Sets or masks out a low-level FAP. FAPs 1 and 2 have [`fields`](Self::fields) instead of a value and stay as they are.
+    /// Sets or masks out a low-level FAP. FAPs 1 and 2 have [`fields`](Self::fields) instead of a value and are not changed.
     pub fn set_value(&mut self, fap: FapNumber, value: Option<f64>) {
         if !fap.is_high_level() {
             self.values[fap.index()] = value;
@@ -47,7 +47,7 @@ impl FapFrame {
         self.fields.get(fap.index())?.as_deref()
     }
 
-    /// Sets or masks out FAP 1 or 2; other FAPs have no fields and stay as they are.
+    /// Sets or masks out FAP 1 or 2. Other FAPs have no fields and are not changed.
     pub fn set_fields(&mut self, fap: FapNumber, fields: Option<Vec<i32>>) {
         if let Some(slot) = self.fields.get_mut(fap.index()) {
             *slot = fields;
@@ -78,7 +78,7 @@ impl FapFrame {
 pub struct FapSequence {
     /// Version of the format, `2.0`, `2.1` or `2.2`.
     pub version: String,
-    /// Name in the header.
+    /// Name from the header.
     pub name: String,
     /// Frames per second, positive.
     pub fps: f64,
@@ -86,10 +86,10 @@ pub struct FapSequence {
     pub frames: Vec<FapFrame>,
 }
 
-/// Version that files are written with.
+/// Version written to files.
 pub(super) const VERSION: &str = "2.1";
 
-/// Longest name that every reader takes, characters.
+/// Longest name that every reader accepts, characters.
 pub(super) const NAME_MAX: usize = 100;
 
 impl FapSequence {
@@ -107,12 +107,12 @@ impl FapSequence {
         FapNumber::all().filter(|&fap| self.frames.iter().any(|frame| moves(frame, fap))).collect()
     }
 
-    /// Duration in seconds: frames over frame rate.
+    /// Duration in seconds: number of frames divided by frame rate.
     pub fn seconds(&self) -> f64 {
         self.frames.len() as f64 / self.fps
     }
 
-    /// Rounds every value to the nearest integer, halves away from zero; returns how many changed.
+    /// Rounds every value to the nearest integer, halves away from zero; returns the number of changed values.
     pub fn round(&mut self) -> usize {
         let mut changed = 0;
         for value in self.frames.iter_mut().flat_map(|frame| frame.values.iter_mut()).flatten() {
@@ -124,8 +124,8 @@ impl FapSequence {
     }
 }
 
-/// A name that every reader of FAP files takes as one token: ASCII without blanks, 1 to 100 characters, not starting with `#`.
-/// Whatever is not so becomes `_`.
+/// Converts a name to one token that every reader of FAP files accepts: ASCII without blanks, 1 to 100 characters, not starting
+/// with `#`. Other characters become `_`.
 ///
 /// ```
 /// assert_eq!(grimace::internal::fap::name_token("joy (young)"), "joy_(young)");
@@ -142,7 +142,7 @@ pub fn name_token(name: &str) -> String {
     token
 }
 
-/// Whether a name is a token as `name_token` makes them.
+/// Whether a name is a token in the sense of `name_token`.
 pub(super) fn is_name_token(name: &str) -> bool {
     name_token(name) == name
 }

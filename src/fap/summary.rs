@@ -1,4 +1,4 @@
-//! A FAP sequence at a glance.
+//! Summary of a FAP sequence.
 
 use serde::Serialize;
 
@@ -7,7 +7,7 @@ use super::{
     sequence::FapSequence,
 };
 
-/// What a FAP does over a sequence. Values are in the FAP's unit; `None` for FAPs 1 and 2, which have codes.
+/// Summary of one FAP over a sequence. Values are in the FAP's unit; `None` for FAPs 1 and 2, which have codes.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FapSummary {
     /// Number, 1 to 68.
@@ -16,17 +16,17 @@ pub struct FapSummary {
     pub name: String,
     /// Unit of the values: `ENS/1024`, `1e-5 rad`, or `code`.
     pub unit: String,
-    /// Least value.
+    /// Smallest value.
     pub min: Option<f64>,
-    /// Greatest value.
+    /// Largest value.
     pub max: Option<f64>,
     /// Value farthest from neutral (0), with its sign.
     pub apex: Option<f64>,
-    /// First frame that has the apex value, from 0.
+    /// Index of the first frame with the apex value, from 0.
     pub apex_frame: Option<usize>,
 }
 
-/// A FAP sequence at a glance.
+/// Summary of a FAP sequence.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SequenceSummary {
     /// Name in the header.
@@ -37,14 +37,14 @@ pub struct SequenceSummary {
     pub fps: f64,
     /// Number of frames.
     pub frames: usize,
-    /// Duration: frames over frame rate.
+    /// Duration in seconds: number of frames divided by frame rate.
     pub seconds: f64,
-    /// FAPs that any frame sets, ascending.
+    /// Summaries of the FAPs that any frame sets, ascending.
     pub faps: Vec<FapSummary>,
 }
 
 impl FapSequence {
-    /// The sequence at a glance.
+    /// Summarizes the sequence.
     pub fn summary(&self) -> SequenceSummary {
         SequenceSummary {
             name: self.name.clone(),
@@ -59,7 +59,7 @@ impl FapSequence {
     fn fap_summary(&self, fap: FapNumber) -> FapSummary {
         let row = FapCatalog::mpeg4().row(fap);
         let values = || self.frames.iter().enumerate().filter_map(|(k, frame)| Some((k, frame.value(fap)?)));
-        // The first of equal values wins: `max_by` would return the last.
+        // The first of equal values; `max_by` would return the last.
         let apex = values().reduce(|best, next| if next.1.abs() > best.1.abs() { next } else { best });
         FapSummary {
             fap: fap.get(),

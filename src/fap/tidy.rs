@@ -1,7 +1,7 @@
-//! FAP values as a tidy CSV table: `frame,fap,name,value`, a row for every FAP that a frame sets.
+//! Reads and writes FAP values as a tidy CSV table: `frame,fap,name,value`, one row for every FAP that a frame sets.
 //!
-//! FAPs 1 and 2 have their integers in `value`, with blanks between. A last frame that sets nothing is a row with its number
-//! alone. The table has no frame rate.
+//! FAPs 1 and 2 have their integers in `value`, separated by blanks. If the last frame sets nothing, it has a row with only its
+//! number. The table has no frame rate.
 
 use std::{
     collections::BTreeMap,
@@ -21,7 +21,7 @@ use crate::{
     text::{excerpt, message},
 };
 
-/// A table that does not read.
+/// Error for a table that cannot be read.
 ///
 /// ```
 /// use grimace::fap::{TidyError, read_tidy_csv};
@@ -39,7 +39,7 @@ pub enum TidyError {
     Io {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         source: io::Error,
     },
     /// A row that is wrong.
@@ -81,7 +81,7 @@ struct Row {
 pub fn write_tidy_csv(path: &Path, sequence: &FapSequence) -> Result<(), OutputError> {
     let rows = sequence.frames.iter().enumerate().flat_map(|(index, frame)| {
         let empty = || Row { frame: index.to_string(), fap: String::new(), name: String::new(), value: String::new() };
-        // The last frame says how many there are.
+        // The last frame determines the number of frames.
         let is_last = index + 1 == sequence.frames.len();
         let sets_nothing = is_last && FapNumber::all().all(|fap| !frame.is_set(fap));
         let set = FapCatalog::mpeg4().rows().iter().filter_map(move |row| {
@@ -94,9 +94,9 @@ pub fn write_tidy_csv(path: &Path, sequence: &FapSequence) -> Result<(), OutputE
     write_csv(path, rows)
 }
 
-/// Reads a table. Its name is the file's, and `fps` what the caller says.
+/// Reads a table. The sequence gets the name of the file and the frame rate `fps`.
 ///
-/// Rows may be in any order; a frame without rows, or with a row of its number alone, sets nothing. The column `name` may be
+/// Rows may be in any order. A frame without rows, or with a row of only its number, sets nothing. The column `name` may be
 /// missing or empty.
 ///
 /// ```
@@ -112,8 +112,8 @@ pub fn write_tidy_csv(path: &Path, sequence: &FapSequence) -> Result<(), OutputE
 /// ```
 ///
 /// # Errors
-/// [`TidyError`] for a missing column, a FAP or frame that is no number, a name that is another FAP's, a value that is not finite,
-/// a repeated row, or no row at all.
+/// [`TidyError`] for a missing column, a FAP or frame that is no number, a name that belongs to another FAP, a value that is not
+/// finite, a repeated row, or a table without rows.
 pub fn read_tidy_csv(path: &Path, fps: f64) -> Result<FapSequence, TidyError> {
     let at = |line: u64, reason: String| TidyError::Row { path: path.to_owned(), line, reason };
     let bytes = crate::input::read_or_stdin(path).map_err(|source| TidyError::Io { path: path.to_owned(), source })?;
@@ -165,7 +165,7 @@ pub fn read_tidy_csv(path: &Path, fps: f64) -> Result<FapSequence, TidyError> {
     Ok(FapSequence { version: VERSION.to_owned(), name, fps, frames })
 }
 
-/// The integers of FAP 1 or 2.
+/// Parses the integers of FAP 1 or 2.
 fn fields(fap: FapNumber, text: &str) -> Result<Vec<i32>, String> {
     let count = FapCatalog::mpeg4().fields(fap).len();
     let fields: Option<Vec<i32>> = text.split_whitespace().map(|word| word.parse().ok()).collect();

@@ -1,4 +1,4 @@
-//! Strict writer of ASCII FAP files: the subset that every known reader takes, and the little that single readers take beyond it.
+//! Strict writer of ASCII FAP files: the subset that every known reader accepts, and the extensions of individual readers.
 
 use std::{fmt::Write as _, path::Path};
 
@@ -9,7 +9,7 @@ use super::{
 };
 use crate::output::{OutputError, write_hashed};
 
-/// How values are written.
+/// Format of the written values.
 ///
 /// ```
 /// use grimace::fap::{Profile, ValueFormat, read_fap, write_fap_as};
@@ -23,17 +23,17 @@ use crate::output::{OutputError, write_hashed};
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ValueFormat {
-    /// Decimal integers, which every reader takes.
+    /// Decimal integers, which every reader accepts.
     #[default]
     Integer,
-    /// The shortest decimal number that reads back the same.
+    /// The shortest decimal number that reads back as the same value.
     Float,
 }
 
-/// Greatest frame rate: what the reader with a 16-bit counter holds.
+/// Largest frame rate: the limit of a reader with a 16-bit counter.
 const FPS_MAX: f64 = 32_767.0;
 
-/// What in a sequence cannot be written.
+/// Content of a sequence that cannot be written.
 ///
 /// ```
 /// use grimace::fap::{FapWriteError, FapWriteErrorKind, read_fap, write_fap};
@@ -60,9 +60,9 @@ pub enum FapWriteErrorKind {
     Fps {
         /// The frame rate.
         fps: f64,
-        /// Whom the file is for.
+        /// The profile of the file.
         profile: Profile,
-        /// What it takes.
+        /// What the profile accepts.
         expected: &'static str,
     },
     /// No frame to write.
@@ -75,11 +75,11 @@ pub enum FapWriteErrorKind {
         frame: usize,
         /// FAP 1 or 2.
         fap: FapNumber,
-        /// Values it has.
+        /// Number of values.
         found: usize,
-        /// Whom the file is for.
+        /// The profile of the file.
         profile: Profile,
-        /// What it takes.
+        /// What the profile accepts.
         expected: String,
     },
     /// A value that is no integer although integers are asked for.
@@ -105,12 +105,12 @@ pub enum FapWriteErrorKind {
     /// Floats for a reader that stops at them.
     #[error("the {profile} profile allows integers only: give --values integer")]
     Float {
-        /// Whom the file is for.
+        /// The profile of the file.
         profile: Profile,
     },
 }
 
-/// A FAP file that was not written.
+/// Error for a FAP file that was not written.
 ///
 /// ```
 /// use grimace::fap::{FapWriteError, read_fap, write_fap};
@@ -132,7 +132,7 @@ pub enum FapWriteError {
     Output(#[from] OutputError),
 }
 
-/// Writes a FAP file that every known reader takes, whole or not at all.
+/// Writes a FAP file that every known reader accepts, completely or not at all.
 ///
 /// ```
 /// use grimace::fap::{read_fap, write_fap};
@@ -151,7 +151,7 @@ pub fn write_fap(path: &Path, sequence: &FapSequence) -> Result<blake3::Hash, Fa
     write_fap_as(path, sequence, Profile::Strict, ValueFormat::Integer)
 }
 
-/// Writes a FAP file for the readers of a profile, whole or not at all; the BLAKE3 of its bytes.
+/// Writes a FAP file for the readers of a profile, completely or not at all; returns the BLAKE3 hash of its bytes.
 ///
 /// ```
 /// use grimace::fap::{Profile, ValueFormat, read_fap, write_fap_as};
@@ -165,7 +165,7 @@ pub fn write_fap(path: &Path, sequence: &FapSequence) -> Result<blake3::Hash, Fa
 /// ```
 ///
 /// # Errors
-/// As [`write_fap`].
+/// Same as [`write_fap`].
 pub fn write_fap_as(
     path: &Path,
     sequence: &FapSequence,
@@ -176,9 +176,9 @@ pub fn write_fap_as(
     Ok(write_hashed(path, |writer| writer.write_all(text.as_bytes()))?)
 }
 
-/// The text of a FAP file for the readers of a profile.
+/// Returns the text of a FAP file for the readers of a profile.
 ///
-/// The version is the profile's, whatever the sequence was read with.
+/// The version is that of the profile, not that of the sequence.
 ///
 /// # Errors
 /// [`FapWriteErrorKind`] when a name, frame rate or value does not fit the profile.
@@ -200,7 +200,7 @@ pub fn fap_text(sequence: &FapSequence, profile: Profile, values: ValueFormat) -
     if frames.is_empty() {
         return Err(FapWriteErrorKind::NoFrames);
     }
-    // A String does not fail to grow, so the results of `write!` hold nothing.
+    // Writing to a `String` does not fail, so the results of `write!` can be ignored.
     let mut text = String::with_capacity(frames.len() * 400);
     let _ = writeln!(text, "{} {name} {fps} {}", rules.version, frames.len());
     for (index, frame) in frames.iter().enumerate() {
@@ -298,7 +298,7 @@ mod tests {
     }
 
     prop_compose! {
-        /// A sequence with one mask in all frames, values integers.
+        /// Generates a sequence with one mask in all frames and integer values.
         fn any_sequence()(
             mask in prop::collection::vec(any::<bool>(), 66),
             frames in 1_usize..6,
@@ -369,7 +369,7 @@ mod tests {
                     _ => bytes.truncate(k.max(1)),
                 }
             }
-            // Whatever reads can be written again after rounding, but for the name that the bytes may have spoilt.
+            // Everything that can be read can be written again after rounding, except for names that the bytes may have damaged.
             if let Ok(mut file) = parse_fap(&bytes).into_file() {
                 file.sequence.round();
                 file.sequence.name = crate::fap::name_token(&file.sequence.name);

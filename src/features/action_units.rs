@@ -1,10 +1,10 @@
 //! Intensities of action units, by a small generative model.
 //!
-//! The neutral offsets of the nodes are a non-negative sum of expression shapes, each named after the action unit it stands for, and
-//! noise whose standard deviation at every node is the node's expected error. Shapes are learned from a face model, left and right as
-//! unknowns of their own; beside them stand Candide's own action unit vectors, which whoever animates by Candide shows. An action unit
-//! is the mean of its sides and what its vector adds. Shapes that are no action unit of the list (sideways jaw, puffed cheeks)
-//! explain their part and are not reported.
+//! The neutral offsets of the nodes are modelled as a non-negative sum of expression shapes, each named after its action unit, plus noise
+//! whose standard deviation at every node is the node's expected error. Shapes are learned from a face model; left and right are separate
+//! unknowns. Candide's own action unit vectors are further unknowns, for faces animated with Candide. The intensity of an action unit is
+//! the mean of its sides plus the contribution of its vector. Shapes outside the list (sideways jaw, puffed cheeks) explain their part and
+//! are not reported.
 
 use nalgebra::{DMatrix, DVector, Point2, Vector2, Vector3};
 
@@ -19,7 +19,7 @@ use crate::{
     wireframe::{UnitKind, Wireframe},
 };
 
-/// An action unit of FACS and the shapes that stand for it.
+/// An action unit of FACS and its expression shapes.
 ///
 /// ```
 /// use grimace::features::ActionUnit;
@@ -66,7 +66,7 @@ pub const ACTION_UNITS: [ActionUnit; 21] = [
     unit(22, "lip funneler", &["mouthFunnel"]),
     unit(23, "lip tightener", &["mouthPress"]),
     unit(24, "lip presser", &["mouthRollUpper", "mouthRollLower"]),
-    // Whatever parts them: measured on the lips themselves.
+    // Measured on the lips themselves, whatever parts them.
     unit(LIPS_PART, "lips part", &[]),
     unit(26, "jaw drop", &["jawOpen"]),
     unit(45, "blink", &["eyeBlink"]),
@@ -87,7 +87,7 @@ fn known() -> String {
 impl std::str::FromStr for ActionUnit {
     type Err = UnknownActionUnit;
 
-    /// `AU12`, `au12` or `12`.
+    /// Parses `AU12`, `au12` or `12`.
     fn from_str(name: &str) -> Result<Self, UnknownActionUnit> {
         let text = name.trim();
         let digits = text.strip_prefix("AU").or_else(|| text.strip_prefix("au")).unwrap_or(text);
@@ -97,35 +97,35 @@ impl std::str::FromStr for ActionUnit {
     }
 }
 
-/// Action units and the action unit vectors of Candide-3 that stand for them as well, both sides at once.
+/// Action units and the Candide-3 action unit vectors that also represent them, both sides at once.
 const CANDIDE: [(u8, u16); 11] =
     [(2, 5), (4, 3), (5, 10), (7, 7), (9, 8), (10, 0), (15, 14), (20, 2), (23, 9), (26, 11), (45, 6)];
-/// Shapes that are no action unit of the list but explain their part.
+/// Shapes outside the list of action units that explain their part of a motion.
 const OTHERS: [&str; 7] = ["jawLeft", "jawRight", "jawForward", "mouthLeft", "mouthRight", "cheekPuff", "mouthShrugUpper"];
 
 /// Intensity of a shape at full strength, on the scale of 0 to 5.
 pub const FULL: f64 = 5.0;
-/// Before anything is seen a shape's strength is mostly nothing and seldom much: its probability falls off as `exp(-RARITY x)`, which
-/// leaves what is seen to few shapes where a normal one would spread it over all that are alike.
+/// Rate of the exponential prior `exp(-RARITY x)` of a shape's strength x. It favours few strong shapes, where a normal prior would spread
+/// a motion over all similar shapes.
 const RARITY: f64 = 1.0;
-/// The same of Candide's own vectors, which nobody's face was measured for: they are taken only where they explain much more.
+/// The same for Candide's own vectors, which were not measured on faces: they are used only where they explain much more.
 const CANDIDE_RARITY: f64 = 8.0;
-/// Strengths far beyond the full one are out of the question, too: standard deviation of a normal factor of that probability.
+/// Standard deviation of an additional normal factor of the prior, which excludes strengths far beyond 1.
 const STRENGTH: f64 = 1.0;
-/// Turns of the non-negative solution.
+/// Iterations of the non-negative solution.
 const TURNS: usize = 300;
-/// Median of the distance of a normal number from its mean.
+/// Median absolute deviation of a standard normal number.
 const MEDIAN: f64 = 0.6745;
 
-/// What a person's own shapes differ from those of the head model, face units: half of the nodes by more, as nodes that sit a little beside
-/// their place do. Without it small offsets that are known well are explained by shapes that cancel each other: of 45 sequences of
-/// photographs and videos eight showed raised lids and a blink at once, and one broad smile no lip corner puller.
+/// Median difference of a person's shapes from those of the head model, face units, as for nodes slightly beside their position. Without
+/// it, small accurate offsets are explained by shapes that cancel each other: of 45 sequences of photographs and videos, eight showed
+/// raised lids and a blink at once, and one broad smile had no lip corner puller.
 const SHAPE_ERROR: f64 = 6.0;
-/// Intensity, 0 to 5, from which an action unit counts as present, where it also exceeds twice its expected error.
+/// Intensity, 0 to 5, from which an action unit counts as present, if it also exceeds twice its expected error.
 const PRESENT: f64 = 1.0;
 
-/// What two explanations of a motion differ by, in logarithms of likelihood, at least: chosen, so that speech and faces that hardly move, of which
-/// either way is as good, have no order (on 50 sequences of photographs and videos speech differs by 5 to 14).
+/// Smallest difference of log likelihoods of a motion and its opposite that gives an order. Chosen so that speech and faces that hardly
+/// move, which are equally likely either way, have no order (on 50 sequences of photographs and videos, speech differs by 5 to 14).
 const SURE: f64 = 15.0;
 
 /// The intensity of one action unit in one frame.
@@ -140,22 +140,22 @@ const SURE: f64 = 15.0;
 pub struct Intensity {
     /// Number in FACS.
     pub number: u8,
-    /// 0 to 5.
+    /// Intensity, 0 to 5.
     pub value: f64,
-    /// Expected error of the value: half of such values are further off.
+    /// Expected error of the value: half of such values are closer, half further away.
     pub expected_error: f64,
 }
 
 impl Intensity {
-    /// Whether the action unit is there.
+    /// Whether the action unit is present.
     pub fn is_present(&self) -> bool {
         self.value >= PRESENT && self.value > 2.0 * self.expected_error
     }
 }
 
-/// The shapes over the nodes of the canonical face.
+/// Expression shapes over the nodes of the canonical face.
 ///
-/// A face that does not move shows no action unit.
+/// In the example a face that does not move shows no action unit.
 /// ```
 /// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
 /// use grimace::{features::ActionUnits, normalize::Normalizer, pose::HeadModel};
@@ -172,14 +172,14 @@ impl Intensity {
 pub struct ActionUnits {
     /// Offsets of every node, face units: along x of each unknown, then along y.
     shapes: Vec<f64>,
-    /// How seldom each unknown is strong.
+    /// Rate of the exponential prior of each unknown.
     rarities: Vec<f64>,
-    /// Unknowns of each action unit and the share of each in its strength: a half where another one is the other side.
+    /// Unknowns of each action unit and their weights in its strength: one half for each of two sides.
     members: Vec<Vec<(usize, f64)>>,
 }
 
 impl ActionUnits {
-    /// The shapes of a head model, made canonical as tracks are.
+    /// Creates the shapes of a head model, normalized as tracks are.
     ///
     /// # Errors
     /// [`FeaturesError`] when the head does not normalize.
@@ -226,21 +226,21 @@ impl ActionUnits {
         Ok(Self { shapes, rarities, members })
     }
 
-    /// Offsets of a node along x and along y, of each unknown.
+    /// Returns the offsets of a node along x and along y, for each unknown.
     fn along(&self, node: usize) -> [&[f64]; 2] {
         let count = self.rarities.len();
         [0, 1].map(|axis| &self.shapes[(2 * node + axis) * count..(2 * node + axis + 1) * count])
     }
 
-    /// How far a jaw half dropped parts two nodes that lie above each other, face units.
+    /// Returns the gap, face units, that a half-dropped jaw makes between two nodes one above the other.
     pub fn gap_of_jaw(&self, [above, below]: [usize; 2]) -> f64 {
         let jaw = ACTION_UNITS.iter().zip(&self.members).filter(|(unit, _)| unit.shapes.contains(&"jawOpen"));
         let gap = |&(i, _): &(usize, f64)| self.along(above)[1][i] - self.along(below)[1][i];
         0.5 * jaw.filter_map(|(_, members)| members.first()).map(gap).sum::<f64>()
     }
 
-    /// What speaks for each unknown in neutral offsets (face units) of nodes with these expected errors (face units), and how all go together:
-    /// `N` and `A' W d` of the minimum of `x' N x / 2 - (A' W d - rarities)' x`.
+    /// Returns the linear system for neutral offsets (face units) of nodes with these expected errors (face units): `N` and `A' W d` of the
+    /// minimum of `x' N x / 2 - (A' W d - rarities)' x`.
     fn system(&self, offsets: &[Vector2<f64>], nodes: &[(NodeId, f64)]) -> (DMatrix<f64>, DVector<f64>) {
         let count = self.rarities.len();
         let mut normal = DMatrix::<f64>::identity(count, count) / (STRENGTH * STRENGTH);
@@ -259,12 +259,13 @@ impl ActionUnits {
         (normal, seen)
     }
 
-    /// How much better neutral offsets (face units) are explained than their opposite, of nodes with these expected errors (face units): 1 where
-    /// only what was seen is an expression, -1 where only its opposite is, as of a face that goes back from an expression, 0 where nothing moved.
+    /// Returns the order of a motion, -1 to 1: how much better its neutral offsets (face units) are explained than their opposite, for
+    /// nodes with these expected errors (face units). 1: only the motion itself is an expression. -1: only its opposite is, as of a face
+    /// that goes back from an expression. 0: nothing moved.
     ///
-    /// Muscles only pull: an expression is a non-negative sum of action units, its opposite is badly explained by any. Of either, what the
-    /// best strengths `x` explain is `x' N x / 2`, in logarithms of likelihood; the order is the difference over the sum. Differences of less than
-    /// 15 are none.
+    /// Muscles only pull: an expression is a non-negative sum of action units, and no such sum explains its opposite well. The best
+    /// strengths `x` of either explain the log likelihood `x' N x / 2`; the order is the difference of the two over their sum. Differences
+    /// of less than 15 give 0.
     ///
     /// ```
     /// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
@@ -287,14 +288,14 @@ impl ActionUnits {
         if (there - back).abs() < SURE { 0.0 } else { (there - back) / (there + back) }
     }
 
-    /// Intensities that explain neutral offsets (face units) of nodes with these expected errors (face units).
+    /// Returns the intensities that explain neutral offsets (face units) of nodes with these expected errors (face units).
     pub fn intensities(&self, offsets: &[Vector2<f64>], nodes: &[(NodeId, f64)]) -> Vec<Intensity> {
         let (normal, seen) = self.system(offsets, nodes);
         let strengths = non_negative(&normal, &(seen - DVector::from_column_slice(&self.rarities)));
         let covariance = normal.cholesky().map(|factor| factor.inverse());
         let one = |(unit, members): (&ActionUnit, &Vec<(usize, f64)>)| {
             let strength = members.iter().map(|&(i, share)| share * strengths[i]).sum::<f64>();
-            // A unit that none of the shapes shows is not known at all.
+            // The intensity of a unit is unknown if none of its shapes is visible.
             let covariance = covariance.as_ref().filter(|_| !members.is_empty());
             let variance = covariance.map_or(f64::INFINITY, |c| {
                 members.iter().flat_map(|&(i, a)| members.iter().map(move |&(j, b)| a * b * c[(i, j)])).sum::<f64>()
@@ -309,7 +310,7 @@ impl ActionUnits {
     }
 }
 
-/// The non-negative minimum of `x' N x / 2 - r' x`, by descent along one unknown after the other.
+/// Returns the non-negative minimum of `x' N x / 2 - r' x`, by coordinate descent.
 fn non_negative(normal: &DMatrix<f64>, right: &DVector<f64>) -> DVector<f64> {
     let mut x = DVector::<f64>::zeros(right.len());
     for _ in 0..TURNS {
@@ -345,7 +346,7 @@ mod tests {
 
     #[test]
     fn the_non_negative_minimum_has_no_negative_part() {
-        // x1 wants -1 and x2 wants 2: x1 rests at 0.
+        // The unconstrained x1 is -1 and x2 is 2: x1 becomes 0.
         let x = non_negative(&DMatrix::identity(2, 2), &DVector::from_vec(vec![-1.0, 2.0]));
         assert_eq!(x.as_slice(), [0.0, 2.0]);
     }
@@ -363,7 +364,7 @@ mod tests {
         };
         let mut offsets = vec![Vector2::zeros(); w.node_count()];
         for (unit, members) in ACTION_UNITS.iter().zip(&units.members) {
-            // Both sides of the learned shapes, none of Candide's.
+            // Both sides of the learned shapes, without Candide's.
             for &(i, _) in members.iter().filter(|(i, share)| *share < 1.0 || *i == members[0].0) {
                 for (k, offset) in offsets.iter_mut().enumerate() {
                     *offset += Vector2::from(units.along(k).map(|along| along[i])) * strength(unit.number);

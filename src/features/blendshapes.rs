@@ -1,8 +1,8 @@
-//! Blendshapes that `MediaPipe`'s face landmarker measured of the same frames, to stand beside ours in the table.
+//! Reads blendshapes that `MediaPipe`'s face landmarker measured on the same frames, as additional columns of the feature table.
 //!
-//! Read as a table (`frame` and columns named as the blendshapes), or as the results themselves in JSON: one, an array, or one
-//! after the other, each with `faceBlendshapes` (JavaScript) or `face_blendshapes` (Python). Of several faces the first counts.
-//! Results without `frame` are those of the track's frames in their order.
+//! The input is a table (`frame` and columns named after the blendshapes) or the landmarker's results in JSON: one result, an array, or one
+//! after the other, each with `faceBlendshapes` (JavaScript) or `face_blendshapes` (Python). Of several faces the first is used. Results
+//! without `frame` belong to the track's frames in order.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -74,7 +74,7 @@ pub const COEFFICIENTS: [&str; 52] = [
     "tongueOut",
 ];
 
-/// What `MediaPipe` has in place of `tongueOut`.
+/// Score that `MediaPipe` has instead of `tongueOut`.
 const NEUTRAL: &str = "_neutral";
 
 /// Blendshapes that do not read, or not beside a track.
@@ -156,10 +156,10 @@ pub enum BlendshapesError {
     },
 }
 
-/// How far rounding may take a score beyond 0 and 1.
+/// Tolerance for scores slightly below 0 or above 1 due to rounding.
 const SCORE_ROUNDING: f64 = 1e-3;
 
-/// Number of a frame, where it is said, and scores by name.
+/// Frame number, if given, and scores by name.
 type Row = (Option<u32>, BTreeMap<String, f64>);
 
 /// Scores of blendshapes, 0 to 1, frame by frame.
@@ -170,7 +170,7 @@ pub struct Blendshapes {
     frames: Vec<Row>,
 }
 
-/// Columns that stand beside those of a feature file, frames by ascending number.
+/// Additional columns of a feature file, with frames by ascending number.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ColumnsBeside {
     pub(super) header: Vec<String>,
@@ -192,7 +192,7 @@ struct Measured {
     blendshapes: Vec<Face>,
 }
 
-/// Blendshapes of a face, as JavaScript and Python have them.
+/// Blendshapes of a face, in the JavaScript or the Python layout.
 #[derive(Deserialize)]
 #[serde(untagged)]
 enum Face {
@@ -207,15 +207,15 @@ struct Category {
     score: f64,
 }
 
-/// Reads blendshapes: JSON by the extension `.json` or `.jsonl`, else a table.
+/// Reads blendshapes: JSON for the extensions `.json` and `.jsonl`, else a table.
 ///
 /// # Errors
-/// [`BlendshapesError`] for a file that is neither, or holds none of the 52 coefficients.
+/// [`BlendshapesError`] for a file that is neither, or has none of the 52 coefficients.
 pub fn read_blendshapes(path: &Path) -> Result<Blendshapes, BlendshapesError> {
     let is_json = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json") || e.eq_ignore_ascii_case("jsonl"));
     let frames = if is_json { from_json(path)? } else { from_table(path)? };
     let held: BTreeSet<&String> = frames.iter().flat_map(|(_, scores)| scores.keys()).collect();
-    // In the one order, whatever the file has.
+    // In the order of `COEFFICIENTS`, whatever the order in the file.
     let names: Vec<String> =
         COEFFICIENTS.iter().chain([&NEUTRAL]).map(|&name| name.to_owned()).filter(|name| held.contains(name)).collect();
     if names.is_empty() {
@@ -240,7 +240,7 @@ pub fn read_blendshapes(path: &Path) -> Result<Blendshapes, BlendshapesError> {
     Ok(Blendshapes { path: path.to_owned(), names, frames })
 }
 
-/// The name among [`COEFFICIENTS`], or `_neutral`, that a name is.
+/// Returns the matching name in [`COEFFICIENTS`], or `_neutral`.
 fn known(name: &str) -> Option<&'static str> {
     COEFFICIENTS.into_iter().chain([NEUTRAL]).find(|known| known.eq_ignore_ascii_case(name.trim()))
 }
@@ -272,7 +272,7 @@ fn from_json(path: &Path) -> Result<Vec<Row>, BlendshapesError> {
             Part::One(measured) => vec![measured],
         };
         for Measured { frame, blendshapes } in measured {
-            // A frame without a face has none.
+            // A frame without a face has no scores.
             let scores = match blendshapes.into_iter().next() {
                 Some(Face::Named { categories } | Face::Bare(categories)) => categories,
                 None => Vec::new(),
@@ -285,7 +285,7 @@ fn from_json(path: &Path) -> Result<Vec<Row>, BlendshapesError> {
 }
 
 impl Blendshapes {
-    /// Columns `mediapipe_NAME` beside those of frames, rows by ascending frame number.
+    /// Returns columns `mediapipe_NAME` for frames, rows by ascending frame number.
     ///
     /// # Errors
     /// As [`Blendshapes::scores`].
@@ -297,11 +297,12 @@ impl Blendshapes {
         Ok(ColumnsBeside { header, rows })
     }
 
-    /// Scores in the frames of these numbers, one row a frame in the order of [`Blendshapes::names`]; `None` where nothing was measured.
+    /// Returns the scores in the frames with these numbers, one row per frame in the order of [`Blendshapes::names`]; `None` where nothing
+    /// was measured.
     ///
     /// # Errors
-    /// [`BlendshapesError::Count`] for results without numbers that are more or fewer than the frames, [`BlendshapesError::Numbers`] for numbers that are
-    /// not those of the frames.
+    /// [`BlendshapesError::Count`] if results without numbers are more or fewer than the frames; [`BlendshapesError::Numbers`] if the
+    /// numbers are not those of the frames.
     pub fn scores(&self, numbers: &[u32]) -> Result<Vec<Vec<Option<f64>>>, BlendshapesError> {
         let row = |scores: Option<&BTreeMap<String, f64>>| {
             self.names.iter().map(|name| scores.and_then(|s| s.get(name)).copied()).collect::<Vec<_>>()
@@ -322,8 +323,8 @@ impl Blendshapes {
             numbers.fold(None, |ends: Option<(u32, u32)>, n| Some(ends.map_or((n, n), |(low, high)| (low.min(n), high.max(n)))))
         };
         if let (Some(found), Some(expected)) = (ends(&mut by_number.keys().copied()), ends(&mut numbers.iter().copied())) {
-            // As many but not the same, or all a little before: counted from another number. Fewer and more are those of a part, and of the whole
-            // recording.
+            // Equally many but different numbers, or numbers that start and end earlier: counted from another start. Fewer or more numbers
+            // are fine: those of a part, or of the whole recording.
             let as_many = by_number.len() == numbers.len() && common < numbers.len();
             let before = found.0 < expected.0 && found.1 < expected.1;
             if common == 0 || as_many || before {

@@ -1,8 +1,8 @@
-//! Pose and action units of a sequence in equal steps of time, small enough to keep those of every sequence.
+//! Pose and action units of a sequence at equal time steps, small enough to keep for every sequence.
 
 use super::{ACTION_UNITS, FrameFeatures};
 
-/// Points of a course, the first and the last frame included.
+/// Number of points of a course, including the first and the last frame.
 pub const COURSE_POINTS: usize = 13;
 
 /// Pose and action units from the neutral to the apex frame, at 13 times.
@@ -10,12 +10,12 @@ pub const COURSE_POINTS: usize = 13;
 pub struct Course {
     /// Yaw, pitch, roll, degrees.
     pub pose: Vec<[f32; 3]>,
-    /// Intensities, 0 to 5, in the order of [`ACTION_UNITS`].
+    /// Action unit intensities, 0 to 5, in the order of [`ACTION_UNITS`].
     pub units: Vec<[f32; ACTION_UNITS.len()]>,
 }
 
 impl Course {
-    /// The course of a sequence, between frames on the line from one to the next; `None` for less than two frames.
+    /// Returns the course of a sequence, interpolated linearly between frames; `None` for less than two frames.
     pub fn of(features: &[FrameFeatures]) -> Option<Self> {
         let (Some(first), Some(last)) = (features.first(), features.last()) else { return None };
         if features.len() < 2 {
@@ -70,7 +70,7 @@ mod tests {
 
     #[test]
     fn a_course_is_linear_between_frames() {
-        // Frames 1, 4 and 7 lie at 0, half and whole of the time; six points to each half.
+        // Frames 1, 4 and 7 are at 0, one half and the end of the time; each half has six points.
         let course = Course::of(&[row(1, 0.0, 0.0), row(4, 6.0, 3.0), row(7, 6.0, 4.0)]).unwrap();
         assert_eq!(course.pose.len(), COURSE_POINTS);
         assert_eq!((course.pose[0][0], course.pose[3][0], course.pose[6][0], course.pose[12][0]), (0.0, 3.0, 6.0, 6.0));

@@ -1,4 +1,4 @@
-//! Feature files: CSV with a row a frame, and a JSON that says the units.
+//! Feature files: CSV with one row per frame, and JSON with the units.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -9,7 +9,7 @@ use crate::{
     sequence::Clock,
 };
 
-/// The units of the columns.
+/// Returns the units of the columns.
 pub fn features_units() -> BTreeMap<String, String> {
     [
         ("frame", "number of the frame"),
@@ -33,22 +33,22 @@ pub fn features_units() -> BTreeMap<String, String> {
     .collect()
 }
 
-/// Name of the column of an action unit: its intensity (`r`), presence (`c`) or expected error (`e`).
+/// Returns the column name of an action unit: its intensity (`r`), presence (`c`) or expected error (`e`).
 pub fn unit_column(number: u8, suffix: &str) -> String {
     format!("AU{number:02}_{suffix}")
 }
 
-/// Name of the column of a FAP.
+/// Returns the column name of a FAP.
 pub fn fap_column(fap: FapNumber) -> String {
     format!("FAP{:02}_{}", fap.get(), FapCatalog::mpeg4().row(fap).name)
 }
 
-/// What was measured on pictures, with four decimals: more than is known.
+/// Formats a measured value with four decimals, more than its accuracy.
 pub fn measured(value: f64) -> String {
     nine_digits((value * 1e4).round() / 1e4)
 }
 
-/// Header and rows of a feature file, frames by ascending number.
+/// Returns header and rows of a feature file, frames by ascending number.
 pub fn features_csv(features: &[FrameFeatures], clock: &Clock) -> (Vec<String>, Vec<Vec<String>>) {
     let fixed = [
         "frame",
@@ -104,27 +104,27 @@ pub fn features_csv(features: &[FrameFeatures], clock: &Clock) -> (Vec<String>, 
     (header, rows)
 }
 
-/// BLAKE3 of the two files of features.
+/// BLAKE3 hashes of the two feature files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FeatureHashes {
-    /// The table.
+    /// Hash of the table.
     pub csv: blake3::Hash,
-    /// What tells its units.
+    /// Hash of the JSON with the units.
     pub json: blake3::Hash,
 }
 
-/// How the columns are named.
+/// Naming scheme of the columns.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ColumnNames {
-    /// Everything measured, degrees and face units: [`features_units`].
+    /// All measurements, in degrees and face units: [`features_units`].
     #[default]
     Grimace,
-    /// What readers of `OpenFace`'s files expect: landmarks, pose in radians, action units.
+    /// Columns that readers of `OpenFace`'s files expect: landmarks, pose in radians, action units.
     OpenFace,
 }
 
 impl ColumnNames {
-    /// Whether files with these names have an action unit.
+    /// Whether files in this scheme have a column for an action unit.
     pub fn has(self, unit: u8) -> bool {
         self == Self::Grimace || openface::UNITS.contains(&unit)
     }

@@ -1,7 +1,7 @@
-//! A row for every frame of a track: the head's pose, FAPs, action units, openings of eyes and mouth.
+//! Measures every frame of a track: the head's pose, FAPs, action units, openings of eyes and mouth.
 //!
-//! Everything but the pose is measured on the track without the head's motion, against the neutral frame, in the proportions of the
-//! canonical face; so people of other sizes and proportions have comparable values.
+//! Everything except the pose is measured relative to the neutral frame on the track without head motion, in the proportions of the
+//! canonical face. Values of people with different sizes and proportions are therefore comparable.
 
 mod action_units;
 mod blendshapes;
@@ -29,11 +29,11 @@ pub use course::{COURSE_POINTS, Course};
 pub use file::{ColumnNames, write_features};
 pub(crate) use file::{fap_column, measured, unit_column};
 
-/// Largest yaw or pitch, degrees, up to which a frame's values can be trusted.
+/// Yaw or pitch, degrees, up to which a frame's values are reliable.
 pub const TRUSTED_TURN: f64 = 25.0;
 /// Yaw or pitch, degrees, beyond which nothing is measured: half of the face is hidden.
 pub const MEASURED_TURN: f64 = 40.0;
-/// Expected error of a node of a track that tells none, share of the eye distance.
+/// Expected error of a node in a track without expected errors, share of the eye distance.
 const NODE_ERROR: f64 = 0.01;
 /// Upper and lower lid of the left and the right eye, inner upper and lower lip.
 const LIDS: [[usize; 2]; 2] = [[21, 22], [54, 55]];
@@ -58,32 +58,32 @@ const LIPS: [usize; 2] = [87, 40];
 pub struct FrameFeatures {
     /// Frame number.
     pub frame: u32,
-    /// Share of the nodes that were seen, not recovered, 0 to 1.
+    /// Share of the nodes that were observed, not recovered, 0 to 1.
     pub confidence: f64,
-    /// Why the frame is not to be used; `None` for a good one.
+    /// Reason why the frame should not be used; `None` for a good one.
     pub reason: Option<String>,
     /// Yaw, pitch, roll, degrees.
     pub pose: [f64; 3],
     /// Middle of the head, px.
     pub position: Point2<f64>,
-    /// The 68 landmarks as the nodes show them, px; `None` where no node stands for one.
+    /// Positions of the 68 landmarks, from the nodes, px; `None` for a landmark without a node.
     pub landmarks: Vec<Option<Point2<f64>>>,
-    /// Eye distance of the mean head at the size of this one, px: how large the head is, not how far this person's eyes are apart.
+    /// Eye distance of the mean head at the size of this one, px. It measures the size of the head, not the distance of this person's eyes.
     pub eye_distance: f64,
-    /// FAPs that a frontal view measures and those of the head, in the units of the standard.
+    /// FAPs that can be measured in a frontal view, and those of the head, in the units of the standard.
     pub faps: Vec<(FapNumber, f64)>,
     /// Action units.
     pub action_units: Vec<Intensity>,
     /// Opening of the left and of the right eye over that of the neutral frame.
     pub eye_opening: [f64; 2],
-    /// Distance of the inner lips over MNS0.
+    /// Distance between the inner lips over MNS0.
     pub mouth_opening: f64,
-    /// Offset of the left and of the right iris from neutral, x to the subject's left and y up, over the normalizer's IRISD0; `None` where irises were not
-    /// tracked.
+    /// Offset of the left and the right iris from neutral, x to the subject's left and y up, over the normalizer's IRISD0; `None` if the
+    /// irises were not tracked.
     pub iris: Option<[Vector2<f64>; 2]>,
 }
 
-/// Why features cannot be measured.
+/// Reason why features cannot be measured.
 ///
 /// ```
 /// use grimace::{features::FeaturesError, model::ModelError};
@@ -105,7 +105,7 @@ pub enum FeaturesError {
     Convert(#[from] ConvertError),
 }
 
-/// The track that is measured.
+/// A track to be measured.
 ///
 /// ```
 /// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
@@ -125,13 +125,13 @@ pub enum FeaturesError {
 pub struct Measured<'a> {
     /// The tracked frames.
     pub track: &'a [TrackedFrame],
-    /// Head and poses.
+    /// Head and poses of the track.
     pub fit: &'a HeadFit,
     /// All frames without the head's motion, face units.
     pub model: &'a DynamicExpressionModel<FaceUnit>,
 }
 
-/// Measures features of a face; holds what does not change from track to track.
+/// Measures features of a face; holds everything that is the same for all tracks.
 ///
 /// ```
 /// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
@@ -156,14 +156,14 @@ pub struct Measured<'a> {
 #[derive(Clone, Debug)]
 pub struct FeatureMeter {
     units: ActionUnits,
-    /// Gap of the inner lips, face units, that is the full intensity of lips that part.
+    /// Gap between the inner lips, face units, at full intensity of "lips part".
     lips_full: f64,
     live: Vec<NodeId>,
     irises: [Vec<NodeId>; 2],
 }
 
 impl FeatureMeter {
-    /// A meter for a wireframe.
+    /// Creates a meter for a wireframe.
     ///
     /// # Errors
     /// [`FeaturesError`] when the head model does not normalize.
@@ -173,19 +173,19 @@ impl FeatureMeter {
         Ok(Self { units, lips_full, live: wireframe.live_nodes().to_vec(), irises: head.irises.clone() })
     }
 
-    /// Options by which tracks are normalized for a meter: how far nodes may be off from the shapes of action units was learned in face units of
-    /// the iris boxes. By others it measures, too, but action units less well.
+    /// Returns the options with which tracks are normalized for a meter. The deviations of nodes from the shapes of action units were
+    /// determined in face units of the iris boxes; with other options the intensities of action units are less accurate.
     pub fn normalize_options(options: NormalizeOptions) -> NormalizeOptions {
         NormalizeOptions { irisd: IrisdMode::Boxes, ..options }
     }
 
-    /// Nodes of a frame that say something of an expression and how far each is expected to be off, face units; eye distances in face units and px.
+    /// Returns the observed nodes of a frame with their expected errors, face units. `es`, `es_px`: eye distance in face units and px.
     fn deviations(&self, frame: &TrackedFrame, is_neutral: bool, (es, es_px): (f64, f64)) -> Vec<(NodeId, f64)> {
         let one = |&node: &NodeId| {
             let tracked = &frame.nodes[node.index()];
             let expected = match tracked.state {
                 NodeState::Recovered(LossReason::NoLandmark | LossReason::LostFrame) | NodeState::Follows => return None,
-                // What is expected in the neutral frame is where nodes sit, not how they moved.
+                // The expected error in the neutral frame is that of the position, not of the motion.
                 _ => tracked.expected_error.filter(|_| !is_neutral).map_or(NODE_ERROR * es, |e| e * es / es_px),
             };
             let is_iris = self.irises.iter().flatten().any(|n| *n == node);
@@ -194,8 +194,8 @@ impl FeatureMeter {
         self.live.iter().filter_map(one).collect()
     }
 
-    /// How much better the action units explain the way from the first frame of a track to its last than the way back, -1 to 1
-    /// ([`ActionUnits::order`]). `model` is the track's without the head's motion, normalized, or its first and last frame alone.
+    /// Returns how much better the action units explain the motion from the first frame of a track to its last than the reverse motion, -1
+    /// to 1 ([`ActionUnits::order`]). `model` is that of the track without head motion, normalized, or its first and last frame alone.
     pub fn order(
         &self,
         track: &[TrackedFrame],
@@ -210,7 +210,7 @@ impl FeatureMeter {
         self.units.order(&model.neutral_offsets(model.frames().len() - 1), &nodes)
     }
 
-    /// The values of all frames, in the order of the track.
+    /// Returns the values of all frames, in the order of the track.
     ///
     /// # Errors
     /// [`FeaturesError`] when the model has no FAPs.
@@ -235,7 +235,7 @@ impl FeatureMeter {
             let offsets = model.neutral_offsets(m);
             let gap = |nodes: &[Point2<f64>], [above, below]: [usize; 2]| nodes[above].y - nodes[below].y;
             let rest = model.neutral().nodes();
-            // As the FAPs of the lids have it: of the eye's own opening, not of the iris boxes that models may be normalized by.
+            // As for the FAPs of the lids: relative to the eye's own opening, not to the iris boxes that models may be normalized by.
             let opening = |lids: [usize; 2]| {
                 let change = gap(nodes, lids) - gap(rest, lids);
                 1.0 + change / canonical.fapus.irisd * lid_units.of_node(NodeId(lids[0] as u16))
@@ -281,7 +281,7 @@ impl FeatureMeter {
     }
 }
 
-/// The landmarks of a frame from its nodes: where their marks would be.
+/// Returns the landmarks of a frame from its nodes, at the positions of their marks.
 fn landmarks(fit: &HeadFit, m: usize, frame: &TrackedFrame, tables: &Tables) -> Vec<Option<Point2<f64>>> {
     let mut points = vec![None; LANDMARK_COUNT];
     for row in tables.landmarks.iter().filter(|row| !row.nodes.is_empty()) {
@@ -297,20 +297,19 @@ fn landmarks(fit: &HeadFit, m: usize, frame: &TrackedFrame, tables: &Tables) -> 
     points
 }
 
-/// The rows in time, whichever way the frames were tracked.
+/// Returns the rows in order of time, whatever the tracking order.
 fn in_time(features: &[FrameFeatures]) -> Vec<&FrameFeatures> {
     let mut rows: Vec<&FrameFeatures> = features.iter().collect();
     rows.sort_by_key(|row| row.frame);
     rows
 }
 
-/// The FAPs of a track as a file, frames by ascending number; where some are missing, as many on the way from the one before to the next.
-/// Frames that are not even in time become even ones at a whole frame rate ([`FapSequence::at_whole_rate`]). `usual` is the frame rate where the
-/// track's is not known.
+/// Returns the FAPs of a track as a file, frames by ascending number; missing frames are interpolated. Frames with uneven times are
+/// resampled evenly at a whole frame rate ([`FapSequence::at_whole_rate`]). `usual` is the frame rate for tracks of unknown rate.
 pub fn fap_sequence(features: &[FrameFeatures], name: &str, clock: &Clock, usual: f64) -> FapSequence {
     let rows = in_time(features);
     let own = clock.fps.unwrap_or(usual);
-    // Frames that are placed anew by their times are placed where they are written.
+    // Resampled frames are placed at the times of the written rate.
     let fps = if clock.times.is_some() { whole_rate(own).written } else { own };
     let frame = |(k, share): (usize, f64)| {
         let mut frame = FapFrame::default();
@@ -329,7 +328,7 @@ pub fn fap_sequence(features: &[FrameFeatures], name: &str, clock: &Clock, usual
     sequence
 }
 
-/// [`every_frame`] of frames that are even in time; else where even ones lie between those that are there.
+/// Returns [`every_frame`] for frames that are even in time; otherwise the positions of even frames between the existing ones.
 fn even_frames(numbers: &[u32], clock: &Clock, fps: f64) -> Vec<(usize, f64)> {
     let first = numbers.first().copied().unwrap_or_default();
     let own = |times: &Vec<f64>| numbers.iter().map(|n| times.get(n.saturating_sub(first) as usize).copied()).collect();
@@ -347,7 +346,8 @@ fn even_frames(numbers: &[u32], clock: &Clock, fps: f64) -> Vec<(usize, f64)> {
     (0..=count).map(at).collect()
 }
 
-/// How many frames each of ascending numbers lies behind the first, as [`every_frame`] counts them: folders may be numbered in steps.
+/// Returns the number of frames between the first and each of ascending numbers, counted as in [`every_frame`]: folders may be numbered in
+/// steps.
 pub(crate) fn frame_steps(numbers: &[u32]) -> Vec<u32> {
     let mut steps = vec![0; numbers.len()];
     for (step, (k, share)) in (0..).zip(every_frame(numbers)) {
@@ -360,8 +360,8 @@ pub(crate) fn frame_steps(numbers: &[u32]) -> Vec<u32> {
     steps
 }
 
-/// All frames from the first to the last of ascending numbers: which of them is the last one that is there, and the share of the way to
-/// the next one. Where the numbers count something else than frames, only those that are there.
+/// Returns all frames from the first to the last of ascending numbers, each as the index of the last existing frame and the share of the
+/// way to the next one. If the numbers do not count frames, returns the existing frames only.
 fn every_frame(numbers: &[u32]) -> Vec<(usize, f64)> {
     let steps: Vec<u32> = numbers.windows(2).map(|pair| pair[1] - pair[0]).collect();
     let whole = whole_steps(numbers);
@@ -374,7 +374,7 @@ fn every_frame(numbers: &[u32]) -> Vec<(usize, f64)> {
     (0..numbers.len()).flat_map(of).collect()
 }
 
-/// Why a person should look at a track again for its head's turns; `None` where they can be trusted.
+/// Returns a warning if the head turns too far for reliable values; `None` otherwise.
 pub fn turn_warning(fit: &HeadFit, track: &[TrackedFrame]) -> Option<String> {
     let turn = |(pose, frame): (&HeadPose, &TrackedFrame)| {
         let [yaw, pitch, _] = pose.degrees();
@@ -386,18 +386,19 @@ pub fn turn_warning(fit: &HeadFit, track: &[TrackedFrame]) -> Option<String> {
     })
 }
 
-/// Why a person should look at a track again in which frames have no pose; `None` where all have one.
+/// Returns a warning if frames have no pose; `None` if all have one.
 pub fn pose_warning(fit: &HeadFit, track: &[TrackedFrame]) -> Option<String> {
     let failed: Vec<u32> = fit.failures.iter().zip(track).filter(|(f, _)| f.is_some()).map(|(_, frame)| frame.number).collect();
     let first = failed.iter().min()?;
     Some(format!("found no head pose in {} of {} frames, first in frame {first}", failed.len(), track.len()))
 }
 
-/// Order ([`FeatureMeter::order`]) below which a sequence seems to be played backwards: chosen so that, of 50 sequences of photographs, morphs and
-/// videos and of 90 smiles by landmarks in two pictures alone, none is said to be when it is not. What it finds: docs/evaluation.md.
+/// Order ([`FeatureMeter::order`]) below which a sequence is reported as possibly played backwards. Chosen so that there is no false report
+/// among 50 sequences of photographs, morphs and videos and 90 smiles by landmarks in two pictures alone. For its detections see
+/// docs/evaluation.md.
 const BACKWARDS: f64 = -0.07;
 
-/// Why a person should look again at a sequence whose apex comes first; `None` for others.
+/// Returns a warning for a sequence whose apex seems to come first; `None` otherwise.
 pub fn order_warning(order: f64, track: &[TrackedFrame]) -> Option<String> {
     let [first, .., last] = track else { return None };
     (order < BACKWARDS).then(|| {
@@ -410,7 +411,7 @@ pub fn order_warning(order: f64, track: &[TrackedFrame]) -> Option<String> {
     })
 }
 
-/// FAPs 48 to 50 of yaw, pitch and roll in degrees, in 1e-5 rad: positive down, left, and towards the right shoulder.
+/// Returns FAPs 48 to 50 for yaw, pitch and roll in degrees, in 1e-5 rad: positive down, left, and towards the right shoulder.
 pub fn head_faps([yaw, pitch, roll]: [f64; 3]) -> Vec<(FapNumber, f64)> {
     let units = |degrees: f64| degrees.to_radians() / 1e-5;
     let values = [(48, units(pitch)), (49, units(yaw)), (50, units(roll))];
@@ -450,7 +451,7 @@ mod tests {
             (frame_steps(&[3, 4, 7, 8]), frame_steps(&[10, 20, 40]), frame_steps(&[7])),
             (vec![0, 1, 4, 5], vec![0, 1, 3], vec![0])
         );
-        // Milliseconds; and a neutral frame of another time.
+        // Milliseconds, and a neutral frame from another time.
         assert_eq!(every_frame(&[33, 66, 100]).len(), 3);
         assert_eq!(every_frame(&[1, 500, 501]).len(), 3);
         assert_eq!(every_frame(&[5]), [(0, 0.0)]);

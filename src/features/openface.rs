@@ -1,11 +1,11 @@
-//! The columns that readers of `OpenFace`'s files expect.
+//! Columns in the format of `OpenFace`'s files.
 
 use nalgebra::{Matrix3, Rotation3};
 
 use super::{FrameFeatures, in_time};
 use crate::{output::nine_digits, pose::HeadPose, sequence::Clock};
 
-/// Action units that the files have.
+/// Action units in the files.
 pub(super) const UNITS: [u8; 17] = [1, 2, 4, 5, 6, 7, 9, 10, 12, 14, 15, 17, 20, 23, 25, 26, 45];
 
 /// Units of the columns, for the JSON beside the table.
@@ -22,7 +22,7 @@ pub(super) const ABOUT: [(&str, &str); 6] = [
     ("AU.._c", "presence 0 or 1"),
 ];
 
-/// Pitch, yaw and roll about the axes of `OpenFace`'s camera, radians, of our yaw, pitch and roll in degrees.
+/// Converts yaw, pitch and roll in degrees to pitch, yaw and roll about the axes of `OpenFace`'s camera, radians.
 fn angles([yaw, pitch, roll]: [f64; 3]) -> [f64; 3] {
     // From x right, y up, z towards the camera to x right, y down, z away from it.
     let flip = Matrix3::from_diagonal(&nalgebra::Vector3::new(1.0, -1.0, -1.0));
@@ -33,14 +33,14 @@ fn angles([yaw, pitch, roll]: [f64; 3]) -> [f64; 3] {
     [(-m[(1, 2)]).atan2(m[(2, 2)]), m[(0, 2)].clamp(-1.0, 1.0).asin(), (-m[(0, 1)]).atan2(m[(0, 0)])]
 }
 
-/// Header and rows.
+/// Returns header and rows.
 pub(super) fn table(features: &[FrameFeatures], clock: &Clock) -> (Vec<String>, Vec<Vec<String>>) {
     let mut header: Vec<String> =
         ["frame", "face_id", "timestamp", "confidence", "success", "pose_Rx", "pose_Ry", "pose_Rz"].map(str::to_owned).into();
     let landmarks = features.first().map_or(0, |f| f.landmarks.len());
     header.extend((0..landmarks).map(|k| format!("x_{k}")));
     header.extend((0..landmarks).map(|k| format!("y_{k}")));
-    // Those that are asked for: all frames have the same.
+    // The selected action units: they are the same in all frames.
     let is_there = |n: &u8| features.first().is_none_or(|f| f.action_units.iter().any(|unit| unit.number == *n));
     let units: Vec<u8> = UNITS.into_iter().filter(is_there).collect();
     header.extend(units.iter().map(|n| format!("AU{n:02}_r")));
@@ -71,7 +71,7 @@ mod tests {
     fn angles_about_one_axis_are_the_same_angle_with_the_other_sign() {
         let ten = 10_f64.to_radians();
         let near = |found: [f64; 3], expected: [f64; 3]| found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12);
-        // To the subject's left is to the right in the image: negative there.
+        // To the subject's left is to the right in the image: negative in this format.
         assert!(near(angles([10.0, 0.0, 0.0]), [0.0, -ten, 0.0]));
         assert!(near(angles([0.0, 10.0, 0.0]), [ten, 0.0, 0.0]));
         // Counter-clockwise in the image is negative with y down.

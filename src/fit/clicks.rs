@@ -1,14 +1,15 @@
-//! How precisely a person can set a mark.
+//! Accuracy of marks set by a person.
 
 use crate::{units::NodeId, wireframe::mark_deviation};
 
-/// Standard deviations up to here, over the eye distance, are those of any mark: what priors take for granted.
+/// Standard deviation, over the eye distance, up to which a mark counts as sharp: the one that priors assume.
 const SHARP: f64 = 0.016;
 
-/// Standard deviation of a person's mark in x and in y, over the eye distance, on a feature without a sharp place: brows, the
-/// chin, the jaw.
+/// Returns the standard deviation in x and in y, over the eye distance, of a person's mark on a feature without a sharp position: brows,
+/// chin, jaw.
 ///
-/// `None` where a mark is as good as any. Along a soft contour people differ by 3 to 6 % of the eye distance; a fit that took
+/// `None` for a sharp mark. Along a soft contour people differ by 3 to 6 % of the eye distance; a fit that took such marks as exact would
+/// explain the difference by a different face.
 /// such marks for exact would explain the difference by another face.
 pub(super) fn soft_deviation(node: NodeId) -> Option<f64> {
     mark_deviation(node).filter(|&deviation| deviation > SHARP)

@@ -1,9 +1,9 @@
-//! What can be wrong with a fit.
+//! Errors and warnings of a fit.
 
 use super::{MINIMUM_MARKS, SpringError};
 use crate::{geometry::SimilarityError, units::NodeId};
 
-/// Why a wireframe cannot be fitted.
+/// Reason why a wireframe cannot be fitted.
 ///
 /// ```
 /// use grimace::{fit::{FitError, Fitter}, wireframe::Face};
@@ -133,7 +133,7 @@ fn and_others(nodes: &[NodeId]) -> String {
     if names.is_empty() { String::new() } else { format!(" (so are nodes {})", names.join(", ")) }
 }
 
-/// What a fit has to say about marks that it did use.
+/// Warning about marks that a fit did use.
 ///
 /// ```
 /// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();

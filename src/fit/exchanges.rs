@@ -1,42 +1,43 @@
-//! What people exchange: left for right, and neighbours of one feature.
+//! Finds exchanged marks: left and right, or neighbours of one feature.
 //!
-//! A mark left out is told by the others only while these are right. Two exchanges at once hide each other, so that every exchange that
-//! people make is tried as a whole: q is asked of the marks with their names exchanged, which is a matter of places alone (`mistakes.rs`).
+//! A wrong mark is found by leaving it out and predicting it from the others, which only works while the others are correct. Two exchanges
+//! at once hide each other. Therefore every common exchange is tried as a whole: the misfit q is computed with the names of the marks
+//! exchanged, which only permutes positions (`mistakes.rs`).
 
 use nalgebra::Point2;
 
 use super::mistakes::{Measure, View};
 use crate::units::NodeId;
 
-/// Nodes of the subject's left that are taken for those of the right together: eye, brow, mouth, nose, outline.
+/// Nodes of the subject's left that are exchanged together with those of the right: eye, brow, mouth, nose, outline.
 const SIDES: [&[u16]; 5] =
     [&[20, 21, 22, 23], &[15, 16, 17], &[31, 33, 40, 79, 81, 83, 85, 89], &[26, 75, 111], &[27, 28, 29, 30, 32]];
 
-/// Neighbours within a feature, on the subject's left or in the middle: the other side's are their mirror images.
+/// Neighbours within a feature, on the subject's left or in the middle; those of the other side are their mirror images.
 const NEIGHBOURS: [(u16, u16); 4] = [(20, 23), (15, 17), (21, 22), (7, 8)];
 
-/// How much less q must be with names exchanged before they are said to be exchanged, and the share of q that may be left.
+/// Least decrease of q by an exchange that is reported, and largest share of q that may remain.
 ///
-/// Right marks of 304 faces, 11,000 sets of 3 to 64 marks on heads turned by up to 12 and rolled by up to 11 degrees, have 1.7 less at most; turned
-/// by up to 20 and rolled by up to 34 degrees 5.3. Most of the exchanges that people make have far more.
+/// Correct marks of 304 faces (11,000 sets of 3 to 64 marks on heads turned by up to 12 and rolled by up to 11 degrees) have a decrease of
+/// at most 1.7; turned by up to 20 and rolled by up to 34 degrees, 5.3. Most real exchanges have far more.
 const SURE: (f64, f64) = (8.0, 0.5);
 
-/// Difference of q under which two explanations are one.
+/// Difference of q below which two explanations count as equal.
 const ALIKE: f64 = 1e-6;
 
-/// Names that are exchanged.
+/// An exchange of names of marks.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Exchange {
-    /// Whether all of the left and the right is exchanged.
+    /// Whether all of left and right is exchanged.
     pub mirrored: bool,
-    /// Whether the mirrored face stands on its head: it lies below the face.
+    /// Whether the mirrored face is upside down: y was counted from below.
     pub below: bool,
-    /// Pairs beside that, as places among the marks.
+    /// Further exchanged pairs, as indices of marks.
     pub pairs: Vec<(usize, usize)>,
 }
 
 impl Exchange {
-    /// Where the marks are with their names exchanged, for the face as it is, or in the mirror.
+    /// Returns the positions of the marks with their names exchanged, mirrored if `mirrored`.
     pub(super) fn places(&self, seen: &[Point2<f64>]) -> Vec<Point2<f64>> {
         let mut places: Vec<_> = seen.iter().map(|p| Point2::new(if self.mirrored { -p.x } else { p.x }, p.y)).collect();
         self.pairs.iter().for_each(|&(i, j)| places.swap(i, j));
@@ -44,9 +45,9 @@ impl Exchange {
     }
 }
 
-/// The exchange that explains the marks far better than they are explained as they are named; `None` where none does.
+/// Returns the exchange that explains the marks far better than their present names do; `None` if there is none.
 ///
-/// `mirror` gives every node's mirror image.
+/// `mirror` lists every node's mirror image.
 pub(super) fn find(measure: &Measure, view: &View, nodes: &[NodeId], mirror: &[usize], seen: &[Point2<f64>]) -> Option<Exchange> {
     let most = view.misfit() - SURE.0;
     if most <= 0.0 {
@@ -57,14 +58,14 @@ pub(super) fn find(measure: &Measure, view: &View, nodes: &[NodeId], mirror: &[u
     (misfit < most && (misfit < SURE.1 * view.misfit() || explains())).then_some(exchange)
 }
 
-/// The exchange that leaves the least q, and that q.
+/// Returns the exchange with the smallest q, and that q.
 pub(super) fn best(measure: &Measure, nodes: &[NodeId], mirror: &[usize], seen: &[Point2<f64>]) -> Option<(f64, Exchange)> {
     let mut best: Option<(f64, Exchange)> = None;
     let sides = sides(nodes, mirror);
-    // All pairs of sides exchanged are the mirrored face, where nothing is marked on one side alone.
+    // Exchanging all pairs of sides equals mirroring the face, unless marks are set on one side alone.
     let in_pairs = nodes.iter().filter(|n| mirror.get(n.index()) != Some(&n.index())).count() == 2 * sides.len();
     let neighbours: Vec<_> = std::iter::once(Vec::new()).chain(pairs_that_are_exchanged(nodes, mirror)).collect();
-    // Of two exchanges that put the marks to the same places the first is said, the shorter one.
+    // Of two exchanges that give the same positions, the first and shorter one is reported.
     for mirrored in [false, true] {
         for pairs in &neighbours {
             if !mirrored
@@ -75,7 +76,7 @@ pub(super) fn best(measure: &Measure, nodes: &[NodeId], mirror: &[usize], seen: 
             let mut exchange = Exchange { mirrored, below: false, pairs: pairs.clone() };
             let Some(exchanged) = measure.view(&exchange.places(seen)) else { continue };
             let stands = exchanged.upside_down().is_none();
-            // Names alone turn no face upside down; rows that were counted from below do.
+            // Exchanged names do not turn a face upside down; y counted from below does.
             if !(stands || mirrored && pairs.is_empty()) {
                 continue;
             }
@@ -89,7 +90,7 @@ pub(super) fn best(measure: &Measure, nodes: &[NodeId], mirror: &[usize], seen: 
     best
 }
 
-/// The pairs of marks on both sides of the face.
+/// Returns the pairs of marks on both sides of the face.
 pub(super) fn sides(nodes: &[NodeId], mirror: &[usize]) -> Vec<(usize, usize)> {
     (0..nodes.len()).filter_map(|i| partner(nodes, mirror, i).filter(|&j| i < j).map(|j| (i, j))).collect()
 }
@@ -99,7 +100,7 @@ fn partner(nodes: &[NodeId], mirror: &[usize], i: usize) -> Option<usize> {
     nodes.iter().position(|n| n.index() == other).filter(|&j| j != i)
 }
 
-/// Pairs of marks that people exchange together.
+/// Returns sets of pairs of marks that are commonly exchanged together.
 fn pairs_that_are_exchanged(nodes: &[NodeId], mirror: &[usize]) -> Vec<Vec<(usize, usize)>> {
     let at = |node: usize| nodes.iter().position(|n| n.index() == node);
     let pair = |a: usize, b: usize| Some((at(a)?, at(b)?)).filter(|(i, j)| i != j);
@@ -121,7 +122,7 @@ fn pairs_that_are_exchanged(nodes: &[NodeId], mirror: &[usize]) -> Vec<Vec<(usiz
     all.retain(|pairs| !pairs.is_empty());
     all.sort();
     all.dedup();
-    // The fewest pairs first: of two that explain alike, the shorter is said.
+    // Fewest pairs first: of two equal explanations, the shorter one is reported.
     all.sort_by_key(Vec::len);
     all
 }
@@ -136,7 +137,7 @@ mod tests {
     type Pairs = Vec<(u16, u16)>;
     type Exchanged = &'static [(u16, u16)];
 
-    /// What is said of Candide's own face when the names of some marks are exchanged, one pair after the other.
+    /// Applies exchanges of names to Candide's own face, one pair after the other, and returns the message.
     fn said(nodes: &[u16], exchanged: &[(u16, u16)]) -> Result<(), FitError> {
         let wireframe = Wireframe::candide3();
         let frontal = wireframe.frontal();
@@ -200,12 +201,12 @@ mod tests {
 
     #[test]
     fn what_is_exchanged_beside_left_and_right_is_said_too() {
-        // The subject's right eye, as it is called once left and right are right.
+        // The name after left and right are corrected: the subject's right eye.
         let exchanged = [SIDES[0], SIDES[1], SIDES[2], (53, 56)];
         let error = said(&SEVEN, &exchanged).unwrap_err();
         let FitError::Mirrored { then, .. } = &error else { panic!("{error}") };
         let once_mirrored = [SIDES[0], SIDES[1], SIDES[2]];
-        // The advice, followed: the marks are good.
+        // After the suggested exchange the marks are correct.
         let advice: Pairs = once_mirrored.into_iter().chain(then.iter().map(|(a, b)| (a.0, b.0))).collect();
         let all: Pairs = exchanged.into_iter().chain(advice).collect();
         assert!(said(&SEVEN, &all).is_ok(), "{error}");

@@ -1,17 +1,16 @@
-//! Marks that are wrong: exchanged, mirrored, upside down, or far from where the other marks expect them.
+//! Finds wrong marks: exchanged, mirrored, upside down, or far from the position that the other marks predict.
 //!
-//! The check asks whether any face could have its marks there. A face of this check is the mean of the known priors, moved by everything
-//! that moves a mark without being a mistake, each with a generous deviation: shape units and learned modes, how
-//! the priors' means differ, action units (a mouth open, eyes shut), a head turned by yaw and pitch, a picture of another aspect, and the
-//! mark's own error. With the residuals r of the marks from the mean, their covariance C, and the similarities D of the mean,
-//!
+//! The check asks whether any plausible face could have its marks there. A plausible face is the mean of the known priors plus everything
+//! that moves a mark without being a mistake, each with a generous standard deviation: shape units and learned modes, the differences of
+//! the priors' means, action units (an open mouth, shut eyes), yaw and pitch of the head, the aspect of the picture, and the mark's own
+//! error. With the residuals r of the marks from the mean, their covariance C, and the similarities D of the mean,
 //! ```text
 //! P = C^-1 - C^-1 D (D^T C^-1 D)^-1 D^T C^-1        q = r^T P r
 //! ```
 //!
-//! q measures how far the marks are from all such faces at any place, roll and size. The other marks expect mark i at a distance of
-//! P_ii^-1 (P r)_i, with the covariance P_ii^-1: that is the mark left out, without fitting again. Exchanging two marks changes r in two
-//! places only, so that every pair is tried. Exchanges that hide each other are tried as wholes (`exchanges.rs`).
+//! q measures how far the marks are from all such faces at any position, roll and size. The distance of mark i from the position that the
+//! other marks predict is P_ii^-1 (P r)_i, with covariance P_ii^-1; this is leave-one-out without fitting again. Exchanging two marks
+//! changes r in two entries only, so every pair is tried. Exchanges that hide each other are tried as a whole (`exchanges.rs`).
 
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix4, Point2, Vector2};
 
@@ -25,56 +24,56 @@ use crate::{
     wireframe::{Wireframe, mark_deviation},
 };
 
-/// Standard deviation of the modes of a prior here, over that of a fit.
+/// Standard deviation of the modes of a prior in this check, over that in a fit.
 const SHAPE_FACTOR: f64 = 1.2;
 /// Standard deviation of a shape unit among people.
 const SHAPE_UNIT: f64 = 0.3;
-/// Standard deviation of an action unit: people do not hold still, and mouths are open in frames called neutral.
+/// Standard deviation of an action unit: faces move, and mouths are open in frames called neutral.
 const ACTION_UNIT: f64 = 0.12;
-/// Standard deviation of the sine of yaw and pitch: 11 degrees.
+/// Standard deviation of the sine of yaw and pitch; 0.2 is 11 degrees.
 const TURN: f64 = 0.2;
-/// Standard deviation of the aspect of a picture, and of its shear.
+/// Standard deviation of a picture's aspect ratio, and of its shear.
 const ASPECT: f64 = 0.08;
 /// Standard deviation of any mark, model units: 2.4 % of the eye distance.
 const MARK: f64 = 0.015;
-/// Standard deviation of any mark, px: what a small picture allows.
+/// Standard deviation of any mark, px: the limit of a small picture.
 const MARK_PX: f64 = 1.5;
-/// Times its own expected error that a mark may be off, and times what its feature leaves open among people who mark it
-/// (`candide/markable_nodes.csv`): brows end where somebody plucked them, and ears are behind hair.
+/// Standard deviation of a mark over its expected error, and over the tolerance of its feature among people who mark it
+/// (`candide/markable_nodes.csv`): brows end where they are plucked, and hair hides ears.
 const OWN_ERROR: f64 = 2.0;
-/// What the feature leaves open at a node that nobody marks, as on forehead and cheeks, over the eye distance.
+/// Tolerance, over the eye distance, of a node that is not normally marked, as on forehead and cheeks.
 const UNMARKED: f64 = 0.04;
 
-/// A mark is wrong that lies more standard deviations from where the others expect it than the first number, and further than the second,
-/// over the eye distance. Chosen on 280 real faces with marks 2 px of 100 off, turned by up to 15 degrees, of every number from 3 to 52;
-/// `tests/method/marks_of_strangers.rs` holds 370 faces and 15 mistakes to it.
+/// Limits beyond which a mark counts as wrong: standard deviations from the position that the others predict, and distance over the eye
+/// distance. Both limits of a pair must be exceeded. Chosen on 280 real faces with marks 2 px of 100 off, turned by up to 15 degrees, with
+/// 3 to 52 marks; `tests/method/marks_of_strangers.rs` tests 370 faces and 15 mistakes.
 const WRONG: [(f64, f64); 2] = [(3.2, 0.2), (2.3, 0.5)];
-/// The same for a mark that should be looked at.
+/// The same limits for a doubtful mark, which the user should check.
 const DOUBTFUL: (f64, f64) = (2.0, 0.15);
 
-/// Share of the marks' distance q that a better explanation may leave.
+/// Largest share of q that a better explanation may leave.
 const EXPLAINED: f64 = 0.5;
-/// Share that one of several exchanges may leave.
+/// Largest share of q that one of several exchanges may leave.
 const STEP: f64 = 0.9;
-/// How much greater q may be of marks that are upside down as they are named, and mirrored stand upright.
+/// Largest excess of q with which an upright, exchanged explanation is preferred to an upside-down face.
 const AS_WELL: f64 = 12.0;
-/// Roll at which a face stands upside down, radians.
+/// Roll beyond which a face is upside down, radians.
 const UPSIDE_DOWN: f64 = std::f64::consts::FRAC_PI_2;
-/// Distance of two nodes under which they say nothing about size and roll, model units.
+/// Distance of two nodes below which they are not used for size and roll, model units.
 const LEAST_PAIR: f64 = 0.03;
-/// Exchanged pairs that are looked for.
+/// Largest number of exchanged pairs.
 const MOST_EXCHANGES: usize = 6;
 
-/// A mark far from where the others expect it.
+/// A mark far from the position that the others predict.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Stray {
-    /// Place among the marks.
+    /// Index among the marks.
     pub index: usize,
-    /// Where the other marks expect it, in the space of the marks.
+    /// Position that the other marks predict, in the space of the marks.
     pub expected: Point2<f64>,
-    /// Distance from there in standard deviations.
+    /// Distance from there, in standard deviations.
     pub deviations: f64,
-    /// The same over the eye distance.
+    /// Distance from there, over the eye distance.
     pub distance: f64,
 }
 
@@ -88,22 +87,22 @@ impl Stray {
     }
 }
 
-/// What faces the marks could be on.
+/// Model of the faces that marks can plausibly be on.
 #[derive(Clone, Debug)]
 pub(super) struct PlausibleFaces {
     mean: Vec<Point2<f64>>,
-    /// Node offsets at one standard deviation.
+    /// Node offsets of each mode at one standard deviation.
     modes: Vec<Vec<Vector2<f64>>>,
-    /// Standard deviation of each node in x and in y that no mode holds.
+    /// Standard deviation of each node in x and in y that no mode explains.
     residuals: Vec<f64>,
-    /// The mirror image of every node; empty for a wireframe that has none.
+    /// Mirror image of every node; empty for a wireframe without one.
     mirror: Vec<usize>,
-    /// Distance of the pupils, model units.
+    /// Distance between the pupils, model units.
     eye_distance: f64,
 }
 
 impl PlausibleFaces {
-    /// Faces around Candide's neutral and the given priors; those over another number of nodes are passed over.
+    /// Creates faces around Candide's neutral and the given priors; skips priors with another number of nodes.
     pub(super) fn new(wireframe: &Wireframe, priors: &[ShapePrior], eye_distance: f64) -> Self {
         let count = wireframe.node_count();
         let frontal = wireframe.frontal();
@@ -143,20 +142,21 @@ impl PlausibleFaces {
         Self { mean, modes, residuals, mirror, eye_distance }
     }
 
-    /// Refuses marks that no face has, and gives those that should be looked at. `seen` are the marks' places, y up.
+    /// Rejects marks that no face has, and returns the doubtful ones. `seen` are the positions of the marks, y up.
     ///
     /// # Errors
-    /// [`FitError::Mirrored`], [`FitError::AxesExchanged`], [`FitError::YUpwards`], [`FitError::UpsideDown`], [`FitError::Exchanged`] or [`FitError::Outlier`].
+    /// [`FitError::Mirrored`], [`FitError::AxesExchanged`], [`FitError::YUpwards`], [`FitError::UpsideDown`], [`FitError::Exchanged`] or
+    /// [`FitError::Outlier`].
     pub(super) fn check(&self, marks: &[Correspondence], seen: &[Point2<f64>]) -> Result<Vec<Stray>, FitError> {
         let nodes: Vec<NodeId> = marks.iter().map(|m| m.node).collect();
         let errors: Vec<f64> = marks.iter().map(|m| m.expected_error.unwrap_or(0.0) / MEDIAN_OVER_DEVIATION).collect();
-        // Marks that place nothing are the similarity's to refuse.
+        // The similarity fit rejects marks that do not determine a placement.
         let Some(measure) = Measure::of(self, &nodes, &errors, seen) else { return Ok(Vec::new()) };
         let Some(view) = measure.view(seen) else { return Ok(Vec::new()) };
         let strays = view.strays();
         let wrong = strays.iter().any(Stray::is_wrong);
         if let Some(exchange) = exchanges::find(&measure, &view, &nodes, &self.mirror, seen) {
-            // People lie on their side as they are, and not in the mirror.
+            // A picture may show people lying on their side, but not mirrored.
             let on_its_side = || measure.view(&exchange.places(seen)).is_some_and(|view| view.lies_on_its_side());
             if exchange.mirrored && exchange.pairs.is_empty() && on_its_side() {
                 return Err(FitError::AxesExchanged);
@@ -167,7 +167,7 @@ impl PlausibleFaces {
             return Err(self.named(Exchange { mirrored: false, below: false, pairs }, &nodes));
         }
         if let Some(roll) = view.upside_down() {
-            // Marks on a line, as corners of the eyes, are as well upside down as exchanged; pictures are seldom upside down.
+            // Marks on a line, such as corners of the eyes, can be upside down as well as exchanged; pictures are rarely upside down.
             let upright = exchanges::best(&measure, &nodes, &self.mirror, seen);
             if let Some((_, exchange)) = upright.filter(|(misfit, e)| !e.below && *misfit < view.misfit() + AS_WELL) {
                 return Err(self.named(exchange, &nodes));
@@ -186,7 +186,7 @@ impl PlausibleFaces {
         match exchange {
             Exchange { below: true, .. } => FitError::YUpwards,
             Exchange { mirrored: true, pairs, .. } => {
-                // Once left and right are exchanged, what is wrong beside that is wrong on the other side.
+                // After left and right are exchanged, the remaining wrong marks are on the other side.
                 let other = |node: NodeId| NodeId(self.mirror.get(node.index()).map_or(node.0, |&k| k as u16));
                 let then = names(pairs).into_iter().map(|(a, b)| in_order(other(a), other(b))).collect();
                 FitError::Mirrored { pairs: names(exchanges::sides(nodes, &self.mirror)), then }
@@ -195,7 +195,7 @@ impl PlausibleFaces {
         }
     }
 
-    /// The marks without which the others are those of a face, the worst first; the worst alone where there are no such.
+    /// Lists the marks to remove so that the rest is a plausible face, the worst first.
     fn outliers(&self, marks: &[Correspondence], errors: &[f64], seen: &[Point2<f64>], view: &View) -> FitError {
         let mut kept: Vec<usize> = (0..marks.len()).collect();
         let mut found: Vec<Stray> = Vec::new();
@@ -227,13 +227,13 @@ impl PlausibleFaces {
     }
 }
 
-/// How far places of the same marks are from all plausible faces: what does not depend on which mark lies where.
+/// Measures the distance of positions from all plausible faces, for a set of marks; independent of the assignment of positions to marks.
 pub(super) struct Measure {
     /// The marked nodes of the mean face.
     mean: Vec<Point2<f64>>,
     /// P.
     weight: DMatrix<f64>,
-    /// (D^T C^-1 D)^-1 D^T C^-1: what similarity residuals ask for.
+    /// (D^T C^-1 D)^-1 D^T C^-1: maps residuals to a similarity.
     similarity: DMatrix<f64>,
     /// Standard deviation of the roll of a face of the mean's size, radians.
     roll_deviation: f64,
@@ -241,7 +241,7 @@ pub(super) struct Measure {
 }
 
 impl Measure {
-    /// `None` when the marks place nothing.
+    /// Returns `None` when the marks do not determine a placement.
     fn of(faces: &PlausibleFaces, nodes: &[NodeId], errors: &[f64], seen: &[Point2<f64>]) -> Option<Self> {
         let mean: Vec<Point2<f64>> = nodes.iter().map(|n| faces.mean[n.index()]).collect();
         let (scale, _) = size_and_roll(&mean, seen)?;
@@ -270,10 +270,10 @@ impl Measure {
         Some(Self { mean, weight, similarity, roll_deviation, eye_distance: faces.eye_distance })
     }
 
-    /// The marks at such places, y up; `None` when they coincide.
+    /// Returns the view of marks at the given positions, y up; `None` when they coincide.
     pub(super) fn view(&self, seen: &[Point2<f64>]) -> Option<View<'_>> {
         let (scale, angle) = size_and_roll(&self.mean, seen)?;
-        // Twice: the roll that the first view finds is taken out of the second, whose modes then lie as they should.
+        // Done twice: the roll found by the first view is removed from the second, so that its modes have the correct direction.
         let turned = self.turned(seen, scale, angle).roll.0;
         Some(self.turned(seen, scale, turned))
     }
@@ -295,7 +295,7 @@ fn centre(points: &[Point2<f64>]) -> Vector2<f64> {
     points.iter().map(|p| p.coords).sum::<Vector2<f64>>() / points.len() as f64
 }
 
-/// The exchanges after which no mark is wrong, the most telling first.
+/// Returns the exchanges after which no mark is wrong, the one that lowers q most first.
 fn exchanges_by_steps(measure: &Measure, seen: &[Point2<f64>], view: &View) -> Option<Vec<(usize, usize)>> {
     let mut places = seen.to_vec();
     let mut pairs = Vec::new();
@@ -317,12 +317,12 @@ fn exchanges_by_steps(measure: &Measure, seen: &[Point2<f64>], view: &View) -> O
     None
 }
 
-/// Marks at their places against all plausible faces.
+/// Marks at given positions compared with all plausible faces.
 pub(super) struct View<'a> {
     measure: &'a Measure,
-    /// Places of the marks in face space, roughly.
+    /// Approximate positions of the marks in face space.
     places: Vec<Point2<f64>>,
-    /// Residuals from the mean, x and y of each mark in turn.
+    /// Residuals from the mean, alternating x and y of each mark.
     residual: DVector<f64>,
     /// P r.
     pull: DVector<f64>,
@@ -335,7 +335,7 @@ pub(super) struct View<'a> {
 }
 
 impl View<'_> {
-    /// q: how far the marks are from every plausible face.
+    /// Returns q, the distance of the marks from every plausible face.
     pub(super) fn misfit(&self) -> f64 {
         self.residual.dot(&self.pull)
     }
@@ -348,11 +348,11 @@ impl View<'_> {
         Vector2::new(self.pull[2 * i], self.pull[2 * i + 1])
     }
 
-    /// How far every mark is from where the others expect it.
+    /// Returns the distance of every mark from the position that the others predict.
     pub(super) fn strays(&self) -> Vec<Stray> {
         let stray = |index: usize| {
             let pull = self.pull_of(index);
-            // Three marks and a similarity leave hardly anything over: such a mark could be anywhere.
+            // Three marks leave hardly any degrees of freedom after a similarity: such a mark could be anywhere.
             let inverse = self.block(index, index).try_inverse()?;
             let offset = inverse * pull;
             let deviations = pull.dot(&offset).max(0.0).sqrt();
@@ -363,7 +363,7 @@ impl View<'_> {
         (0..self.places.len()).filter_map(stray).collect()
     }
 
-    /// The two marks whose exchange lowers the misfit most; `None` when no exchange lowers it.
+    /// Returns the two marks whose exchange lowers q most; `None` when no exchange lowers it.
     fn best_exchange(&self) -> Option<(usize, usize)> {
         let mut best: Option<(f64, (usize, usize))> = None;
         for i in 0..self.places.len() {
@@ -381,20 +381,20 @@ impl View<'_> {
         best.map(|b| b.1)
     }
 
-    /// Whether its roll is nearer to a quarter of a turn than to none or half of one.
+    /// Whether the roll is nearer to a quarter turn than to none or a half turn.
     fn lies_on_its_side(&self) -> bool {
         self.roll.0.cos().abs() < std::f64::consts::FRAC_1_SQRT_2
     }
 
-    /// The roll of a face that surely stands upside down.
+    /// Returns the roll, if the face is certainly upside down.
     pub(super) fn upside_down(&self) -> Option<f64> {
         let (roll, deviation) = self.roll;
         (roll.abs() - 2.0 * deviation > UPSIDE_DOWN).then_some(roll)
     }
 }
 
-/// Size (px per unit of `mean`) and roll of marks, from all pairs of them: the median of the ratios of their distances, and the mean
-/// turn. A few wrong marks change neither much. `None` when the marks coincide.
+/// Returns size (px per unit of `mean`) and roll of marks from all pairs of them: the median of the ratios of their distances, and the mean
+/// rotation. Robust to a few wrong marks. `None` when the marks coincide.
 fn size_and_roll(mean: &[Point2<f64>], seen: &[Point2<f64>]) -> Option<(f64, f64)> {
     let mut ratios = Vec::new();
     let (mut along, mut across) = (0.0, 0.0);
@@ -418,7 +418,7 @@ fn in_order(a: NodeId, b: NodeId) -> (NodeId, NodeId) {
     (a.min(b), a.max(b))
 }
 
-/// An angle in (-pi, pi].
+/// Wraps an angle to (-pi, pi].
 fn wrapped(angle: f64) -> f64 {
     angle.sin().atan2(angle.cos())
 }

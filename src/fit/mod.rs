@@ -1,10 +1,10 @@
-//! Fitting the wireframe to a neutral face from a few marked points [KP, section 2].
+//! Fits the wireframe to a neutral face from a few marked points [KP, section 2].
 //!
 //! 1. A least-squares similarity places the frontal wireframe on the marks: KP's scaling pre-step.
-//! 2. A [`ShapePrior`] may adapt the neutral shape to the marks first (beyond KP; [`PriorKind::None`] is the paper).
+//! 2. A [`ShapePrior`] may first adapt the neutral shape to the marks. KP have no prior ([`PriorKind::None`]).
 //! 3. The springs deform the wireframe: every marked node is pulled to its mark, the others follow.
 //!
-//! The wireframe of the result is in image space: here the y axis is flipped.
+//! The resulting wireframe is in image space: this module flips the y axis.
 
 mod clicks;
 mod error;
@@ -41,17 +41,18 @@ pub use prior::{
 pub(crate) use skyline::{BlockPlaces, Layout, Skyline};
 pub use spring::{DrivenNode, Pull, SpringError, Springs};
 
-/// Default gain of the force on a marked node, in units of the springs' stiffness k [KP leave both open].
+/// Default gain of the force on a marked node, in units of the springs' stiffness k (KP specify neither).
 pub const FIT_FORCE: f64 = 20.0;
 
-/// Expected error of a mark that a person set, over the eye distance: half of such marks are nearer to the true point. Orders of
-/// magnitude as in `candide/markable_nodes.csv`.
+/// Expected error of a hand-set mark, over the eye distance: half of such marks are nearer to the true point. Orders of magnitude as in
+/// `candide/markable_nodes.csv`.
 pub const HAND_MARK_ERROR: f64 = 0.019;
 
-/// Median distance over the standard deviation in x and in y, where both are normal and independent: sqrt(2 ln 2).
+/// Ratio of the median distance to the standard deviation in x and in y, for normal and independent x and y: sqrt(2 ln 2).
 pub(crate) const MEDIAN_OVER_DEVIATION: f64 = 1.177_410_022_515_474_7;
 
-/// The force on a mark follows the inverse square of its expected error, within these shares of [`FitOptions::force`].
+/// Bounds of the force on a mark, as shares of [`FitOptions::force`]; within them it is proportional to the inverse square of the expected
+/// error.
 const FORCE_SHARES: (f64, f64) = (0.02, 5.0);
 
 /// A wireframe fitted to the neutral frame.
@@ -77,18 +78,18 @@ pub struct FittedWireframe {
     pub image_from_face: Similarity,
     /// The correspondences that were given.
     pub correspondences: Vec<Correspondence>,
-    /// Points that were read in the picture and used beside them.
+    /// Points that were read in the picture and used in addition.
     pub read: Vec<Correspondence>,
     /// Distance of every correspondence's node to its mark after the fit, px, in the order of `correspondences`.
     pub residuals: Vec<f64>,
-    /// How far the marks leave every node's place on the face open, over the eye distance, before it is calibrated
-    /// ([`FittedWireframe::expected_errors`]); `None` where no prior knows the wireframe.
+    /// Uncertainty of every node's position given the marks, over the eye distance, before calibration
+    /// ([`FittedWireframe::expected_errors`]); `None` when no prior fits the wireframe.
     pub spreads: Option<Vec<f64>>,
-    /// What should be looked at.
+    /// Warnings for the user.
     pub warnings: Vec<FitWarning>,
 }
 
-/// Fits wireframes of one topology; holds what does not change from face to face.
+/// Fits wireframes of one topology; holds everything that is the same for all faces.
 ///
 /// ```
 /// use grimace::{correspondence::read_correspondences, fit::{FitOptions, Fitter}, units::NodeId, wireframe::Face};
@@ -104,28 +105,28 @@ pub struct FittedWireframe {
 #[derive(Clone, Debug)]
 pub struct Fitter {
     springs: Springs,
-    /// The priors that compete; empty for none.
+    /// Competing priors; empty for none.
     priors: Vec<ShapePrior>,
-    /// Their logarithmic odds before the marks are seen.
+    /// Prior log odds of the priors.
     log_odds: Vec<f64>,
-    /// Priors and odds by which a fit is judged; `None` where they are those it is made with.
+    /// Priors and log odds by which a fit is judged; `None` when they are those of the fit.
     judges: Option<(Vec<ShapePrior>, Vec<f64>)>,
-    /// What tells wrong marks, whatever the priors.
+    /// Detects wrong marks, whatever the priors.
     plausible: PlausibleFaces,
     options: FitOptions,
 }
 
-/// Logarithmic odds, before the marks are seen, that marks mean what a network's landmarks mean.
+/// Prior log odds that marks follow a network's definition of landmarks.
 ///
-/// Its prior is the narrower one and explains some people's hand-set marks better than the prior of such marks does: by up to 4.4 in 6 of
-/// 90 people, while landmarks speak for it by 3.4 and more (11 marks; 7 marks 1.1 and more).
+/// The network's prior is narrower and explains some people's hand-set marks better than the prior of such marks: by up to 4.4 in 6 of 90
+/// people. Landmarks favour it by 3.4 and more (11 marks; 7 marks 1.1 and more).
 const NETWORK_LOG_ODDS: f64 = -1.0;
 
-/// Distance of the pupils of Candide-3, model units.
+/// Distance between the pupils of Candide-3, model units.
 const EYE_DISTANCE: f64 = 0.613;
 
 impl Fitter {
-    /// A fitter for a wireframe.
+    /// Creates a fitter for a wireframe.
     pub fn new(wireframe: &Wireframe, options: FitOptions) -> Self {
         let candide = || (ShapePrior::candide(wireframe), 0.0);
         let faces = ShapePrior::faces();
@@ -148,11 +149,11 @@ impl Fitter {
         Self { springs: Springs::new(wireframe), priors, log_odds, judges, plausible, options }
     }
 
-    /// A fitter as [`PriorKind::Auto`] makes it, with other priors than those that ship: of landmarks as networks set them, and of points
-    /// set by hand.
+    /// Creates a fitter like that of [`PriorKind::Auto`] with other priors than the shipped ones: one of network landmarks and one of
+    /// points set by hand.
     ///
     /// # Errors
-    /// [`FitError::PriorNodes`] for a prior of another number of nodes than the wireframe's.
+    /// [`FitError::PriorNodes`] if a prior and the wireframe differ in the number of nodes.
     pub fn with_faces(wireframe: &Wireframe, network: ShapePrior, by_hand: ShapePrior) -> Result<Self, FitError> {
         let (count, faces) = (wireframe.node_count(), [network, by_hand]);
         if let Some(found) = faces.iter().map(|p| p.mean.len()).find(|found| *found != count) {
@@ -167,8 +168,8 @@ impl Fitter {
     /// Fits the wireframe to the marks.
     ///
     /// # Errors
-    /// [`FitError`] for fewer than three marks, marks that coincide, marks at nodes that are not there, or a mirrored or
-    /// upside-down placement.
+    /// [`FitError`] for fewer than three marks, marks that coincide, marks at nodes that do not exist, or a mirrored or upside-down
+    /// placement.
     pub fn fit(&self, wireframe: &Wireframe, marks: &[Correspondence]) -> Result<FittedWireframe, FitError> {
         let seen = self.seen(wireframe, marks)?;
         if let PriorKind::File(LoadedPrior { blake3, prior: None }) = &self.options.prior {
@@ -191,11 +192,10 @@ impl Fitter {
         Ok(fitted.judged(judged.as_ref().map(|j| (j, true)), seen.eye_distance))
     }
 
-    /// Fits the wireframe to the marks from places of all nodes at which it is at rest, px, y down: those of a face that is known to be
-    /// turned.
+    /// Fits the wireframe to the marks, starting from given rest positions of all nodes, px, y down: those of a face known to be turned.
     ///
     /// # Errors
-    /// As [`Fitter::fit`]; [`FitError::PriorNodes`] when there is not a place for every node.
+    /// As [`Fitter::fit`]; [`FitError::PriorNodes`] if there is not one position per node.
     pub fn fit_at_rest(
         &self,
         wireframe: &Wireframe,
@@ -213,10 +213,11 @@ impl Fitter {
         Ok(fitted.judged(judged.as_ref().map(|j| (j, false)), seen.eye_distance))
     }
 
-    /// How probable it is, 0 to 1, that marks mean what people mean who set points on photographs, and not what a network's landmarks mean, or a face
-    /// that only Candide's shape units make; `None` where the embedded priors of faces do not compete, and for marks that cannot be fitted.
+    /// Returns the probability, 0 to 1, that marks follow the definition of points set by hand on photographs, rather than that of a
+    /// network's landmarks or a face of Candide's shape units alone. `None` when the embedded priors do not compete, or the marks cannot be
+    /// fitted.
     pub(crate) fn share_by_hand(&self, wireframe: &Wireframe, marks: &[Correspondence]) -> Option<f64> {
-        /// Among the priors that compete: see [`ShapePrior::faces`].
+        /// Index among the competing priors; see [`ShapePrior::faces`].
         const BY_HAND: usize = 1;
         let compete = matches!(self.options.prior, PriorKind::Auto | PriorKind::Faces) && self.priors.len() > BY_HAND;
         let seen = compete.then(|| self.seen(wireframe, marks).ok())??;
@@ -226,7 +227,7 @@ impl Fitter {
         prior::shares(&seen.explained(marks, &self.priors).ok()?, &self.log_odds).get(BY_HAND).copied()
     }
 
-    /// The marks as they are seen, once they are known to be good.
+    /// Checks the marks and converts them to y up.
     fn seen(&self, wireframe: &Wireframe, marks: &[Correspondence]) -> Result<Seen, FitError> {
         if marks.len() < MINIMUM_MARKS {
             return Err(FitError::TooFewMarks { found: marks.len() });
@@ -243,7 +244,7 @@ impl Fitter {
         Ok(Seen { places, image_from_face, strays, eye_distance: image_from_face.scale * EYE_DISTANCE })
     }
 
-    /// The springs pull the marked nodes from where they are at rest.
+    /// Lets the springs pull the marked nodes from their rest positions.
     fn deform(
         &self,
         wireframe: &Wireframe,
@@ -256,7 +257,7 @@ impl Fitter {
         let nodes = self.springs.deform(wireframe, rest, &targets)?;
         let upright = frontal.iter().map(|p| flip(image_from_face.apply(p))).collect();
         let view = Frontal::new(wireframe, &frontal, upright);
-        // A mark that tells its error may be off by some of it.
+        // A mark with an expected error may be off by a multiple of it.
         let may_be_off = |m: &Correspondence| m.expected_error.map_or(0.0, |e| WITHIN_ERRORS * e / eye_distance);
         let strays = seen.strays.iter().filter(|s| s.distance > may_be_off(&marks[s.index]));
         let warned = strays.map(|s| doubtful(&marks[s.index], s.distance)).collect();
@@ -276,7 +277,7 @@ impl Fitter {
         })
     }
 
-    /// What a mark does to the springs, on a face with an eye distance of so many px.
+    /// Returns the target of a marked node for the springs, for an eye distance in px.
     fn target(&self, mark: &Correspondence, eye_distance: f64) -> DrivenNode {
         let share = mark.expected_error.map_or(1.0, |error| {
             let ratio = HAND_MARK_ERROR * eye_distance / error;
@@ -290,8 +291,8 @@ impl Fitter {
     }
 }
 
-/// Standard deviation of a mark in x and in y, px, on a face with an eye distance of so many px: from the error that it tells,
-/// else that of a person's click on such a feature. `None` for a mark as good as any.
+/// Returns the standard deviation of a mark in x and in y, px, for an eye distance in px. It comes from the mark's expected error, or else
+/// from the accuracy of a person's click on such a feature. `None` for a sharp mark.
 pub(crate) fn mark_deviation(mark: &Correspondence, eye_distance: f64) -> Option<f64> {
     match (mark.expected_error, mark.kind) {
         (Some(error), _) => Some(error / MEDIAN_OVER_DEVIATION),
@@ -300,20 +301,20 @@ pub(crate) fn mark_deviation(mark: &Correspondence, eye_distance: f64) -> Option
     }
 }
 
-/// Marks as they are seen.
+/// Checked marks, y up.
 struct Seen {
-    /// Their places, px, y up.
+    /// Positions, px, y up.
     places: Vec<Point2<f64>>,
-    /// Places the frontal wireframe on them.
+    /// Placement of the frontal wireframe on the marks.
     image_from_face: Similarity,
-    /// Marks that no face has there.
+    /// Doubtful marks.
     strays: Vec<mistakes::Stray>,
     /// Eye distance, px.
     eye_distance: f64,
 }
 
 impl Seen {
-    /// The most probable face of every prior.
+    /// Returns the most probable face of every prior.
     fn explained(&self, marks: &[Correspondence], priors: &[ShapePrior]) -> Result<Vec<Explanation>, FitError> {
         let nodes: Vec<_> = marks.iter().map(|m| m.node).collect();
         let deviations: Vec<_> = marks.iter().map(|mark| mark_deviation(mark, self.eye_distance)).collect();
@@ -321,9 +322,9 @@ impl Seen {
         Ok(explained.collect::<Result<_, _>>()?)
     }
 
-    /// The face that priors expect for the marks; `None` without a prior.
+    /// Returns the face that the priors predict for the marks; `None` without a prior.
     ///
-    /// A mark's error is the one that it tells, else that of a person's click on such a feature.
+    /// A mark's error is its expected error, or else that of a person's click on such a feature.
     fn expected(&self, marks: &[Correspondence], priors: &[ShapePrior], log_odds: &[f64]) -> Result<Option<Expected>, FitError> {
         let Some(first) = priors.first() else { return Ok(None) };
         let faces = self.explained(marks, priors)?;
@@ -340,18 +341,18 @@ impl Seen {
     }
 }
 
-/// Where the nodes of a face are expected.
+/// Predicted node positions of a face.
 struct Expected {
-    /// Places, px, y down.
+    /// Positions, px, y down.
     places: Vec<Point2<f64>>,
-    /// Mean square distance from them, px^2.
+    /// Mean squared distance from them, px^2.
     variances: Vec<f64>,
 }
 
 impl FittedWireframe {
-    /// How far every node is expected to sit from its place on the face, px: half of such nodes are further off, half less.
+    /// Returns the expected error of every node's position on the face, px: half of such nodes are closer, half further away.
     ///
-    /// It is the error of the fit alone, whatever moves afterwards. `None` where no prior knows the wireframe.
+    /// It is the error of the fit alone, without later motion. `None` when no prior fits the wireframe.
     ///
     /// ```
     /// use grimace::{correspondence::read_correspondences, fit::Fitter, wireframe::Face};
@@ -371,7 +372,7 @@ impl FittedWireframe {
         Some(self.spreads.as_ref()?.iter().map(|&spread| placement::calibrated(spread, told) * eye_distance).collect())
     }
 
-    /// The last so many correspondences as points that were read in the picture.
+    /// Moves the last `read` correspondences to [`FittedWireframe::read`].
     pub(crate) fn set_apart(mut self, read: usize) -> Self {
         let given = self.correspondences.len().saturating_sub(read);
         self.read = self.correspondences.split_off(given);
@@ -379,7 +380,7 @@ impl FittedWireframe {
         self
     }
 
-    /// The fit on the way to another one of the same marks: this one at 0, the other at 1.
+    /// Interpolates between this fit (share 0) and another fit of the same marks (share 1).
     pub(crate) fn towards(self, other: Self, share: f64) -> Self {
         let between = |a: f64, b: f64| a + share * (b - a);
         let nodes = self.model.nodes().iter().zip(other.model.nodes());
@@ -396,7 +397,8 @@ impl FittedWireframe {
         }
     }
 
-    /// With how far its nodes are from where they were expected, and that expectation's own error; where the face is turned only that.
+    /// Sets the spreads: distance of the nodes from their predicted positions combined with the error of the prediction; for a turned face
+    /// the latter only.
     fn judged(mut self, expected: Option<(&Expected, bool)>, eye_distance: f64) -> Self {
         self.spreads = expected.map(|(expected, frontal)| {
             let nodes = self.model.nodes().iter().zip(&expected.places).zip(&expected.variances);
@@ -409,20 +411,21 @@ impl FittedWireframe {
     }
 }
 
-/// Expected errors that a mark may be off without a word: of normal errors one in 2000 is further.
+/// Tolerated error of a mark, in expected errors: of normal errors, one in 2000 is larger.
 const WITHIN_ERRORS: f64 = 4.0;
-/// Distance over the eye distance beyond which no mark is given up for a triangle.
+/// Distance over the eye distance beyond which a mark is never given up to turn a triangle back.
 const GIVEN_UP: f64 = 0.3;
-/// Distance over the eye distance at which a mark that was left behind should be looked at.
+/// Distance over the eye distance between a mark and its node from which the user is warned.
 const LEFT_BEHIND: f64 = 0.1;
-/// Marks from which on the others tell a wrong one ([`mistakes`]): the fit of fewer is refused when it would give up one of them.
+/// Number of marks from which wrong ones are detected by the others ([`mistakes`]). With fewer marks, a fit that would give one up is
+/// refused.
 const TELLING: usize = 6;
 
 fn doubtful(mark: &Correspondence, distance: f64) -> FitWarning {
     FitWarning::Doubtful { node: mark.node, x: mark.position.x, y: mark.position.y, percent: 100.0 * distance }
 }
 
-/// The nodes with their triangles turned back, or as the springs have them where that would give up a mark, and what to look at.
+/// Chooses the nodes with their triangles turned back, or those of the springs if that would give up a mark; also returns warnings.
 fn choose(
     marks: &[Correspondence],
     plain: Vec<Point2<f64>>,
@@ -432,7 +435,7 @@ fn choose(
 ) -> Result<(Vec<Point2<f64>>, Vec<FitWarning>), FitError> {
     let Unfolded { nodes, turned } = unfolded;
     let distance = |m: &Correspondence| (nodes[m.node.index()] - m.position).norm() / eye_distance;
-    // A mark of a large expected error may stay behind.
+    // A mark with a large expected error may stay away from its node.
     let set = || marks.iter().filter(|m| m.expected_error.is_none_or(|e| e < LEFT_BEHIND * eye_distance));
     let worst = set().max_by(|a, b| distance(a).total_cmp(&distance(b))).filter(|m| distance(m) > GIVEN_UP);
     if let Some(&Correspondence { node, position, .. }) = worst {
@@ -452,7 +455,7 @@ fn choose(
     Ok((nodes, warnings))
 }
 
-/// Image space (y down) to the y-up plane in which shapes are compared, and back.
+/// Converts image space (y down) to the y-up plane in which shapes are compared, and back.
 fn flip(point: Point2<f64>) -> Point2<f64> {
     Point2::new(point.x, -point.y)
 }

@@ -1,4 +1,4 @@
-//! What a fit may be told.
+//! Options of a fit.
 
 use std::sync::Arc;
 
@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{FIT_FORCE, PriorFileError, ShapePrior, read_prior};
 
-/// Which shape prior stands ahead of the springs.
+/// Shape prior that is applied before the springs.
 ///
 /// ```
 /// use grimace::fit::{FitOptions, PriorKind};
@@ -22,16 +22,16 @@ pub enum PriorKind {
     None,
     /// Candide's neutral and shape units.
     Candide,
-    /// Real faces, learned from 90 people ([`ShapePrior::faces`]).
+    /// Real faces: priors learned from 90 people ([`ShapePrior::faces`]).
     Faces,
-    /// Both: each by how probable it makes the marks. Candide alone for a wireframe with another number of nodes than Candide-3.
+    /// Both, weighted by the probability of the marks. Only Candide for a wireframe with another number of nodes than Candide-3.
     #[default]
     Auto,
     /// A prior file.
     File(LoadedPrior),
 }
 
-/// A prior read from a file. It is known by the content of the file: only that is compared and written.
+/// A prior read from a file. It is identified by the hash of the file, and only the hash is compared and written.
 ///
 /// ```
 /// use grimace::fit::{FitOptions, LoadedPrior, PriorKind};
@@ -46,7 +46,7 @@ pub enum PriorKind {
 pub struct LoadedPrior {
     /// BLAKE3 of the file, in hexadecimal.
     pub blake3: String,
-    /// The prior; `None` in options that were read back from a file of provenance.
+    /// The prior; `None` in options that were read back from a provenance file.
     #[serde(skip)]
     pub prior: Option<Arc<ShapePrior>>,
 }
@@ -81,14 +81,14 @@ impl PartialEq for LoadedPrior {
 pub struct FitOptions {
     /// Gain of the force on a marked node over the stiffness of a spring, > 0; 20.
     pub force: f64,
-    /// Shape prior; by default both of the embedded ones, each by how probable it makes the marks.
+    /// Shape prior; by default both embedded ones, weighted by the probability of the marks.
     pub prior: PriorKind,
-    /// Where a picture is at hand: nodes without a mark follow what is read in it, too, where marks were set by hand and agree with its face.
+    /// Let nodes without a mark also follow points read in the picture, if there is one and the hand-set marks agree with its face.
     #[serde(default = "yes")]
     pub read_unmarked: bool,
 }
 
-/// What options that were written before there was a choice stand for now.
+/// Default of [`FitOptions::read_unmarked`] in files from before the option existed.
 fn yes() -> bool {
     true
 }

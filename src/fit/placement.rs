@@ -1,18 +1,18 @@
-//! How far a fitted node is expected to sit from its place on the face.
+//! Expected error of a fitted node's position on the face.
 //!
-//! The priors say how far the marks leave a node's place open: the deviation of the posterior, of coefficients, similarity and what the
-//! modes do not hold, over the priors that compete ([`super::ShapePrior::explain_by_errors`]). To it comes how far the springs put the
-//! node from where it was expected. The root of the sum of squares over the eye distance, the *spread*, is calibrated on people whom
-//! priors and locator had not seen (`grimace evaluate placement`): for marks set by hand
+//! The priors give the posterior standard deviation of a node's position given the marks: that of coefficients, similarity and the residual
+//! of the modes, over the competing priors ([`super::ShapePrior::explain_by_errors`]). The distance by which the springs move the node from
+//! its predicted position is added. The root of the sum of squares over the eye distance, the *spread*, is calibrated on people outside the
+//! training data of priors and locator (`grimace evaluate placement`): for marks set by hand
 //!
 //! ```text
 //! expected error = ES exp(c(ln spread))        c: piecewise linear, non-decreasing
 //! ```
 //!
-//! and for marks that tell their errors the spread itself: they err together, so that many of them do not say as much as the priors, to
-//! which each error is a matter of its own, take from them.
+//! For marks with an expected error it is the spread itself. The errors of such marks are correlated, so many of them carry less
+//! information than the priors assume, which treat each error as independent.
 
-/// Marks set by hand: logarithms of the spread and of the median error, both over the eye distance.
+/// Calibration for marks set by hand: logarithms of the spread and of the median error, both over the eye distance.
 const SET: [(f64, f64); 8] = [
     (-3.98, -4.36),
     (-3.69, -4.12),
@@ -27,14 +27,14 @@ const SET: [(f64, f64); 8] = [
 /// Largest expected error over the eye distance.
 const MOST: f64 = 0.5;
 
-/// The expected error of a node over the eye distance, from its spread and the share of the marks that tell their errors.
+/// Returns the expected error of a node over the eye distance, from its spread and the share of marks with an expected error.
 pub fn calibrated(spread: f64, told: f64) -> f64 {
     let score = spread.max(f64::MIN_POSITIVE).ln();
     let set = between(&SET, score);
     (set + told * (score - set)).exp().min(MOST)
 }
 
-/// The piecewise linear function through the knots, of slope 1 beyond the outermost.
+/// Evaluates the piecewise linear function through the knots, with slope 1 beyond the outermost.
 pub fn between(knots: &[(f64, f64)], at: f64) -> f64 {
     let (Some(first), Some(last)) = (knots.first(), knots.last()) else { return at };
     if at <= first.0 {

@@ -1,31 +1,31 @@
 //! Symmetric positive definite systems over the nodes of a wireframe.
 //!
-//! Only nodes near each other are coupled. In a suitable order of the nodes (reverse Cuthill-McKee) the rows of the lower triangle begin
-//! late and are kept from their first entry to the diagonal, one after the other: the "skyline". Its Cholesky factor has the same
-//! skyline, and all of its sums run over neighbouring numbers. The order is found once per wireframe.
+//! Only nodes near each other are coupled. In a suitable order of the nodes (reverse Cuthill-McKee), the rows of the lower triangle start
+//! late. They are stored from their first entry to the diagonal, one after the other: the "skyline". The Cholesky factor has the same
+//! skyline, and all its sums run over adjacent values. The order is computed once per wireframe.
 
 use std::{cmp::Ordering, sync::Arc};
 
 use nalgebra::{Matrix2, Vector2};
 
-/// Orders that are tried.
+/// Number of orders that are tried.
 const SWEEPS: usize = 4;
 
-/// The order of the nodes, and where the rows begin.
+/// Order of the nodes, and start of each row.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layout {
-    /// Row of the x of each node; its y is the row after it.
+    /// Row of each node's x; its y is the next row.
     rows: Vec<usize>,
     /// Column of the first entry of each row.
     first: Vec<usize>,
-    /// Place in the values where column 0 of each row would be: never used below `first`.
+    /// Index in the values of the (virtual) column 0 of each row; never used below `first`.
     origin: Vec<isize>,
     /// Number of values.
     size: usize,
 }
 
 impl Layout {
-    /// The layout for `count` nodes, of which those of every group are coupled with each other.
+    /// Creates the layout for `count` nodes. Nodes of a group are coupled with each other.
     pub fn new(count: usize, groups: impl IntoIterator<Item = Vec<usize>>) -> Self {
         let mut near = vec![Vec::new(); count];
         for group in groups {
@@ -37,7 +37,7 @@ impl Layout {
             list.sort_unstable();
             list.dedup();
         }
-        // An order is good that begins at an end of the wireframe: where the order from elsewhere ended.
+        // A good order begins at an end of the wireframe, which is the last node of another order.
         let mut start = 0;
         let orders = (0..SWEEPS).map(|_| {
             let order = order_from(start, &near);
@@ -64,12 +64,12 @@ impl Layout {
         Self { rows, first, origin, size }
     }
 
-    /// About the number of multiplications of a factorization.
+    /// Returns approximately the number of multiplications of a factorization.
     fn work(&self) -> usize {
         self.first.iter().enumerate().map(|(row, first)| (row - first).pow(2)).sum()
     }
 
-    /// Where the block of two nodes lies, for [`Skyline::add_at`].
+    /// Returns the position of the block of two nodes, for [`Skyline::add_at`].
     pub fn places(&self, a: usize, b: usize) -> BlockPlaces {
         let (row, column) = (self.rows[a].max(self.rows[b]), self.rows[a].min(self.rows[b]));
         let (upper, lower) = (self.at(row, column), self.at(row + 1, column));
@@ -86,7 +86,7 @@ impl Layout {
     }
 }
 
-/// Breadth first from a node, neighbours with few neighbours first, then backwards.
+/// Returns a reverse breadth-first order from a node, neighbours with few neighbours first.
 fn order_from(start: usize, near: &[Vec<usize>]) -> Vec<usize> {
     let (mut order, mut seen) = (Vec::with_capacity(near.len()), vec![false; near.len()]);
     for start in std::iter::once(start).chain(0..near.len()) {
@@ -108,10 +108,10 @@ fn order_from(start: usize, near: &[Vec<usize>]) -> Vec<usize> {
     order
 }
 
-/// Where the block of two nodes lies.
+/// Position of the block of two nodes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BlockPlaces {
-    /// Places in the values of the first entries of its two rows.
+    /// Indices in the values of the first entries of its two rows.
     upper: u32,
     lower: u32,
     kind: BlockKind,
@@ -119,11 +119,11 @@ pub struct BlockPlaces {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum BlockKind {
-    /// Rows are those of the first node.
+    /// The rows are those of the first node.
     Upright,
-    /// Rows are those of the second node.
+    /// The rows are those of the second node.
     Turned,
-    /// Of a node with itself.
+    /// The block couples a node with itself.
     Diagonal,
 }
 
@@ -135,17 +135,17 @@ pub struct Skyline {
 }
 
 impl Skyline {
-    /// Zero.
+    /// Creates a zero matrix.
     pub fn new(layout: &Arc<Layout>) -> Self {
         Self { layout: Arc::clone(layout), values: vec![0.0; layout.size] }
     }
 
-    /// Takes the values of another one of the same layout.
+    /// Copies the values of another matrix of the same layout.
     pub fn copy_from(&mut self, other: &Self) {
         self.values.copy_from_slice(&other.values);
     }
 
-    /// Takes a multiple of the values of another one of the same layout.
+    /// Copies the values of another matrix of the same layout, times `factor`.
     pub fn scaled_from(&mut self, other: &Self, factor: f64) {
         self.values.iter_mut().zip(&other.values).for_each(|(own, value)| *own = value * factor);
     }
@@ -156,14 +156,14 @@ impl Skyline {
         self.add_at(&places, block);
     }
 
-    /// Adds a block to the entries of node `a`'s coordinates (its rows) with those of node `b` (its columns), and its transpose to those of
-    /// `b` with `a`. The two must differ, and be coupled.
+    /// Adds a block to the entries of node `a`'s coordinates (rows) with those of node `b` (columns), and its transpose to those of `b`
+    /// with `a`. The nodes must differ and be coupled.
     pub fn add_coupling(&mut self, a: usize, b: usize, block: &Matrix2<f64>) {
         let places = self.layout.places(a, b);
         self.add_at(&places, block);
     }
 
-    /// Adds a spring between two different nodes, which the layout must couple.
+    /// Adds a spring between two different nodes, which must be coupled in the layout.
     pub fn add_spring(&mut self, [a, b]: [usize; 2], stiffness: f64) {
         let block = Matrix2::identity() * stiffness;
         self.add_diagonal(a, &block);
@@ -171,7 +171,7 @@ impl Skyline {
         self.add_coupling(a, b, &-block);
     }
 
-    /// [`Self::add_diagonal`] or [`Self::add_coupling`] at places that are known.
+    /// Same as [`Self::add_diagonal`] or [`Self::add_coupling`], at precomputed positions.
     #[inline(always)]
     pub fn add_at(&mut self, places: &BlockPlaces, block: &Matrix2<f64>) {
         let (upper, lower) = (places.upper as usize, places.lower as usize);
@@ -190,7 +190,7 @@ impl Skyline {
         }
     }
 
-    /// The layout.
+    /// Returns the layout.
     pub fn layout(&self) -> &Arc<Layout> {
         &self.layout
     }
@@ -200,7 +200,7 @@ impl Skyline {
         &self.values[begin..=self.layout.at(row, row)]
     }
 
-    /// The product with a vector over the nodes.
+    /// Computes the product with a vector over the nodes.
     #[inline(always)]
     pub fn times(&self, nodes: &[Vector2<f64>], out: &mut [Vector2<f64>]) {
         let rows = &self.layout.rows;
@@ -220,14 +220,14 @@ impl Skyline {
         }
     }
 
-    /// Becomes the Cholesky factor; `false` for a matrix that is not positive definite.
+    /// Replaces the matrix by its Cholesky factor; returns `false` for a matrix that is not positive definite.
     #[must_use]
     #[inline(always)]
     pub fn factor(&mut self) -> bool {
         let layout = Arc::clone(&self.layout);
-        // One over the diagonal so far: a division in every entry would wait for the one before it.
+        // Reciprocals of the diagonal: a division in every entry would wait for the previous one.
         let mut inverses = Vec::with_capacity(layout.first.len());
-        // Both rows of a node begin at the same column, and are made side by side.
+        // Both rows of a node begin at the same column and are computed together.
         for row in (0..layout.first.len()).step_by(2) {
             let first = layout.first[row];
             let (above, own) = self.values.split_at_mut(layout.at(row, first));
@@ -252,7 +252,7 @@ impl Skyline {
         true
     }
 
-    /// Solves for a right side over the nodes, this being a factor.
+    /// Solves for a right side over the nodes, using this factor.
     #[inline(always)]
     pub fn solve(&self, nodes: &mut [Vector2<f64>]) {
         let rows = &self.layout.rows;
@@ -278,7 +278,8 @@ impl Skyline {
     }
 }
 
-/// Makes the last entry of a factor's row, the others being there, and says what one over it is; `None` where the matrix is not positive definite.
+/// Computes the diagonal entry of a factor's row from its other entries and returns its reciprocal; `None` if the matrix is not positive
+/// definite.
 #[inline(always)]
 fn finish(before: &[f64], diagonal: &mut f64) -> Option<f64> {
     let rest = *diagonal - dot(before, before);
@@ -288,7 +289,7 @@ fn finish(before: &[f64], diagonal: &mut f64) -> Option<f64> {
     })
 }
 
-/// The sum of products of two lists, in eight lanes: the same on every machine.
+/// Returns the sum of products of two lists, in eight lanes, so that it is the same on every machine.
 #[inline(always)]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut lanes = [0.0; 8];
@@ -301,7 +302,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     total(lanes, a_rest, b_rest)
 }
 
-/// [`dot`] of two lists with a third one.
+/// Returns [`dot`] of each of two lists with a third one.
 #[inline(always)]
 fn dots([a, b]: [&[f64]; 2], with: &[f64]) -> [f64; 2] {
     let mut lanes = [[0.0; 8]; 2];
@@ -316,11 +317,11 @@ fn dots([a, b]: [&[f64]; 2], with: &[f64]) -> [f64; 2] {
     [total(lanes[0], a_rest, rest), total(lanes[1], b_rest, rest)]
 }
 
-/// The sum of lanes and of the products that are left over.
+/// Returns the sum of the lanes and of the remaining products.
 #[inline(always)]
 fn total([p, q, r, s, t, u, v, w]: [f64; 8], a: &[f64], b: &[f64]) -> f64 {
     let rest: f64 = a.iter().zip(b).map(|(a, b)| a * b).sum();
-    // Halves, so that vectors of any width are added as they are.
+    // Halves are added first, so that vectors of any width give the same sum.
     ((p + t) + (r + v)) + ((q + u) + (s + w)) + rest
 }
 

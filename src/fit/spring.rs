@@ -1,17 +1,17 @@
 //! Spring deformation of a wireframe [KP, section 2].
 //!
 //! Every wireframe edge is a spring of stiffness k that resists a *difference of displacement* between its ends, so that at rest the
-//! wireframe keeps its shape. Every driven node is pulled by a force proportional to its distance from its target (gain f). With the
-//! displacements u of the live nodes from rest, the equilibrium is the linear system
+//! wireframe keeps its shape. A force pulls every driven node to its target, proportional to the distance (gain f). With the displacements
+//! u of the live nodes from rest, the equilibrium is the linear system
 //!
 //! ```text
 //! (k L + F) u = F d        L: graph Laplacian of the springs, F: diag(f of the driven nodes, 0 elsewhere), d: target - rest
 //! ```
 //!
-//! which is symmetric and positive definite as soon as one node of every connected part is driven; it is solved once, by Cholesky.
-//! The gain f may be a matrix, so that a node is driven harder in the direction in which its target is better known; only then do x
-//! and y interact. KP do not say how springs act along and across themselves; this membrane is the linear choice that has one
-//! equilibrium for any target and never folds on small forces.
+//! It is symmetric and positive definite if every connected part has a driven node, and is solved once, by Cholesky. The gain f may be a
+//! matrix, so that a node is driven more strongly in the direction in which its target is more accurate; only then are x and y coupled. KP
+//! do not specify how springs act along and across themselves. This membrane is the linear choice: it has one equilibrium for any target
+//! and never folds under small forces.
 
 use std::sync::Arc;
 
@@ -20,7 +20,7 @@ use nalgebra::{Matrix2, Point2, Vector2};
 use super::skyline::{Layout, Skyline};
 use crate::{simd::widest, units::NodeId, wireframe::Wireframe};
 
-/// How a node is driven.
+/// How strongly a node is driven.
 ///
 /// ```
 /// use grimace::{fit::{DrivenNode, Pull, Springs}, units::NodeId, wireframe::Wireframe};
@@ -44,9 +44,9 @@ use crate::{simd::widest, units::NodeId, wireframe::Wireframe};
 pub enum Pull {
     /// By a force of this gain (per unit of distance, in units of the springs' stiffness), > 0.
     Force(f64),
-    /// By a force of this gain matrix, symmetric and positive definite: harder along directions in which the target is better known.
+    /// By a force of this gain matrix, symmetric and positive definite: stronger in directions in which the target is more accurate.
     Matrix(Matrix2<f64>),
-    /// To its target exactly.
+    /// Exactly to its target.
     Hard,
 }
 
@@ -60,7 +60,7 @@ impl Pull {
     }
 }
 
-/// A driven node and the position it is driven to.
+/// A driven node with its target.
 ///
 /// ```
 /// use grimace::{fit::{DrivenNode, Pull, Springs}, units::NodeId, wireframe::Wireframe};
@@ -76,26 +76,26 @@ impl Pull {
 pub struct DrivenNode {
     /// The node.
     pub node: NodeId,
-    /// Where it is pulled, in the unit of the rest positions.
+    /// Target position, in the unit of the rest positions.
     pub position: Point2<f64>,
-    /// How hard.
+    /// Kind and gain of the force.
     pub pull: Pull,
 }
 
-/// A side that two nodes should have, from one to the other, beside the springs.
+/// A desired offset between two nodes, in addition to the springs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Strut {
-    /// Where it starts.
+    /// Start node.
     pub from: NodeId,
-    /// Where it ends.
+    /// End node.
     pub to: NodeId,
-    /// The end's place less the start's.
+    /// Desired position of the end minus that of the start.
     pub offset: Vector2<f64>,
-    /// Over that of a spring, > 0.
+    /// Stiffness over that of a spring, > 0.
     pub stiffness: f64,
 }
 
-/// A deformation that has no unique answer.
+/// Reason why a deformation has no unique solution.
 ///
 /// ```
 /// use grimace::{fit::{SpringError, Springs}, wireframe::Wireframe};
@@ -126,13 +126,13 @@ pub enum SpringError {
     Singular,
 }
 
-/// Gain that stands for an exact position; relative to the stiffness it leaves less than 1e-6 of the distance.
+/// Gain that replaces an exact position; it leaves less than 1e-6 of the distance.
 const HARD_GAIN: f64 = 1e8;
 
-/// Tie of every node to its rest position, relative to the stiffness: it only matters for a part of the wireframe that nothing drives.
+/// Tie of every node to its rest position, relative to the stiffness. It only matters for a part of the wireframe without driven nodes.
 const REST_GAIN: f64 = 1e-9;
 
-/// The springs of a wireframe.
+/// Springs of a wireframe.
 ///
 /// ```
 /// use grimace::{fit::{SpringError, Springs}, wireframe::Wireframe};
@@ -144,17 +144,17 @@ const REST_GAIN: f64 = 1e-9;
 /// ```
 #[derive(Clone, Debug)]
 pub struct Springs {
-    /// Place of every node among the live ones.
+    /// Index of every node among the live ones.
     place: Vec<Option<usize>>,
     live: Vec<NodeId>,
-    /// Ends of the springs by place among the live nodes.
+    /// Ends of the springs, as indices among the live nodes.
     edges: Vec<[usize; 2]>,
     /// k L over the live nodes, k = 1 for every spring.
     laplacian: Skyline,
 }
 
 impl Springs {
-    /// One spring of stiffness 1 for every edge.
+    /// Creates one spring of stiffness 1 for every edge.
     pub fn new(wireframe: &Wireframe) -> Self {
         let live = wireframe.live_nodes().to_vec();
         let mut place = vec![None; wireframe.node_count()];
@@ -166,12 +166,12 @@ impl Springs {
         Self { place, live, edges, laplacian }
     }
 
-    /// The springs' matrix k L over the live nodes in order, k = 1, in another layout, which must have a place for every spring.
+    /// Returns the springs' matrix k L over the live nodes in order, k = 1, in another layout, which must couple the ends of every spring.
     pub(crate) fn laplacian(&self, layout: &Arc<Layout>) -> Skyline {
         laplacian(layout, &self.edges)
     }
 
-    /// Equilibrium of the wireframe at `rest` (all N nodes) under the targets; nodes in no triangle take their leaders' mean.
+    /// Returns the equilibrium of the wireframe at `rest` (all N nodes) under the targets; nodes in no triangle take their leaders' mean.
     ///
     /// A node may have several targets; their forces add up.
     ///
@@ -186,7 +186,7 @@ impl Springs {
         self.deform_with(wireframe, rest, targets, &[])
     }
 
-    /// As [`Self::deform`], with struts beside the springs; those at nodes in no triangle are passed over.
+    /// Same as [`Self::deform`], with additional struts; struts at nodes in no triangle are skipped.
     pub(super) fn deform_with(
         &self,
         wireframe: &Wireframe,
@@ -273,7 +273,7 @@ mod tests {
 
     #[test]
     fn hard_ends_put_the_free_node_in_the_middle() {
-        // Node 0 fixed, node 1 moved by (0.6, 0): the free node 2 is tied to both by equal springs and moves by their mean.
+        // Node 0 is fixed, node 1 is moved by (0.6, 0): the free node 2 has equal springs to both and moves by their mean.
         let (w, rest) = (triangle(), triangle().frontal());
         let moved =
             Springs::new(&w).deform(&w, &rest, &[target(0, 0.0, 0.0, Pull::Hard), target(1, 1.6, 0.0, Pull::Hard)]).unwrap();
@@ -294,7 +294,7 @@ mod tests {
 
     #[test]
     fn a_matrix_pulls_along_one_direction_only() {
-        // Node 1 pulled towards (2, 1) from (1, 0), but only x is known: y stays (all but) where node 0 holds it.
+        // Node 1 is pulled towards (2, 1) from (1, 0), but only x is known: y stays nearly where node 0 holds it.
         let (w, rest) = (triangle(), triangle().frontal());
         let known_x = Pull::Matrix(Matrix2::new(1.0, 0.0, 0.0, 1e-9));
         let targets = [target(0, 0.0, 0.0, Pull::Hard), target(1, 2.0, 1.0, known_x)];
@@ -343,7 +343,7 @@ mod tests {
                 .collect();
             let moved = Springs::new(&w).deform(&w, &rest, &targets).unwrap();
             let area = |p: &[Point2<f64>], t: &[NodeId; 3]| (p[t[1].index()] - p[t[0].index()]).perp(&(p[t[2].index()] - p[t[0].index()]));
-            // Slivers of the closed mouth and the lids have almost no area in the frontal view and are left out.
+            // Slivers of the closed mouth and the lids have almost no area in the frontal view and are skipped.
             for t in w.triangles().iter().filter(|t| area(&rest, t).abs() > 2e-3) {
                 prop_assert!(area(&rest, t) * area(&moved, t) > 0.0);
             }

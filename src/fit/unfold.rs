@@ -1,43 +1,45 @@
-//! Triangles that a fit turned over are turned back.
+//! Turns back triangles that a fit turned over.
 //!
-//! Marks that are a few pixels off can turn a triangle between them, and marks that are right can turn one with a node that nobody marked:
-//! between a lid's margin and its crease there are 3 px. Such a node goes where its triangles lie the right way round, and no mark moves
-//! for it. Every triangle that lies the other way round than in the frontal view even then is given a shape to hold: its own, with the turned axis made small instead (its singular values signed, then bounded), as struts along
-//! its sides beside the springs. The springs are solved again; what turned meanwhile joins in; the struts of a triangle grow stiffer while
-//! it is turned. Marks give way where they must, by their own force: soft ones first, hard ones never.
+//! Marks that are a few pixels off can turn a triangle between them. Correct marks can turn a triangle with an unmarked node: a lid's
+//! margin and its crease are only 3 px apart. First, unmarked nodes move until their triangles have the orientation of the frontal view; no
+//! mark moves. Each triangle that is still turned then gets struts along its sides, in addition to the springs. They hold its own shape
+//! with the turned axis made small instead (singular values signed, then bounded). The springs are solved again, newly turned triangles are
+//! added, and the struts of a turned triangle get stiffer in each round. Marks give way only by their own force: soft ones first, hard ones
+//! never.
 
 use nalgebra::{Matrix2, Point2, Vector2};
 
 use super::{DrivenNode, SpringError, Springs, spring::Strut};
 use crate::{units::NodeId, wireframe::Wireframe};
 
-/// Least area of a triangle in the frontal view, model units squared, that is turned back: slivers at lids and closed lips turn over
+/// Smallest area of a triangle in the frontal view, model units squared, that is turned back. Slivers at lids and closed lips may turn over
 /// without harm.
 const LEAST_AREA: f64 = 5e-4;
-/// Bounds of a held triangle's stretch against its shape at rest.
+/// Bounds of a held triangle's stretch relative to its shape at rest.
 const STRETCH: (f64, f64) = (0.15, 4.0);
-/// A triangle is turned when less than this share of its area at rest is left.
+/// Share of its area at rest below which a triangle counts as turned.
 const LEAST_SHARE: f64 = 0.01;
 /// Stiffness of the first struts, over that of a spring.
 const STIFFNESS: f64 = 2.0;
-/// Growth of a triangle's stiffness in each round in which it is still turned.
+/// Factor by which a triangle's stiffness grows in each round in which it is still turned.
 const GROWTH: f64 = 1.5;
-/// Height over the eye distance up to which a triangle between three marks may lie the other way round: beside the nose, one in five of
-/// real faces has one that does (`(111, 33, 26)` and its mirror image, by points set by hand), and marks of different origin make slivers.
+/// Largest height, over the eye distance, at which a triangle between three marks may be turned. Beside the nose one in five real faces has
+/// a turned triangle (`(111, 33, 26)` and its mirror image, by points set by hand), and marks of different origin make slivers.
 const SLIVER: f64 = 0.06;
-/// Rounds at most.
+/// Largest number of rounds.
 const ROUNDS: usize = 40;
-/// Share of its area at rest that a triangle gets by nodes without a mark, and the sweeps in which it may get it.
+/// Share of its area at rest to which unmarked nodes enlarge a triangle, and the number of sweeps.
 const GIVEN_SHARE: f64 = 0.08;
 const SWEEPS: usize = 200;
 
-/// Places of all nodes, and how many triangles are turned still.
+/// Positions of all nodes, and number of triangles that are still turned.
 pub(super) struct Unfolded {
     pub nodes: Vec<Point2<f64>>,
     pub turned: usize,
 }
 
-/// Turns triangles back: `nodes` are the springs' equilibrium from `rest` under `targets`, y down. `None` when no triangle is turned.
+/// Turns triangles back. `nodes` are the springs' equilibrium from `rest` under `targets`, y down. Returns `None` when no triangle is
+/// turned.
 pub(super) fn unfold(
     springs: &Springs,
     wireframe: &Wireframe,
@@ -64,7 +66,7 @@ pub(super) fn unfold(
     frontal.settle(wireframe, &free, &mut nodes);
     turned = wrong(&nodes);
     let mut best = (turned.len(), nodes.clone());
-    // Of the struts of every triangle; 0 for one that never turned.
+    // Stiffness of the struts of every triangle; 0 for one that was never turned.
     let mut stiffness = vec![0.0; wireframe.triangles().len()];
     for _ in 0..ROUNDS {
         if turned.is_empty() {
@@ -91,14 +93,14 @@ pub(super) fn unfold(
     Ok(Some(Unfolded { nodes: best.1, turned: best.0 }))
 }
 
-/// The sides of a triangle that lies the right way round and is near `now`: its deformation from `shape` with bounded stretches. `None`
-/// for a shape without area.
+/// Returns the sides of an unturned triangle near `now`: its deformation from `shape` with bounded stretches. `None` for a shape without
+/// area.
 fn held_shape(shape: [Vector2<f64>; 2], now: [Vector2<f64>; 2]) -> Option<[Vector2<f64>; 2]> {
     let from = Matrix2::from_columns(&shape);
     let deformation = Matrix2::from_columns(&now) * from.try_inverse()?;
     let svd = deformation.svd(true, true);
     let (u, v_t) = (svd.u?, svd.v_t?);
-    // Singular values are the first the larger; one of a turned triangle is negative, the smaller.
+    // The first singular value is the larger one; in a turned triangle the smaller one is negative.
     let sign = if (u.determinant() * v_t.determinant()) < 0.0 { -1.0 } else { 1.0 };
     let (large, small) = (svd.singular_values[0], svd.singular_values[1] * sign);
     let stretches = Vector2::new(large.clamp(STRETCH.0, STRETCH.1), small.clamp(STRETCH.0, STRETCH.1));
@@ -107,11 +109,11 @@ fn held_shape(shape: [Vector2<f64>; 2], now: [Vector2<f64>; 2]) -> Option<[Vecto
     held.iter().all(|x| x.is_finite()).then(|| [held.column(0).into_owned(), held.column(1).into_owned()])
 }
 
-/// The frontal wireframe, and where the similarity puts it in the image.
+/// The frontal wireframe and its placement in the image.
 pub(super) struct Frontal {
-    /// Areas of the triangles in face space, with sign.
+    /// Signed areas of the triangles in face space.
     areas: Vec<f64>,
-    /// Places in the image, y down.
+    /// Positions in the image, y down.
     placed: Vec<Point2<f64>>,
 }
 
@@ -120,18 +122,18 @@ impl Frontal {
         Self { areas: wireframe.triangles().iter().map(|t| area(frontal, *t)).collect(), placed }
     }
 
-    /// Numbers of the triangles that lie the other way round than in the frontal view, slivers left out.
+    /// Returns the indices of the triangles whose orientation differs from the frontal view, without slivers.
     pub(super) fn turned(&self, wireframe: &Wireframe, nodes: &[Point2<f64>]) -> Vec<usize> {
         let is_turned = |(t, triangle): &(usize, &[NodeId; 3])| {
-            // y is down in the image, so an upright triangle changes its sign.
+            // y is down in the image, so an unturned triangle changes its sign.
             self.areas[*t].abs() > LEAST_AREA
                 && -area(nodes, **triangle) * self.areas[*t].signum() < LEAST_SHARE * area(&self.placed, **triangle).abs()
         };
         wireframe.triangles().iter().enumerate().filter(is_turned).map(|(t, _)| t).collect()
     }
 
-    /// Moves free nodes until the triangles around them lie the right way round, each by as little as its triangle needs (projections onto
-    /// the constraints one by one, Gauss and Seidel's way). Triangles between nodes that are not free stay as they are.
+    /// Moves free nodes until the triangles around them are unturned, each as little as its triangle needs (projections onto the
+    /// constraints one by one, as in Gauss-Seidel). Triangles without free nodes stay as they are.
     fn settle(&self, wireframe: &Wireframe, free: &[bool], nodes: &mut [Point2<f64>]) {
         for _ in 0..SWEEPS {
             let turned = self.turned(wireframe, nodes);
@@ -159,7 +161,7 @@ impl Frontal {
         }
     }
 
-    /// Two sides of a triangle as it should be: at rest, or as the frontal wireframe lies where it is turned at rest already.
+    /// Returns two sides of a triangle's ideal shape: that at rest, or that of the frontal wireframe if it is already turned at rest.
     fn ideal(&self, rest: &[Point2<f64>], t: usize, triangle: [NodeId; 3]) -> [Vector2<f64>; 2] {
         let upright = -area(rest, triangle) * self.areas[t].signum() > STRETCH.0 * area(&self.placed, triangle).abs();
         let points = if upright { rest } else { &self.placed };
@@ -167,7 +169,7 @@ impl Frontal {
     }
 }
 
-/// Least height of a triangle.
+/// Returns the smallest height of a triangle.
 fn height(points: &[Point2<f64>], triangle: [NodeId; 3]) -> f64 {
     let side = |k: usize| (points[triangle[(k + 1) % 3].index()] - points[triangle[k].index()]).norm();
     2.0 * area(points, triangle).abs() / side(0).max(side(1)).max(side(2)).max(1e-12)
@@ -193,7 +195,7 @@ mod tests {
         let placed = placed(&wireframe);
         let frontal = Frontal::new(&wireframe, &wireframe.frontal(), placed.clone());
         assert!(frontal.turned(&wireframe, &placed).is_empty());
-        // The margin of the left lid, which is marked, up to 5 px up beyond its crease (95), which is not.
+        // The margin of the left lid, which is marked, moves up to 5 px above its crease (95), which is not marked.
         let mut nodes = placed.clone();
         nodes[97].y -= 5.0;
         nodes[21].y -= 2.0;

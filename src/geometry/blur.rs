@@ -1,7 +1,7 @@
-//! Smoothing of grids.
+//! Gaussian smoothing of grids.
 
-/// Smooths a grid of values, row by row, with a Gaussian of so many cells across and down (standard deviations); beyond the border the border's
-/// values go on.
+/// Smooths a row-major grid with a Gaussian. `sigma` is its standard deviation across and down, in cells. Border values are continued
+/// outside the grid.
 pub fn gaussian(values: &[f32], width: usize, height: usize, sigma: (f64, f64)) -> Vec<f32> {
     let kernel = |sigma: f64| -> (i64, Vec<f32>, f32) {
         let radius = (3.0 * sigma).ceil().max(1.0) as i64;

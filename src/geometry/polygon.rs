@@ -1,8 +1,8 @@
-//! Polygons and lines of segments in the plane.
+//! Polygons and polylines in the plane.
 
 use nalgebra::{Point2, Vector2};
 
-/// Whether a point lies inside a closed polygon (even-odd).
+/// Returns whether a point lies inside a closed polygon (even-odd rule).
 pub fn inside(polygon: &[Point2<f64>], point: &Point2<f64>) -> bool {
     let mut odd = false;
     let Some(&(mut previous)) = polygon.last() else { return false };
@@ -18,32 +18,32 @@ pub fn inside(polygon: &[Point2<f64>], point: &Point2<f64>) -> bool {
     odd
 }
 
-/// The corners of the box around points; `None` around none.
+/// Returns the lower and upper corners of the points' bounding box, or `None` if there are no points.
 pub fn bounds(points: &[Point2<f64>]) -> Option<(Point2<f64>, Point2<f64>)> {
     let first = *points.first()?;
     Some(points.iter().fold((first, first), |(low, high), p| (low.inf(p), high.sup(p))))
 }
 
-/// Distance of a point to a line of segments.
+/// Distance of a point from a polyline.
 pub fn distance_to_line(line: &[Point2<f64>], point: &Point2<f64>) -> f64 {
     distance_within(line, point, f64::INFINITY)
 }
 
-/// [`distance_to_line`] where it is at most `reach`, else that or more: segments farther away are not looked at.
+/// [`distance_to_line`] if it is at most `reach`; otherwise a value of at least that distance. Segments beyond `reach` are skipped.
 pub fn distance_within(line: &[Point2<f64>], point: &Point2<f64>, reach: f64) -> f64 {
     let near = line.windows(2).filter(|w| may_be_within(&w[0], &w[1], point, reach));
     near.map(|w| squared_distance(&w[0], &w[1], point)).fold(f64::INFINITY, f64::min).sqrt()
 }
 
-/// Whether a point may be so near to a segment: it is in the box around it.
+/// Returns whether a point can be within `reach` of a segment: it lies in the segment's bounding box, enlarged by `reach`.
 fn may_be_within(a: &Point2<f64>, b: &Point2<f64>, point: &Point2<f64>, reach: f64) -> bool {
-    // A little more, for what is rounded.
+    // Enlarged slightly to allow for rounding.
     let reach = Vector2::repeat(1.001 * reach);
     let (low, high) = (a.inf(b) - reach, a.sup(b) + reach);
     low.x <= point.x && point.x <= high.x && low.y <= point.y && point.y <= high.y
 }
 
-/// Distance of a point to a segment.
+/// Distance of a point from a segment.
 pub fn distance_to_segment(a: &Point2<f64>, b: &Point2<f64>, point: &Point2<f64>) -> f64 {
     squared_distance(a, b, point).sqrt()
 }
@@ -54,12 +54,12 @@ fn squared_distance(a: &Point2<f64>, b: &Point2<f64>, point: &Point2<f64>) -> f6
     (to - edge * along).norm_squared()
 }
 
-/// Distance of a point from a closed polygon's border, positive inside.
+/// Distance of a point from a closed polygon's border, positive inside, negative outside.
 pub fn inside_depth(polygon: &[Point2<f64>], point: &Point2<f64>) -> f64 {
     inside_depth_within(polygon, point, f64::INFINITY)
 }
 
-/// [`inside_depth`] where it is at most `reach` to either side, else that or more.
+/// [`inside_depth`] if its magnitude is at most `reach`; otherwise a value of the same sign and at least that magnitude.
 pub fn inside_depth_within(polygon: &[Point2<f64>], point: &Point2<f64>, reach: f64) -> f64 {
     let ends = polygon.iter().zip(polygon.iter().cycle().skip(1)).filter(|(a, b)| may_be_within(a, b, point, reach));
     let nearest = ends.map(|(a, b)| squared_distance(a, b, point)).fold(f64::INFINITY, f64::min).sqrt();

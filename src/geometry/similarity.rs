@@ -2,7 +2,7 @@
 
 use nalgebra::{Point2, Rotation2, Vector2};
 
-/// `p -> scale * R(angle) * p + translation`, without reflection.
+/// A planar similarity without reflection: `p -> scale * R(angle) * p + translation`.
 ///
 /// ```
 /// use grimace::geometry::Similarity;
@@ -25,7 +25,7 @@ pub struct Similarity {
     pub translation: Vector2<f64>,
 }
 
-/// Why no similarity is determined.
+/// Why point pairs do not determine a similarity.
 ///
 /// ```
 /// use grimace::geometry::{Similarity, SimilarityError};
@@ -48,12 +48,14 @@ pub enum SimilarityError {
 }
 
 impl Similarity {
-    /// The identity.
+    /// Returns the identity.
     pub fn identity() -> Self {
         Self { scale: 1.0, angle: 0.0, translation: Vector2::zeros() }
     }
 
-    /// The similarity that minimises `sum_i w_i |target_i - S(source_i)|^2` (closed form, Umeyama 1991 without reflection).
+    /// Returns the similarity that minimises `sum_i w_i |target_i - S(source_i)|^2` (closed form, Umeyama 1991 without reflection).
+    ///
+    /// Weights are 1 if `weights` is `None`.
     ///
     /// # Errors
     /// [`SimilarityError`] for fewer than two pairs or coincident points.
@@ -85,17 +87,17 @@ impl Similarity {
         Ok(Self { scale, angle, translation })
     }
 
-    /// The image of a point.
+    /// Returns the image of a point.
     pub fn apply(&self, point: &Point2<f64>) -> Point2<f64> {
         Rotation2::new(self.angle) * point * self.scale + self.translation
     }
 
-    /// The image of a vector (no translation).
+    /// Returns the image of a vector (no translation).
     pub fn apply_vector(&self, vector: &Vector2<f64>) -> Vector2<f64> {
         Rotation2::new(self.angle) * vector * self.scale
     }
 
-    /// This similarity applied after `first`.
+    /// Returns the composition: `first`, then this similarity.
     pub fn after(&self, first: &Self) -> Self {
         Self {
             scale: self.scale * first.scale,
@@ -104,7 +106,7 @@ impl Similarity {
         }
     }
 
-    /// The similarity that undoes this one.
+    /// Returns the inverse.
     pub fn inverse(&self) -> Self {
         let scale = 1.0 / self.scale;
         let translation = -(Rotation2::new(-self.angle) * self.translation) * scale;

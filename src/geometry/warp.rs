@@ -1,8 +1,8 @@
-//! A smooth map of space through given points.
+//! A smooth map of space that interpolates given points.
 
 use nalgebra::{DMatrix, MatrixXx3, Point3, RowVector3, Vector3};
 
-/// The biharmonic spline in space, with an affine part.
+/// Biharmonic spline in space with an affine part.
 #[derive(Clone, Debug)]
 pub struct SplineWarp {
     centres: Vec<Vector3<f64>>,
@@ -10,7 +10,8 @@ pub struct SplineWarp {
 }
 
 impl SplineWarp {
-    /// The warp that takes points of `source` to those of `target`; `None` for points on a plane, a line or a point.
+    /// Returns the warp that maps the points of `source` to those of `target`, or `None` if the source points lie in a plane, on a line
+    /// or on one point.
     pub fn new(source: &[Vector3<f64>], target: &[Vector3<f64>]) -> Option<Self> {
         let n = source.len();
         let mut matrix = DMatrix::zeros(n + 4, n + 4);
@@ -29,7 +30,7 @@ impl SplineWarp {
         weights.iter().all(|w| w.is_finite()).then(|| Self { centres: source.to_vec(), weights })
     }
 
-    /// Where it takes a point.
+    /// Returns the image of a point.
     pub fn apply(&self, point: &Point3<f64>) -> Vector3<f64> {
         let n = self.centres.len();
         let mut sum = RowVector3::zeros();

@@ -1,10 +1,10 @@
-//! What is wrong in a CSV file, in words.
+//! Errors of CSV files.
 
 use std::{fmt, io, path::PathBuf};
 
 use crate::text::excerpt;
 
-/// What is wrong in a CSV file.
+/// Errors of CSV files.
 #[derive(Debug, thiserror::Error)]
 pub enum InputErrorKind {
     /// The file cannot be read.
@@ -16,13 +16,13 @@ pub enum InputErrorKind {
     /// A file of another kind.
     #[error("is a {what}; a table in CSV was expected")]
     NotText {
-        /// What it is by its first bytes.
+        /// Kind of file by its first bytes.
         what: &'static str,
     },
     /// Bytes that are not UTF-8.
     #[error("byte {byte} of the line is not UTF-8; {}", encoding_hint(*windows_1252))]
     NotUtf8 {
-        /// Place in the line, from 1.
+        /// Position in the line, from 1.
         byte: usize,
         /// Whether all such bytes of the file could be letters of Windows-1252, of which Latin-1 is a part.
         windows_1252: bool,
@@ -65,7 +65,7 @@ pub enum InputErrorKind {
         column: String,
         /// The field, shortened and printable.
         found: String,
-        /// What should be there.
+        /// The expected content.
         expected: &'static str,
     },
 }
@@ -76,9 +76,9 @@ pub enum InputErrorKind {
 pub struct InputError {
     /// The file.
     pub path: PathBuf,
-    /// Line, from 1; `None` when the file as a whole is meant.
+    /// Line, from 1; `None` for an error of the whole file.
     pub line: Option<usize>,
-    /// What is wrong.
+    /// The error.
     #[source]
     pub kind: InputErrorKind,
 }
@@ -111,10 +111,10 @@ fn quoted(names: &[String]) -> String {
     if names.len() > MOST_NAMES { format!("{shown} and {} more", names.len() - MOST_NAMES) } else { shown }
 }
 
-/// Letters by which a column's name may differ from the one that is missing and still be meant for it.
+/// Largest number of letters by which a name may differ from a missing one to be suggested.
 const MISSPELT: usize = 2;
 
-/// Says which column is likely meant for one that is missing.
+/// Suggests which existing column is a misspelling of a missing one.
 fn spelling_hint(missing: &[String], found: &[String]) -> String {
     let near = |wanted: &String| {
         let distance = |name: &&String| strsim::damerau_levenshtein(&name.to_lowercase(), &wanted.to_lowercase());

@@ -1,21 +1,21 @@
-//! How bytes fall into lines, and lines into fields.
+//! Splits bytes into lines, and lines into fields.
 
 use std::borrow::Cow;
 
 use super::InputErrorKind;
 
-/// How the last field of some text ends.
+/// State of the last field at the end of a text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Ends {
     /// Outside of quotation marks.
     Closed,
     /// Within them.
     Open,
-    /// Something stands behind a closing quotation mark.
+    /// A closing quotation mark is followed by other text.
     Strange,
 }
 
-/// How fields end, as RFC 4180 has it.
+/// State at the end of fields, as defined in RFC 4180.
 pub(super) fn end_of_fields(text: &[u8], separator: u8) -> Ends {
     let (mut inside, mut starts, mut closed) = (false, true, false);
     for &byte in text {
@@ -31,11 +31,11 @@ pub(super) fn end_of_fields(text: &[u8], separator: u8) -> Ends {
     if inside { Ends::Open } else { Ends::Closed }
 }
 
-/// Lines of a byte text with their numbers; LF, CRLF and CR end a line.
+/// Lines of a byte text with their numbers. LF, CRLF and CR end a line.
 #[derive(Clone)]
 pub(super) struct Lines<'a> {
     pub bytes: &'a [u8],
-    /// Where the next line starts, and its number.
+    /// Offset and number of the next line.
     pub offset: usize,
     pub line: usize,
 }
@@ -57,7 +57,8 @@ pub(super) fn is_blank(text: &[u8]) -> bool {
     text.iter().all(u8::is_ascii_whitespace)
 }
 
-/// Fields of one line, as RFC 4180 has it but for the separator, which is ASCII; a quotation mark within an unquoted field is text.
+/// Fields of one line, as defined in RFC 4180 except for the separator, which is any ASCII character. A quotation mark within an unquoted
+/// field is text.
 pub(super) fn split_fields(text: &[u8], separator: u8) -> Result<Vec<Cow<'_, str>>, InputErrorKind> {
     let text =
         std::str::from_utf8(text).map_err(|e| InputErrorKind::NotUtf8 { byte: e.valid_up_to() + 1, windows_1252: false })?;
@@ -78,7 +79,7 @@ pub(super) fn split_fields(text: &[u8], separator: u8) -> Result<Vec<Cow<'_, str
     Ok(fields)
 }
 
-/// The content of a quoted field, doubled quotes made single, and what follows its closing quote.
+/// The content of a quoted field with its doubled quotes replaced, and the text after its closing quote.
 fn take_quoted(inside: &str) -> Result<(String, &str), InputErrorKind> {
     let mut content = String::new();
     let mut rest = inside;

@@ -1,7 +1,7 @@
-//! The one place through which the files of users are opened.
+//! Opens all files given by users.
 //!
-//! An input is a regular file of bounded size: a pipe or a device would hang or be read without end. Where a user would pipe, the path
-//! [`STDIN`] stands for standard input. Only videos, banks and columnar models, which are read in parts, may be of any length.
+//! An input is a regular file of limited size, because a pipe or a device could block or never end. For piped data, the path [`STDIN`]
+//! denotes standard input. Only videos, banks and columnar models, which are read in parts, may have any length.
 
 use std::{
     fs::{self, File, FileType},
@@ -9,13 +9,13 @@ use std::{
     path::Path,
 };
 
-/// The path that stands for standard input where pipes are taken.
+/// The path that denotes standard input.
 pub const STDIN: &str = "-";
 
-/// Most bytes of a file that is read whole: a gibibyte, ten times the landmarks of an hour of video.
+/// Largest file that is read as a whole, bytes: a gibibyte, ten times the landmarks of an hour of video.
 pub const MAX_BYTES: u64 = 1 << 30;
 
-/// Whether a path stands for standard input.
+/// Whether a path denotes standard input.
 #[must_use]
 pub fn is_stdin(path: &Path) -> bool {
     path.as_os_str() == STDIN
@@ -26,7 +26,7 @@ pub fn is_stdin(path: &Path) -> bool {
 /// # Errors
 /// [`io::Error`] when it cannot be opened or is a folder, a pipe, a socket or a device.
 pub fn open_file(path: &Path) -> io::Result<File> {
-    // Asked before opening: opening a pipe waits for a writer.
+    // Checked before opening: opening a pipe waits for a writer.
     check_regular(fs::metadata(path)?.file_type())?;
     let file = File::open(path)?;
     check_regular(file.metadata()?.file_type())?;
@@ -43,14 +43,14 @@ pub fn read(path: &Path) -> io::Result<Vec<u8>> {
     bounded(file, length)
 }
 
-/// BLAKE3 of a file, in hexadecimal; `None` when it cannot be read, as for what is embedded.
+/// BLAKE3 of a file, in hexadecimal; `None` when it cannot be read, as for embedded files.
 pub fn file_blake3(path: &Path) -> Option<String> {
     let mut hasher = blake3::Hasher::new();
     hasher.update_reader(open_file(path).ok()?).ok()?;
     Some(hasher.finalize().to_hex().to_string())
 }
 
-/// As [`read`], and standard input for the path [`STDIN`].
+/// As [`read`]; the path [`STDIN`] reads standard input.
 ///
 /// # Errors
 /// As [`read`].
@@ -58,7 +58,7 @@ pub fn read_or_stdin(path: &Path) -> io::Result<Vec<u8>> {
     if is_stdin(path) { bounded(io::stdin().lock(), 0) } else { read(path) }
 }
 
-/// As [`open_file`], and for the path [`STDIN`] a temporary copy of standard input, which takes as much disk as the input is long.
+/// As [`open_file`]; for the path [`STDIN`] it opens a temporary copy of standard input, which needs as much disk space as the input.
 ///
 /// # Errors
 /// As [`open_file`], and when the copy cannot be written.
@@ -81,7 +81,7 @@ fn bounded(reader: impl Read, length: u64) -> io::Result<Vec<u8>> {
         return Err(too_large(length.to_string()));
     }
     let mut bytes = Vec::with_capacity(usize::try_from(length).unwrap_or(0));
-    // The length may be 0 where the file is not, and the file may grow.
+    // The stated length may be 0 for a non-empty file, and the file may grow.
     reader.take(MAX_BYTES + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > MAX_BYTES {
         return Err(too_large(format!("more than {MAX_BYTES}")));
@@ -125,7 +125,7 @@ mod tests {
         assert_eq!(read(&path).unwrap(), b"text");
         assert_eq!(read(folder.path()).unwrap_err().to_string(), "it is a folder; a regular file was expected");
         assert_eq!(read(&folder.path().join("none")).unwrap_err().kind(), io::ErrorKind::NotFound);
-        // A file with a hole takes no disk.
+        // A sparse file needs no disk space.
         File::create(&path).unwrap().set_len(MAX_BYTES + 1).unwrap();
         assert_eq!(read(&path).unwrap_err().to_string(), "it has 1073741825 bytes, more than the limit of 1073741824");
         assert!(open_file(&path).is_ok(), "what is read in parts may be long");

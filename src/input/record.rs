@@ -1,10 +1,10 @@
-//! Records in JSON that say the version of their layout.
+//! Reads JSON records with a layout version.
 
 use std::path::Path;
 
 use serde::{Deserialize, de::DeserializeOwned};
 
-/// Why a record does not read.
+/// Why a record cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
     /// Written by a later version, in another layout.
@@ -12,7 +12,7 @@ pub enum RecordError {
     Newer {
         /// Its version.
         found: u64,
-        /// The newest that is read.
+        /// The newest supported version.
         reads: u32,
     },
     /// No such record.
@@ -29,7 +29,7 @@ pub fn read_record<T: DeserializeOwned>(bytes: &[u8], reads: u32) -> Result<T, R
     struct Version {
         schema_version: Option<serde_json::Number>,
     }
-    // What has another version may have another layout: it is looked at first.
+    // The version is read first, because another version may have another layout.
     let version = serde_json::from_slice::<Version>(bytes).ok().and_then(|v| v.schema_version);
     match version.and_then(|number| number.as_u64()) {
         Some(found) if found > u64::from(reads) => Err(RecordError::Newer { found, reads }),
@@ -37,10 +37,10 @@ pub fn read_record<T: DeserializeOwned>(bytes: &[u8], reads: u32) -> Result<T, R
     }
 }
 
-/// The record in a file, if there is one that reads: a damaged one is of nothing that is finished.
+/// Reads the record in a file, if there is a valid one. A damaged record means that the work was not completed, and counts as absent.
 ///
 /// # Errors
-/// [`RecordError::Newer`] alone.
+/// Only [`RecordError::Newer`].
 pub fn record_at<T: DeserializeOwned>(path: &Path, reads: u32) -> Result<Option<T>, RecordError> {
     let Ok(bytes) = super::read(path) else { return Ok(None) };
     match read_record(&bytes, reads) {

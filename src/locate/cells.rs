@@ -1,4 +1,4 @@
-//! Gradients in eight directions, blurred into cells, and what they look like around a point.
+//! Gradients in eight directions, blurred into cells, and descriptors of the cells around a point.
 
 use super::{
     picture::View,
@@ -9,39 +9,39 @@ use crate::simd::widest;
 /// Directions of gradients, 45 degrees apart.
 pub const DIRECTIONS: usize = 8;
 
-/// Gradient strength per direction.
+/// Gradient strength for each direction.
 pub type Cell = [f32; DIRECTIONS];
 
-/// Added to grey values before the logarithm: darker differences are noise.
+/// Added to grey values before the logarithm: smaller differences of dark pixels are noise.
 const DARK: f32 = 12.0;
 
 const DIAGONAL: f32 = std::f32::consts::FRAC_1_SQRT_2;
 
-/// Cosine and sine of the first four directions; the other four are opposite.
+/// Cosine and sine of the first four directions; the other four are opposite to them.
 const TURNS: [[f32; 2]; 4] = [[1.0, 0.0], [DIAGONAL, DIAGONAL], [0.0, 1.0], [-DIAGONAL, DIAGONAL]];
 
-/// What is read around a point: `side` x `side` cells, `cell` eye distances apart, at `size` px between the pupils, blurred twice by a
-/// box of 2 `blur` + 1 px.
+/// Geometry of a descriptor around a point: `side` x `side` cells, `cell` eye distances apart, at `size` px between the pupils, blurred
+/// twice by a box of 2 `blur` + 1 px.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Patch {
-    /// Pixels between the pupils.
+    /// Scale of the picture: px between the pupils.
     pub size: f32,
-    /// Distance of cells, over the eye distance.
+    /// Distance between cells, over the eye distance.
     pub cell: f32,
-    /// Cells across and down.
+    /// Number of cells across and down.
     pub side: usize,
     /// Half width of the blur, px.
     pub blur: usize,
 }
 
 impl Patch {
-    /// Numbers per point.
+    /// Returns the number of values per point.
     pub const fn len(&self) -> usize {
         self.side * self.side * DIRECTIONS
     }
 }
 
-/// Gradients of grey values by direction: the strength times the cube of the cosine to each direction, none below 0.
+/// Returns gradients of grey values by direction: the strength times the cube of the cosine to each direction, none below 0.
 #[inline(always)]
 pub fn gradients(values: &[f32], width: usize, height: usize) -> Vec<Cell> {
     let logs: Vec<f32> = values.iter().map(|v| (v + DARK).ln()).collect();
@@ -68,7 +68,8 @@ pub fn gradients(values: &[f32], width: usize, height: usize) -> Vec<Cell> {
     cells
 }
 
-/// Means over 2 `radius` + 1 cells along lines: `count` lines of `length` cells, `step` apart within a line, `next` between lines.
+/// Replaces cells by means over 2 `radius` + 1 cells along lines: `count` lines of `length` cells, `step` apart within a line, `next`
+/// between lines.
 #[inline(always)]
 fn blur_lines(cells: &mut [Cell], buffer: &mut Vec<Cell>, lines: (usize, usize), line: (usize, usize), radius: usize) {
     let ((count, next), (length, step)) = (lines, line);
@@ -113,8 +114,8 @@ pub struct CellMap {
 }
 
 impl CellMap {
-    /// Reads the part of a view in which `points` (canonical) and their patches lie; `placement` leads from the canonical frame to pixels
-    /// of the view.
+    /// Reads the part of a view that contains `points` (canonical) and their patches. `placement` maps the canonical frame to pixels of the
+    /// view.
     pub fn new(view: View<'_>, placement: Placement, patch: &Patch, points: &[Point]) -> Self {
         widest(
             #[inline(always)]
@@ -125,7 +126,7 @@ impl CellMap {
     #[inline(always)]
     fn read(view: View<'_>, placement: Placement, patch: &Patch, points: &[Point]) -> Self {
         let margin = patch.cell * patch.side as f32 * 0.5 + (2 * patch.blur + 2) as f32 / patch.size;
-        // Points that ran away must not ask for a picture without end.
+        // Bounds the picture when points diverge.
         let bound = |low: f32, high: f32| (low.clamp(-1.7, 1.7) - margin, high.clamp(-1.7, 2.6) + margin);
         let range = |axis: usize| {
             let (low, high) = points.iter().fold((f32::MAX, f32::MIN), |(l, h), p| (l.min(p[axis]), h.max(p[axis])));
@@ -146,7 +147,7 @@ impl CellMap {
         Self { width, height, size: patch.size, corner: [left, top], cells }
     }
 
-    /// Appends the cells around a canonical point: normalized, clipped, normalized again, square roots.
+    /// Appends the descriptor of a canonical point: the cells around it, normalized, clipped, normalized again, square roots.
     pub fn describe(&self, at: Point, patch: &Patch, out: &mut Vec<f32>) {
         widest(
             #[inline(always)]
@@ -189,7 +190,7 @@ fn add(sums: &mut [Cell], row: &[Cell], sign: f32) {
     }
 }
 
-/// As [`blur_lines`] down the columns, a row at a time.
+/// Same as [`blur_lines`] down the columns, one row at a time.
 #[inline(always)]
 fn blur_columns(source: &[Cell], out: &mut [Cell], width: usize, height: usize, radius: usize) {
     let share = 1.0 / (2 * radius + 1) as f32;
@@ -213,7 +214,7 @@ fn blur_columns(source: &[Cell], out: &mut [Cell], width: usize, height: usize, 
     }
 }
 
-/// Length 1, no part above a quarter, about length 1 again, square roots: light and contrast matter no more.
+/// Normalizes to length 1, clips at a quarter, normalizes again approximately, and takes square roots: removes light and contrast.
 #[inline(always)]
 pub fn normalize(values: &mut [f32]) {
     let length = |values: &[f32]| values.iter().map(|v| v * v).sum::<f32>().sqrt();

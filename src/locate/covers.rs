@@ -1,35 +1,35 @@
-//! Whether a part of a face is to be seen: a mask, a hand, a scarf or dark glasses hide what the other stages lay points on all the same.
+//! Detects covered parts of a face: a mask, a hand, a scarf or dark glasses, under which the other stages still place points.
 //!
-//! What the local stages read around each point is held against what they read where points were to be seen and where something covered them; then
-//! all points are heard together, for what covers one mostly covers its neighbours. Where a point is hidden, its error is not that of a
-//! reading but of a guess from the rest of the face, and that is what is expected of it.
+//! The descriptors that the local stages read around each point are classified as visible or covered. A second linear step combines all
+//! points, because a cover mostly hides neighbouring points too. The position of a hidden point is a guess from the rest of the face; its
+//! expected error is set accordingly.
 
 use super::{linear::dot, part::FacePart, points};
 
-/// From here on upwards a point counts as seen, from the second down as hidden; between, in part.
+/// Value from which a point counts as visible. Below [`HIDDEN`] it counts as hidden; between the two, partly.
 const SEEN: f32 = 0.5;
 /// See [`SEEN`].
 const HIDDEN: f32 = -0.8;
 
-/// What was learned of covered faces. Whether a point is seen is a number: about 1 where it is, about -1 where something covers it.
+/// Learned weights for covered faces. The visibility of a point is a number: about 1 if visible, about -1 if covered.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CoverStage {
-    /// Points x numbers that the local stages read around one.
+    /// Weights of the local stages' descriptors: points x numbers per point.
     pub weights: Vec<f32>,
     /// Constant of each point.
     pub base: Vec<f32>,
-    /// What all points say of each, square.
+    /// Square matrix that combines the values of all points.
     pub mix: Vec<f32>,
-    /// Constant of each point after that.
+    /// Constant of each point in that combination.
     pub mix_base: Vec<f32>,
-    /// Error to expect of each point that is hidden, over the eye distance.
+    /// Expected error of each point if hidden, over the eye distance.
     pub errors: Vec<f32>,
-    /// Below which mean of its points a part is covered, in the order of [`FacePart::ALL`].
+    /// Mean visibility of its points below which a part is covered, in the order of [`FacePart::ALL`].
     pub limits: Vec<f32>,
 }
 
 impl CoverStage {
-    /// What each point of a view says by itself; `looks` is what each local stage read, the points one after the other.
+    /// Returns the value of each point of a view by itself. `looks`: descriptors of each local stage, the points one after the other.
     pub fn say(&self, looks: &[Vec<f32>]) -> Vec<f32> {
         let count = self.base.len();
         let mut weights = self.weights.as_slice();
@@ -44,19 +44,19 @@ impl CoverStage {
         said
     }
 
-    /// Whether each point is seen, from what the points of both readings say.
+    /// Returns the visibility of each point, from the values of both readings.
     pub fn seen(&self, [plain, mirrored]: [&[f32]; 2]) -> Vec<f32> {
         let mean: Vec<f32> = plain.iter().zip(mirrored).map(|(p, q)| 0.5 * (p + q)).collect();
         self.mix.chunks_exact(mean.len().max(1)).zip(&self.mix_base).map(|(row, base)| base + dot(row, &mean)).collect()
     }
 
-    /// The parts that are covered.
+    /// Returns the covered parts.
     pub fn covered(&self, seen: &[f32]) -> Vec<FacePart> {
         let parts = FacePart::ALL.into_iter().zip(&self.limits);
         parts.filter(|(part, limit)| part_seen(*part, seen) < **limit).map(|(part, _)| part).collect()
     }
 
-    /// The error to expect of a point of which `expected` would be if it were seen, over the eye distance.
+    /// Returns the expected error of a point over the eye distance, given its expected error if visible, `expected`.
     pub fn expect(&self, point: usize, seen: &[f32], expected: f32) -> f32 {
         let seen = seen.get(point).copied().unwrap_or(SEEN);
         let share = ((SEEN - seen) / (SEEN - HIDDEN)).clamp(0.0, 1.0);
@@ -65,7 +65,7 @@ impl CoverStage {
     }
 }
 
-/// Mean over the points of a part.
+/// Returns the mean visibility over the points of a part.
 pub fn part_seen(part: FacePart, seen: &[f32]) -> f32 {
     let own = points().iter().zip(seen).filter(|(point, _)| FacePart::of(point) == Some(part));
     let (sum, count) = own.fold((0.0, 0), |(sum, count), (_, seen)| (sum + seen, count + 1));
@@ -76,7 +76,7 @@ pub fn part_seen(part: FacePart, seen: &[f32]) -> f32 {
 mod tests {
     use super::*;
 
-    /// A stage of which each point says the first number that the first local stage reads, minus twice the first of the second.
+    /// A stage in which the value of each point is the first number of the first local stage minus twice the first of the second.
     fn stage() -> CoverStage {
         let count = points().len();
         let first = std::iter::repeat_n([1.0, 0.0], count).flatten();
@@ -98,7 +98,7 @@ mod tests {
         let count = points().len();
         let said = stage().say(&[[3.0, 9.0].repeat(count), [0.5, 9.0].repeat(count)]);
         assert_eq!(said, vec![0.25 + 3.0 - 1.0; count]);
-        // Both readings count the same.
+        // Both readings have the same weight.
         assert_eq!(stage().seen([&said, &vec![0.25; count]]), vec![1.25; count]);
     }
 
@@ -120,10 +120,10 @@ mod tests {
     fn the_less_is_seen_of_a_point_the_nearer_its_error_is_to_that_of_a_guess() {
         let expect = |seen: f32, expected: f32| stage().expect(0, &[seen], expected);
         assert_eq!((expect(0.6, 0.01), expect(2.0, 0.2)), (0.01, 0.2));
-        // Half way between 0.5 and -0.8 it is the root of 0.01 times 0.09.
+        // Half way between 0.5 and -0.8, the error is the root of 0.01 times 0.09.
         approx::assert_relative_eq!(expect(-0.15, 0.01), 0.03, epsilon = 1e-5);
         approx::assert_relative_eq!(expect(-1.5, 0.01), 0.09, epsilon = 1e-6);
-        // What is read worse than a guess stays so.
+        // An expected error larger than that of a guess is kept.
         approx::assert_relative_eq!(expect(-1.5, 0.2), 0.2, epsilon = 1e-6);
     }
 }

@@ -1,11 +1,11 @@
-//! What errors to expect of a reading, from how it went.
+//! Expected errors of located points, from properties of their reading.
 
 use super::{
     model::ErrorModel,
     shape::{Shape, distance},
 };
 
-/// What one reading of a face gave.
+/// Result of one reading of a face.
 #[derive(Clone, Debug)]
 pub struct Reading {
     /// The points, pixels of the picture.
@@ -14,20 +14,21 @@ pub struct Reading {
     pub score: f32,
     /// Length of each point's last step, eye distances.
     pub last_step: Vec<f32>,
-    /// How far each point by itself would have gone elsewhere in the last stage, eye distances.
+    /// Distance from each point's own prediction to the combined one in the last stage, eye distances.
     pub dissent: Vec<f32>,
-    /// What each point says of whether it is to be seen; empty where that was not learned.
+    /// Visibility value of each point by itself; empty if the model has no cover stage.
     pub seen: Vec<f32>,
 }
 
-/// Least length that signs tell apart, eye distances.
+/// Smallest length that the features distinguish, eye distances.
 const FLOOR: f32 = 0.003;
 
-/// Numbers of [`signs`].
+/// Number of features of [`signs`].
 pub const SIGNS: usize = 6;
 
-/// How a point of two readings of a face went: logarithms of how far the two are apart, at the point and over all points, of the last
-/// step, of the dissent from the shape at the point, and of the eye distance in pixels; and the verifier's score.
+/// Returns the features of a point in two readings of a face. They are logarithms of the distance between the readings (at the point, and
+/// over all points), of the last step, of the point's deviation from the combined prediction, and of the eye distance in px; and the
+/// verifier's score.
 pub fn signs(point: usize, apart: &[f32], readings: [&Reading; 2], eye_distance: f32) -> [f32; SIGNS] {
     let log = |value: f32| (value + FLOOR).ln();
     let mean = |values: &[f32]| values.iter().sum::<f32>() / values.len().max(1) as f32;
@@ -45,25 +46,25 @@ pub fn signs(point: usize, apart: &[f32], readings: [&Reading; 2], eye_distance:
     ]
 }
 
-/// Largest share of the eye distance that is ever expected.
+/// Largest expected error, over the eye distance.
 const MOST: f32 = 0.5;
 
 impl ErrorModel {
-    /// Logarithm of the error before calibration.
+    /// Returns the logarithm of the error before calibration.
     pub fn sum(&self, point: usize, signs: &[f32; SIGNS]) -> f32 {
         let slopes: f32 = self.slopes.iter().zip(signs).map(|(a, b)| a * b).sum();
         self.intercepts.get(point).copied().unwrap_or(0.0) + slopes
     }
 
-    /// The error to expect, over the eye distance: half of such points are further off, half less.
+    /// Returns the expected error over the eye distance: half of such points are closer, half further away.
     pub fn expect(&self, point: usize, signs: &[f32; SIGNS]) -> f32 {
         let sum = self.sum(point, signs);
-        // What hardly looks like a face is read with larger errors than any face here had.
+        // A face with a very low score has larger errors than any face of the calibration.
         let strange = (self.low_score - signs[SIGNS - 1]).max(0.0);
         (self.calibrated(sum) + 1.5 * strange).exp().min(MOST)
     }
 
-    /// The errors to expect of all points of two readings, over the eye distance, each looked at by itself; `eye_distance` in px.
+    /// Returns the expected errors of all points of two readings, over the eye distance, each computed separately; `eye_distance` in px.
     pub fn expect_all(&self, readings: [&Reading; 2], eye_distance: f32) -> Vec<f32> {
         let pairs = readings[0].shape.iter().zip(&readings[1].shape);
         let apart: Vec<f32> = pairs.map(|(&p, &q)| distance(p, q) / eye_distance).collect();

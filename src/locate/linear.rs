@@ -1,10 +1,10 @@
-//! Sums that come out alike on every machine and still keep its vector units busy.
+//! Sums that are the same on every machine and still use its vector units.
 
 use crate::simd::widest;
 
 const LANES: usize = 16;
 
-/// Scalar product of two vectors of the same length.
+/// Returns the scalar product of two vectors of the same length.
 pub fn dot(a: &[f32], b: &[f32]) -> f32 {
     widest(
         #[inline(always)]
@@ -12,7 +12,7 @@ pub fn dot(a: &[f32], b: &[f32]) -> f32 {
     )
 }
 
-/// [`dot`] for what runs within [`widest`] already.
+/// [`dot`] for code that already runs within [`widest`].
 #[inline(always)]
 pub fn product(a: &[f32], b: &[f32]) -> f32 {
     let mut sums = [0.0_f32; LANES];

@@ -1,7 +1,7 @@
-//! Parted lips: the other stages were learned on closed mouths, and lay the lower lip's inner edge on the teeth.
+//! Detects parted lips: the training data of the other stages has closed mouths, so they put the lower lip's inner edge on the teeth.
 //!
-//! Grey values are read along five lines that cross both lips, from above the upper one to below the lower one. One regression says how far
-//! the lips are apart; where that is further than it says of nearly any closed mouth, a second one says where all their edges are.
+//! Grey values are read along five lines across both lips, from above the upper one to below the lower one. One regression gives the
+//! distance between the lips. If it exceeds that of nearly all closed mouths, a second regression gives the positions of all edges.
 
 use super::{
     PUPILS,
@@ -14,60 +14,60 @@ use super::{
 };
 use crate::units::NodeId;
 
-/// Where lips meet the skin and each other along a line, as nodes: upper lip's upper and lower edge, lower lip's upper and lower edge. The
-/// subject's left half, the middle, the right half.
+/// Nodes of the lip edges on each line: upper lip's upper and lower edge, lower lip's upper and lower edge. Lines: the subject's left half,
+/// the middle, the right half.
 pub const LINES: [[NodeId; EDGES]; 3] = [
     [NodeId(79), NodeId(81), NodeId(83), NodeId(85)],
     [NodeId(7), NodeId(87), NodeId(40), NodeId(8)],
     [NodeId(80), NodeId(82), NodeId(84), NodeId(86)],
 ];
 
-/// Lines that are read: those of [`LINES`], and one between each two.
+/// Number of lines that are read: those of [`LINES`], and one between each two.
 const READ_LINES: usize = 2 * LINES.len() - 1;
-/// Places that are read on a line, from before its beginning to behind its end.
+/// Number of samples on a line, from before its start to after its end.
 const PLACES: usize = 25;
 const RANGE: (f32, f32) = (-0.3, 1.3);
-/// Added to grey values before the logarithm: darker differences are noise.
+/// Added to grey values before the logarithm: smaller differences of dark pixels are noise.
 const DARK: f32 = 12.0;
 
-/// Mouths of smaller faces are not looked at, px between the pupils: light on a lower lip and teeth are alike there.
+/// Smallest eye distance, px, at which mouths are examined: on smaller faces a bright lower lip looks like teeth.
 pub const LEAST_EYE_DISTANCE: f32 = 45.0;
 
-/// Gradient cells around the middle of each line, and what they count beside grey values.
+/// Gradient cells around the middle of each line, and their weight relative to grey values.
 const PATCH: Patch = Patch { size: 72.0, cell: 0.055, side: 6, blur: 2 };
 const CELL_WEIGHT: f32 = 4.0;
 
-/// Numbers of [`read_mouth`]: grey values, their differences, and cells.
+/// Number of values of [`read_mouth`]: grey values, their differences, and cells.
 pub const LENGTH: usize = READ_LINES * (2 * PLACES - 1 + PATCH.len());
-/// Numbers predicted: the distance of the lips in the middle over the eye distance, then for each of [`LINES`] the places of its four edges
-/// on it, 0 at its beginning and 1 at its end, as these were found.
+/// Number of predicted values: the distance between the lips in the middle over the eye distance, then for each of [`LINES`] the positions
+/// of its four edges on it, 0 at its start and 1 at its end as located.
 pub const PREDICTED: usize = 1 + EDGES * LINES.len();
-/// Edges on a line.
+/// Number of edges on a line.
 pub const EDGES: usize = 4;
-/// Edges are not looked for beyond these places.
+/// Bounds of the predicted edge positions.
 const BEYOND: (f32, f32) = (-0.5, 1.6);
 
-/// What was learned of lips.
+/// Learned weights for lips.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LipStage {
-    /// Means of what is read.
+    /// Means of the values read.
     pub offset: Vec<f32>,
-    /// [`PREDICTED`] rows of [`LENGTH`] numbers; the first serves all mouths, the others open ones.
+    /// [`PREDICTED`] rows of [`LENGTH`] weights; the first applies to all mouths, the others to open ones.
     pub weights: Vec<f32>,
-    /// Means of what is predicted.
+    /// Means of the predicted values.
     pub base: Vec<f32>,
-    /// From which predicted distance lips are parted, over the eye distance.
+    /// Predicted distance from which lips are parted, over the eye distance.
     pub parted_from: f32,
-    /// Half of the edges of parted lips are further off than this, over the eye distance.
+    /// Median error of the edges of parted lips, over the eye distance.
     pub expected_error: f32,
 }
 
-/// Where the points of [`LINES`] are in [`points()`].
+/// Returns the indices in [`points()`] of the points of [`LINES`].
 pub fn line_points() -> [[usize; EDGES]; LINES.len()] {
     LINES.map(|line| line.map(|node| points().iter().position(|p| p.node == Some(node)).unwrap_or_default()))
 }
 
-/// Beginning and end of each of [`LINES`].
+/// Returns start and end of each of [`LINES`].
 fn ends(shape: &[Point]) -> [[Point; 2]; LINES.len()] {
     line_points().map(|[upper, _, _, lower]| [shape[upper], shape[lower]])
 }
@@ -76,15 +76,15 @@ fn between(p: Point, q: Point, share: f32) -> Point {
     [p[0] + (q[0] - p[0]) * share, p[1] + (q[1] - p[1]) * share]
 }
 
-/// Where on the line from `start` to `end` a point is: 0 at its beginning, 1 at its end.
+/// Returns the position of a point along the line from `start` to `end`: 0 at the start, 1 at the end.
 fn along([start, end]: [Point; 2], p: Point) -> f32 {
     let (way, to) = ([end[0] - start[0], end[1] - start[1]], [p[0] - start[0], p[1] - start[1]]);
     (way[0] * to[0] + way[1] * to[1]) / (way[0] * way[0] + way[1] * way[1]).max(f32::MIN_POSITIVE)
 }
 
-/// What is read at the mouth of a shape (pixels of the view): on each line, from the subject's left to the right, the logarithms of grey
-/// values with mean 0 and deviation 1 over all lines, twice their differences along the line, and gradient cells around its middle; `mean`
-/// is the mean face.
+/// Returns the values read at the mouth of a shape (pixels of the view). On each line, from the subject's left to the right: logarithms of
+/// grey values with mean 0 and standard deviation 1 over all lines, twice their differences along the line, and gradient cells around its
+/// middle. `mean` is the mean face.
 fn read_mouth(view: View<'_>, mean: &[Point], shape: &[Point]) -> Vec<f32> {
     let ends = ends(shape);
     let line = |k: usize| {
@@ -112,13 +112,13 @@ fn read_mouth(view: View<'_>, mean: &[Point], shape: &[Point]) -> Vec<f32> {
     values
 }
 
-/// [`read_mouth`] of a picture as it is and in the mirror; `shape` is in pixels of the picture.
+/// Returns [`read_mouth`] of a picture and of its mirror image; `shape` is in pixels of the picture.
 pub fn read_both(picture: &Picture, mean: &[Point], shape: &[Point]) -> [Vec<f32>; 2] {
     let mirror = picture.view(true);
     [read_mouth(picture.view(false), mean, shape), read_mouth(mirror, mean, &mirror.turn_shape(shape))]
 }
 
-/// What a regression should say of lips whose points are known: `shape` was found, `truth` is right (pixels).
+/// Returns the target of the regressions for lips with known points: `shape` is located, `truth` is correct (pixels).
 pub fn wanted(shape: &[Point], truth: &[Point]) -> [f32; PREDICTED] {
     let unit = distance(truth[PUPILS[0]], truth[PUPILS[1]]).max(f32::MIN_POSITIVE);
     let (ends, lines) = (ends(shape), line_points());
@@ -133,13 +133,13 @@ pub fn wanted(shape: &[Point], truth: &[Point]) -> [f32; PREDICTED] {
     numbers
 }
 
-/// Signed distance of the inner edges along a line, px.
+/// Returns the signed distance between the inner edges along a line, px.
 fn gap(upper: Point, lower: Point, line: [Point; 2]) -> f32 {
     (along(line, lower) - along(line, upper)) * distance(line[0], line[1])
 }
 
 impl LipStage {
-    /// What a reading says of the mouth: a number of [`PREDICTED`] each.
+    /// Returns the [`PREDICTED`] values for the values read.
     pub fn say(&self, read: &[f32]) -> [f32; PREDICTED] {
         let centred: Vec<f32> = read.iter().zip(&self.offset).map(|(v, o)| v - o).collect();
         let mut said = [0.0; PREDICTED];
@@ -149,8 +149,8 @@ impl LipStage {
         said
     }
 
-    /// Where the edges of the lips are (index of the point among [`points()`], pixels of the picture), if they are parted; `shape` is in
-    /// pixels of the picture, `mean` the mean face.
+    /// Returns the edges of the lips (index among [`points()`], pixels of the picture) if they are parted. `shape` is in pixels of the
+    /// picture, `mean` is the mean face.
     pub fn parted(&self, picture: &Picture, mean: &[Point], shape: &Shape) -> Option<Vec<(usize, Point)>> {
         if distance(shape[PUPILS[0]], shape[PUPILS[1]]) < LEAST_EYE_DISTANCE {
             return None;
@@ -167,7 +167,7 @@ impl LipStage {
             let mut above = BEYOND.0;
             for (edge, point) in line.into_iter().enumerate() {
                 let said = 0.5 * (plain[1 + EDGES * k + edge] + mirrored[1 + EDGES * other + edge]);
-                // One edge lies below the other.
+                // Edges are kept in order from top to bottom.
                 above = said.max(above).min(BEYOND.1);
                 let step = above - along(ends[k], shape[point]);
                 moved.push((point, [shape[point][0] + step * (end[0] - start[0]), shape[point][1] + step * (end[1] - start[1])]));
@@ -194,7 +194,7 @@ mod tests {
         shape
     }
 
-    /// The same, pupils 1 apart.
+    /// The same with the pupils 1 apart.
     fn mean() -> Shape {
         mouth().iter().map(|p| [(p[0] - 100.0) / 100.0, p[1] / 100.0]).collect()
     }
@@ -202,14 +202,14 @@ mod tests {
     #[test]
     fn lines_are_read_alike_in_any_light_and_mirrored() {
         let paint = |factor: f32| {
-            // Dark enough that nothing is cut, and so far from black that the logarithm's constant does little.
+            // Dark enough that nothing is clipped, and bright enough that the logarithm's constant has little effect.
             GrayImage::from_fn(200, 120, |x, y| Luma([((40.0 + (x / 2) as f32 + (y % 50) as f32) * factor) as u8]))
         };
         let (shape, mean) = (mouth(), mean());
         let [plain, brighter] = [1.0, 1.5].map(|f| read_mouth(Picture::new(&paint(f)).unwrap().view(false), &mean, &shape));
         assert_eq!(plain.len(), LENGTH);
         assert!(plain.iter().zip(&brighter).all(|(a, b)| (a - b).abs() < 0.15), "light goes");
-        // The subject's left, where the picture is brighter, comes first; in the mirror the other side is the left one.
+        // The subject's left, the brighter side of the picture, comes first; mirrored, the other side is the left one.
         let [plain, mirrored] = read_both(&Picture::new(&paint(1.0)).unwrap(), &mean, &shape);
         let last = (READ_LINES - 1) * PLACES;
         assert!(plain[0] > plain[last] && mirrored[0] < mirrored[last], "{} {}", plain[0], mirrored[0]);
@@ -221,7 +221,7 @@ mod tests {
         let says = |gap: f32| LipStage {
             offset: vec![0.0; LENGTH],
             weights: vec![0.0; PREDICTED * LENGTH],
-            // The subject's left half opens further down than the right one: the mean of both ways of reading is between.
+            // The subject's left half opens further down than the right one: the mean of both readings is between.
             base: vec![gap, 0.0, 0.4, 0.9, 1.1, 0.0, 0.5, 0.75, 1.0, 0.0, 0.4, 0.7, 0.9],
             parted_from: 0.05,
             expected_error: 0.01,

@@ -1,10 +1,13 @@
-//! Faces and their points, found without a click.
+//! Locates faces and their points automatically.
 //!
-//! A linear template over gradient cells says where faces may be; joint stages place all points together at each such place; a linear
-//! verifier says whether that is a face; local stages let each point look around itself. Each face is read twice, once in the mirror:
-//! the points are the mean of both, and how far the two are apart tells, with other signs, the error to expect. Everything is learned by
-//! [`learn`] from hand-set points; what was learned ships with the program. Hand-set points are there of closed mouths only, so a last
-//! stage looks whether the lips are parted, and where their edges are then.
+//! 1. A linear template over gradient cells proposes positions of faces.
+//! 2. Joint stages place all points together at each proposal.
+//! 3. A linear verifier accepts or rejects the face.
+//! 4. Local stages refine each point from its own neighbourhood.
+//! 5. A last stage detects parted lips and places their edges, because the hand-set training points are of closed mouths only.
+//!
+//! Each face is read twice, once mirrored. The points are the mean of both readings; the distance between the readings gives, with other
+//! features, the expected error. All stages are learned by [`learn`] from hand-set points; the learned model ships with the program.
 
 pub mod learn;
 
@@ -39,19 +42,19 @@ use shape::{Placement, Shape, distance};
 use stages::Placed;
 use template::{Candidate, Search, best, best_first, scored};
 
-/// Score of the verifier from which a place counts as a face.
+/// Smallest score of the verifier at which a position counts as a face.
 pub const LEAST_SCORE: f32 = 0.0;
 
 /// Median expected error, over the eye distance, up to which a face is trusted.
 pub const TRUSTED: f64 = 0.035;
 
-/// A face that is read starts its second reading this much larger (logarithm) and this far off, eye distances.
+/// Change of size (logarithm) and position (eye distances) with which the second reading of a face starts.
 const SECOND_START: (f32, f32) = (0.05, 0.03);
 
-/// Where one of this many candidates is a face of its own, more of them are looked at.
+/// More candidates are examined when at least one in this many is a separate face.
 const CROWDED: usize = 4;
 
-/// What to look for.
+/// Options of the search.
 ///
 /// ```
 /// use grimace::locate::{LocateOptions, Locator};
@@ -64,11 +67,11 @@ const CROWDED: usize = 4;
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LocateOptions {
-    /// Most faces of a picture.
+    /// Largest number of faces per picture.
     pub most_faces: usize,
     /// Smallest eye distance, px; `None` for a share of the picture's longer side.
     pub least_eye_distance: Option<f64>,
-    /// Whether small faces are looked for beside large ones, too; else only where there are no large ones.
+    /// Whether small faces are searched for in addition to large ones; otherwise only if there are no large ones.
     pub every_size: bool,
 }
 
@@ -78,9 +81,9 @@ impl Default for LocateOptions {
     }
 }
 
-/// A point that was found.
+/// A located point.
 ///
-/// A point that was found serves as a mark, with the error to expect of it.
+/// It can serve as a mark, with its expected error.
 /// ```
 /// use grimace::{correspondence::Correspondence, locate::{LocateOptions, LocatedPoint, Locator}, sequence::read_frame};
 ///
@@ -95,13 +98,13 @@ impl Default for LocateOptions {
 pub struct LocatedPoint {
     /// The node.
     pub node: NodeId,
-    /// Where it is, image pixels.
+    /// Position, image pixels.
     pub position: Point2<f64>,
-    /// Half of such points are further off than this, half less; px.
+    /// Expected error, px: half of such points are closer, half further away.
     pub expected_error: f64,
 }
 
-/// A face that was found.
+/// A located face.
 ///
 /// ```
 /// use grimace::{locate::{LocateOptions, Locator}, sequence::read_frame};
@@ -117,27 +120,27 @@ pub struct LocatedPoint {
 pub struct LocatedFace {
     /// Its points, by node.
     pub points: Vec<LocatedPoint>,
-    /// All points that the locator knows, in its own order, image pixels.
+    /// All points of the locator, in its own order, image pixels.
     pub shape: Vec<Point2<f64>>,
-    /// The error to expect of each of these, px.
+    /// Expected error of each point of `shape`, px.
     pub expected_errors: Vec<f64>,
     /// Distance of the pupils, px.
     pub eye_distance: f64,
-    /// Score of the verifier; the higher the more like a face.
+    /// Score of the verifier; higher scores are more face-like.
     pub score: f64,
-    /// Parts that something covers: their points are guessed from the rest of the face, and so are their expected errors.
+    /// Covered parts: their points are guesses from the rest of the face, with expected errors to match.
     pub covered: Vec<FacePart>,
 }
 
 impl LocatedFace {
-    /// Median expected error over the eye distance.
+    /// Returns the median expected error over the eye distance.
     pub fn expected_error(&self) -> f64 {
         let mut errors = self.expected_errors.clone();
         errors.sort_by(f64::total_cmp);
         errors.get(errors.len() / 2).map_or(1.0, |e| e / self.eye_distance.max(f64::MIN_POSITIVE))
     }
 
-    /// Median expected error of the points of parts, over the eye distance; 0 of none.
+    /// Returns the median expected error of the points of parts, over the eye distance; 0 for no points.
     pub fn expected_error_of(&self, parts: &[FacePart]) -> f64 {
         let named = points().iter().zip(&self.expected_errors);
         let of_parts = named.filter(|(point, _)| FacePart::of(point).is_some_and(|part| parts.contains(&part)));
@@ -146,14 +149,14 @@ impl LocatedFace {
         errors.get(errors.len() / 2).map_or(0.0, |e| e / self.eye_distance.max(f64::MIN_POSITIVE))
     }
 
-    /// Whether the points may be used without a look, but for those of the parts that are [`covered`](Self::covered): the median expected error
-    /// is at most 0.035 of the eye distance.
+    /// Whether the points can be used without inspection, except those of [`covered`](Self::covered) parts: the median expected error is at
+    /// most 0.035 of the eye distance.
     pub fn trusted(&self) -> bool {
         self.expected_error() <= TRUSTED
     }
 }
 
-/// Finds faces and their points.
+/// Locates faces and their points.
 ///
 /// ```
 /// use grimace::{locate::{LocateOptions, Locator}, sequence::read_frame};
@@ -169,15 +172,15 @@ pub struct Locator {
 }
 
 impl Locator {
-    /// With a model that was learned.
+    /// Creates a locator with a learned model.
     pub fn new(model: Model) -> Self {
         Self { model }
     }
 
-    /// With the model that ships; it is read once.
+    /// Returns the locator with the shipped model, which is read once.
     ///
     /// # Errors
-    /// `ModelError` when it was not built in whole.
+    /// `ModelError` if the program was built with an incomplete model.
     pub fn shipped() -> Result<&'static Self, ModelError> {
         static SHIPPED: OnceLock<Locator> = OnceLock::new();
         if let Some(locator) = SHIPPED.get() {
@@ -187,14 +190,14 @@ impl Locator {
         Ok(SHIPPED.get_or_init(|| locator))
     }
 
-    /// The faces of a picture, the largest first; none where there are none.
+    /// Returns the faces of a picture, the largest first; empty if there are none.
     ///
-    /// Faces are looked for upright and large first; where there are none, small ones are, and where there are none of these, turned ones.
+    /// The search is for large upright faces first; if there are none, for small ones; then for turned ones.
     pub fn locate(&self, image: &GrayImage, options: &LocateOptions) -> Vec<LocatedFace> {
         self.locate_counted(image, options).0
     }
 
-    /// [`Locator::locate`], and how many more places look like faces that [`LocateOptions::most_faces`] leaves out.
+    /// Same as [`Locator::locate`]; also returns the number of probable faces omitted because of [`LocateOptions::most_faces`].
     pub fn locate_counted(&self, image: &GrayImage, options: &LocateOptions) -> (Vec<LocatedFace>, usize) {
         let Some(picture) = Picture::new(image) else { return (Vec::new(), 0) };
         let (longer, shorter) = (picture.width().max(picture.height()) as f32, picture.width().min(picture.height()) as f32);
@@ -239,7 +242,7 @@ impl Locator {
         (Vec::new(), 0)
     }
 
-    /// The faces of one search, and how many more places look like some.
+    /// Returns the faces of one search, and the number of further probable faces.
     fn faces(&self, picture: &Picture, search: &Search, options: &LocateOptions) -> (Vec<LocatedFace>, usize) {
         let likely = self.likely(picture, search, options.most_faces);
         let mut waiting = likely.iter().map(|c| c.placement);
@@ -258,8 +261,8 @@ impl Locator {
         (faces, left_out)
     }
 
-    /// Places that the verifier takes for faces, best first. Each face takes a few of the search's candidates: where those that were looked
-    /// at are full of faces, twice as many are, until there are more than `most_faces`.
+    /// Returns the candidates that the verifier accepts, best first. Each face takes up several of the search's candidates: if many of
+    /// those examined are faces, twice as many are examined, until there are more than `most_faces` faces.
     fn likely(&self, picture: &Picture, search: &Search, most_faces: usize) -> Vec<Candidate> {
         let view = picture.view(false);
         let verified = |c: &Candidate| {
@@ -281,14 +284,14 @@ impl Locator {
         }
     }
 
-    /// Where the first joint stages put a face that may be at a place, and how much it looks like one.
+    /// Returns the placement of a candidate face after the first joint stages, and the verifier's score.
     fn verify(&self, view: View<'_>, start: Placement) -> (Placement, f32) {
         let shape: Shape = self.model.mean.iter().map(|&p| start.apply(p)).collect();
         let (placed, features) = self.model.before_last_joint(view, shape);
         (placed.placement, self.model.score(&features))
     }
 
-    /// Reads the face that may be where points of it are thought to be; `None` where nothing looks like one.
+    /// Reads the face near approximate positions of some of its points; `None` if nothing there looks like a face.
     pub(crate) fn read_near(&self, image: &GrayImage, places: &[(NodeId, Point2<f64>)]) -> Option<LocatedFace> {
         let picture = Picture::new(image)?;
         let mean =
@@ -299,7 +302,7 @@ impl Locator {
         (face.eye_distance > 0.0 && face.score >= f64::from(LEAST_SCORE)).then_some(face)
     }
 
-    /// Reads the face at a place.
+    /// Reads the face at a placement.
     pub(crate) fn read(&self, picture: &Picture, start: Placement) -> LocatedFace {
         let model = &self.model;
         let mean_at = |p: Placement| -> Shape { model.mean.iter().map(|&m| p.apply(m)).collect() };
@@ -312,7 +315,7 @@ impl Locator {
     }
 }
 
-/// How many faces placements show: those nearer than the larger one's eye distance are one, as in [`each_once`].
+/// Returns the number of faces among placements: those nearer than the larger one's eye distance are one, as in [`each_once`].
 fn places<'a>(candidates: impl IntoIterator<Item = &'a Candidate>) -> usize {
     let mut apart: Vec<Placement> = Vec::new();
     for Candidate { placement: p, .. } in candidates {
@@ -323,7 +326,7 @@ fn places<'a>(candidates: impl IntoIterator<Item = &'a Candidate>) -> usize {
     apart.len()
 }
 
-/// Faces whose middles are nearer than the larger one's eye distance are one face; the reading with the smallest expected error is kept.
+/// Merges faces whose middles are nearer than the larger one's eye distance; keeps the one with the smallest expected error.
 fn each_once(mut faces: Vec<LocatedFace>) -> Vec<LocatedFace> {
     faces.sort_by(|p, q| p.expected_error().total_cmp(&q.expected_error()));
     let mut kept: Vec<LocatedFace> = Vec::new();
@@ -344,12 +347,12 @@ fn is_same(p: &LocatedFace, q: &LocatedFace) -> bool {
     (middle(p) - middle(q)).norm() < p.eye_distance.max(q.eye_distance)
 }
 
-/// The mean of two readings.
+/// Returns the mean of two readings.
 fn mean_shape(plain: &Reading, mirrored: &Reading) -> Shape {
     plain.shape.iter().zip(&mirrored.shape).map(|(p, q)| [0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1])]).collect()
 }
 
-/// The mean of two readings, with lips that are parted where they are, and what errors to expect of it.
+/// Returns the face of two readings: their mean, with parted lips corrected, and expected errors.
 fn face(model: &Model, picture: &Picture, plain: &Reading, mirrored: &Reading) -> LocatedFace {
     let mut shape = mean_shape(plain, mirrored);
     let eye_distance = distance(shape[PUPILS[0]], shape[PUPILS[1]]);
@@ -359,13 +362,13 @@ fn face(model: &Model, picture: &Picture, plain: &Reading, mirrored: &Reading) -
     if let Some(covers) = &model.covers {
         let seen = covers.seen([&plain.seen, &mirrored.seen]);
         covered = covers.covered(&seen);
-        // Of a face of which all is to be seen nothing else is expected than without the stage.
+        // For a fully visible face the expected errors are those without the cover stage.
         if !covered.is_empty() {
             expected.iter_mut().enumerate().for_each(|(k, error)| *error = covers.expect(k, &seen, *error));
         }
     }
     let mut expected: Vec<f64> = expected.into_iter().map(|error| f64::from(error * unit)).collect();
-    // What lies over a mouth has no lips.
+    // The lips of a covered mouth are not examined.
     if let Some(lips) = model.lips.as_ref().filter(|_| !covered.contains(&FacePart::Mouth)) {
         for (k, point) in lips.parted(picture, &model.mean, &shape).into_iter().flatten() {
             shape[k] = point;
@@ -383,7 +386,7 @@ fn face(model: &Model, picture: &Picture, plain: &Reading, mirrored: &Reading) -
 }
 
 impl Model {
-    /// A shape after all joint stages but the last, and what the last one reads there.
+    /// Returns a shape after all joint stages but the last, and the features of the last one there.
     fn before_last_joint(&self, view: View<'_>, mut shape: Shape) -> (Placed, Vec<f32>) {
         let last = self.joint.len().saturating_sub(1);
         for stage in &self.joint[..last] {
@@ -395,17 +398,17 @@ impl Model {
         (placed, features)
     }
 
-    /// How much what the last joint stage reads looks like a face.
+    /// Returns the verifier's score of the last joint stage's features.
     fn score(&self, features: &[f32]) -> f32 {
         linear::dot(&self.verifier.0, features) + self.verifier.1
     }
 
-    /// All stages from a start in pixels of the view.
+    /// Runs all stages from a start in pixels of the view.
     fn reading(&self, view: View<'_>, start: Shape) -> Reading {
         self.reading_and_looks(view, start).0
     }
 
-    /// [`Model::reading`], and what each local stage saw around each point.
+    /// Same as [`Model::reading`]; also returns the features of each local stage around each point.
     fn reading_and_looks(&self, view: View<'_>, start: Shape) -> (Reading, Vec<Vec<f32>>) {
         let (placed, features) = self.before_last_joint(view, start);
         let score = self.score(&features);
@@ -427,12 +430,12 @@ impl Model {
         (Reading { shape, score, last_step, dissent, seen }, looks)
     }
 
-    /// As [`Model::reading`] of the picture in the mirror; start and answer are those of the picture as it is.
+    /// Same as [`Model::reading`] on the mirrored picture; start and result refer to the unmirrored picture.
     fn mirrored_reading(&self, picture: &Picture, start: &Shape) -> Reading {
         self.mirrored_reading_and_looks(picture, start).0
     }
 
-    /// [`Model::mirrored_reading`], and what each local stage saw around each point, in the mirror's order.
+    /// Same as [`Model::mirrored_reading`]; also returns the features of each local stage, in the order of the mirrored points.
     fn mirrored_reading_and_looks(&self, picture: &Picture, start: &Shape) -> (Reading, Vec<Vec<f32>>) {
         let view = picture.view(true);
         let turned = |values: &[f32]| points().iter().filter_map(|p| values.get(p.mirror).copied()).collect::<Vec<f32>>();
@@ -462,7 +465,7 @@ mod tests {
             score: 1.0,
             covered: Vec::new(),
         };
-        // 20 px apart with 60 px between the eyes: the same; 150 px away: somebody else.
+        // 20 px apart with 60 px between the eyes: the same face; 150 px apart: another person.
         let kept = each_once(vec![face(100.0, 60.0, 0.03), face(120.0, 50.0, 0.02), face(270.0, 60.0, 0.04)]);
         assert_eq!(kept.iter().map(|f| f.shape[0].x).collect::<Vec<_>>(), [115.0, 265.0]);
     }

@@ -1,5 +1,7 @@
-//! What the locator has learned, and its file: [`MAGIC`], the length of a JSON description (u32, little-endian), the description, and the
-//! matrices that it names: for each a scale per row (f32), then its numbers (i16, times the scale of their row).
+//! The locator's learned model and its file format.
+//!
+//! The file contains [`MAGIC`], the length of a JSON description (u32, little-endian), the description, and the matrices that it lists: for
+//! each a scale per row (f32), then its values (i16, times the scale of their row).
 
 use std::{
     collections::BTreeMap,
@@ -25,56 +27,56 @@ pub const SCHEMA: u32 = 1;
 /// First bytes of the file.
 pub const MAGIC: &[u8; 8] = b"grimloc\n";
 
-/// Everything that the locator has learned.
+/// All learned parameters of the locator.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Model {
     /// Mean face, canonical.
     pub mean: Shape,
-    /// Points that joint stages look around.
+    /// Indices of the points whose neighbourhoods joint stages read.
     pub features: Vec<usize>,
-    /// The first stages.
+    /// Joint stages, which come first.
     pub joint: Vec<JointStage>,
-    /// The later ones.
+    /// Local stages, which follow.
     pub local: Vec<LocalStage>,
-    /// Where faces may be.
+    /// Template that proposes faces.
     pub template: Template,
-    /// Whether it is one: weights of what the last joint stage reads, and a constant.
+    /// Verifier that accepts faces: weights of the last joint stage's features, and a constant.
     pub verifier: (Vec<f32>, f32),
-    /// What errors to expect.
+    /// Model of expected errors.
     pub errors: ErrorModel,
-    /// Lips that are parted; none in a model that was learned without such.
+    /// Stage for parted lips; `None` in a model without it.
     pub lips: Option<LipStage>,
-    /// Parts that are covered; none in a model that was learned before these were.
+    /// Stage for covered parts; `None` in an older model without it.
     pub covers: Option<CoverStage>,
 }
 
-/// The error to expect of a point from how the reading went: `log e = intercept + sum of slope x sign`, then a calibration.
+/// Model of a point's expected error from features of the reading: `log e = intercept + sum of slope x feature`, then a calibration.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ErrorModel {
-    /// Per point.
+    /// Intercept of each point.
     pub intercepts: Vec<f32>,
-    /// Per sign, as [`super::expect::signs`] lists them.
+    /// Slope of each feature of [`super::expect::signs`].
     pub slopes: Vec<f32>,
-    /// Pairs of what the sum says and what it comes to, both logarithms of shares of the eye distance, rising.
+    /// Calibration: pairs of the sum and the calibrated value, both logarithms of shares of the eye distance, ascending.
     pub knots: Vec<[f32; 2]>,
-    /// Score of the verifier under which errors are larger than these: the lowest hundredth of the faces that it was calibrated on.
+    /// Score of the verifier below which errors are larger than predicted: the lowest percentile of the calibration faces.
     pub low_score: f32,
 }
 
-/// From whom a model was learned.
+/// Origin of a model: its training data.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ModelOrigin {
-    /// Program and version.
+    /// Program name and version.
     pub made_by: String,
-    /// The command.
+    /// Command line.
     pub command: String,
     /// BLAKE3 of points and pictures, in hexadecimal.
     pub blake3: String,
     /// Number of people.
     pub people: usize,
-    /// People left out.
+    /// People excluded from training.
     pub left_out: Vec<String>,
-    /// Whose faces these are, and their licence.
+    /// Credit and licence of the faces.
     pub credit: String,
 }
 
@@ -88,14 +90,14 @@ struct Header {
     template_bias: f32,
     verifier_bias: f32,
     errors: ErrorModel,
-    /// Of parted lips: from which distance they are, and what errors to expect.
+    /// Parameters of parted lips: distance from which they are parted, and expected error.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     lips: Option<(f32, f32)>,
-    /// Whether covered parts are among the matrices.
+    /// Whether the matrices include those of covered parts.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     covers: bool,
     origin: ModelOrigin,
-    /// Names of the matrices in order, with their numbers and the numbers of a row.
+    /// Names of the matrices in order, with their number of values and row length.
     matrices: Vec<(String, usize, usize)>,
 }
 
@@ -120,7 +122,7 @@ pub enum ModelError {
     },
 }
 
-/// A matrix as it stands in the file.
+/// Appends a matrix in the file's format.
 fn quantized(values: &[f32], row: usize, out: &mut Vec<u8>) {
     let most = |line: &[f32]| line.iter().fold(0.0_f32, |m, v| m.max(v.abs()));
     let scales: Vec<f32> =
@@ -157,7 +159,7 @@ impl Matrices {
         if bytes.is_empty() { Ok(Self(matrices)) } else { Err(format!("the file has {} bytes too many at the end", bytes.len())) }
     }
 
-    /// A matrix that must have so many numbers; any positive number of them if `None`.
+    /// Removes and returns a matrix, which must have `count` values; any positive number if `None`.
     fn take(&mut self, name: &str, count: Option<usize>) -> Result<Vec<f32>, String> {
         let values = self.0.remove(name).ok_or_else(|| format!("{name} is missing"))?;
         let fits = count.map_or(!values.is_empty(), |c| c == values.len());
@@ -166,15 +168,15 @@ impl Matrices {
 }
 
 impl Model {
-    /// The model that ships with this program.
+    /// Reads the model shipped with the program.
     ///
     /// # Errors
-    /// [`ModelError::Format`] when it was not built in whole.
+    /// [`ModelError::Format`] if the program was built with an incomplete model.
     pub fn shipped() -> Result<Self, ModelError> {
         Self::from_bytes(Path::new("candide/locator.bin"), include_bytes!("../../candide/locator.bin")).map(|m| m.0)
     }
 
-    /// Reads a model from its file.
+    /// Reads a model file.
     ///
     /// # Errors
     /// [`ModelError`].
@@ -183,7 +185,7 @@ impl Model {
         Self::from_bytes(path, &bytes)
     }
 
-    /// As [`Model::read`] from the file's content; `path` is only named in errors.
+    /// Same as [`Model::read`], from the file's content; `path` is only used in error messages.
     ///
     /// # Errors
     /// [`ModelError::Format`].
@@ -191,10 +193,10 @@ impl Model {
         parse(bytes).map_err(|reason| ModelError::Format { path: path.to_owned(), reason })
     }
 
-    /// The file's content.
+    /// Returns the content of the model's file.
     ///
     /// # Errors
-    /// When a number is not finite.
+    /// Fails if a number is not finite.
     pub fn to_bytes(&self, origin: &ModelOrigin) -> Result<Vec<u8>, serde_json::Error> {
         let steps = 2 * self.mean.len();
         let mean: Vec<f32> = self.mean.iter().flatten().copied().collect();

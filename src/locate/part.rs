@@ -1,4 +1,4 @@
-//! Parts of a face as a person names them, each of which may be hidden by itself.
+//! Parts of a face, each of which may be covered.
 
 use super::points::{LocatorPoint, points};
 use crate::units::NodeId;
@@ -30,11 +30,11 @@ pub enum FacePart {
 }
 
 impl FacePart {
-    /// All of them, from above to below.
+    /// All parts, from top to bottom.
     pub const ALL: [Self; 7] =
         [Self::LeftBrow, Self::RightBrow, Self::LeftEye, Self::RightEye, Self::Nose, Self::Mouth, Self::Chin];
 
-    /// What it is called.
+    /// Returns the name of the part.
     pub fn name(self) -> &'static str {
         match self {
             Self::LeftBrow => "left brow",
@@ -47,7 +47,7 @@ impl FacePart {
         }
     }
 
-    /// Parts in a sentence, in the order of [`FacePart::ALL`]: `both eyes and the mouth`; empty for none.
+    /// Lists parts in the order of [`FacePart::ALL`], for example `both eyes and the mouth`; empty for none.
     pub fn listed(parts: &[Self]) -> String {
         let has = |part: Self| parts.contains(&part);
         let mut names = Vec::new();
@@ -67,13 +67,13 @@ impl FacePart {
         }
     }
 
-    /// That parts look covered, in a sentence: `the mouth and the chin look covered`; `None` for none.
+    /// Returns a sentence about covered parts, for example `the mouth and the chin look covered`; `None` for none.
     pub(crate) fn said_covered(parts: &[Self]) -> Option<String> {
         let look = if parts.len() == 1 { "looks" } else { "look" };
         (!parts.is_empty()).then(|| format!("{} {look} covered", Self::listed(parts)))
     }
 
-    /// The same part on the other side; itself where there is one of it.
+    /// Returns the corresponding part of the other side; the part itself if there is only one.
     pub(super) fn in_mirror(self) -> Self {
         match self {
             Self::LeftBrow => Self::RightBrow,
@@ -84,12 +84,12 @@ impl FacePart {
         }
     }
 
-    /// The part that a node belongs to; none for one that the locator does not know, and for the contour beside the chin.
+    /// Returns the part of a node; `None` for one that the locator does not know, and for the contour beside the chin.
     pub(crate) fn of_node(node: NodeId) -> Option<Self> {
         points().iter().find(|point| point.node == Some(node)).and_then(Self::of)
     }
 
-    /// The part that a point belongs to; none for the contour beside the chin, which hair and collars hide on any face.
+    /// Returns the part of a point; `None` for the contour beside the chin, which hair and collars hide on many faces.
     pub(super) fn of(point: &LocatorPoint) -> Option<Self> {
         let is_left = point.description.starts_with("left");
         let side = |left: Self, right: Self| if is_left { left } else { right };

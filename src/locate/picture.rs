@@ -1,4 +1,4 @@
-//! A grey picture at full, half, quarter ... size, to be sampled at any place and size.
+//! A grey picture at full, half, quarter ... size, which can be sampled at any position and scale.
 
 use image::GrayImage;
 
@@ -10,13 +10,13 @@ use super::{
 /// Levels are halved until a side is shorter than this.
 const SMALLEST_SIDE: usize = 24;
 
-/// Places that are read at once.
+/// Number of positions that are read at once.
 const LANES: usize = 8;
 
-/// Added to a whole number below 2^23, the last bits of the sum are that number.
+/// Added to an integer below 2^23, the low bits of the sum are that integer.
 const ROUND: f32 = 8_388_608.0;
 
-/// Between the corners of a pixel's square, the upper ones first: shares of the way to the right and down.
+/// Interpolates between the corners of a pixel's square, the upper ones first; `right`, `down`: fractions of the way.
 #[inline(always)]
 fn between(corners: [f32; 4], [right, down]: [f32; 2]) -> f32 {
     let upper = corners[0] * (1.0 - right) + corners[1] * right;
@@ -54,10 +54,11 @@ impl Level {
         between([pixel(top, left), pixel(top, right), pixel(bottom, left), pixel(bottom, right)], [fx, fy])
     }
 
-    /// What [`Level::sample`] reads at `count` places from `start` on, `step` apart; several at a time, by the same sums in the same order.
+    /// Appends [`Level::sample`] at `count` positions from `start` on, `step` apart; several at a time, with the same sums in the same
+    /// order.
     #[inline(always)]
     fn sample_row(&self, start: Point, step: Point, count: usize, out: &mut Vec<f32>) {
-        // By way of 32 bits, of which vectors are made.
+        // Via 32-bit integers, so that the conversion vectorizes.
         let place = |column: usize, axis: usize| start[axis] + step[axis] * column as i32 as f32;
         let whole = if self.width < 2 || self.height < 2 { 0 } else { count - count % LANES };
         let last = [(self.width - 1) as f32, (self.height - 1) as f32];
@@ -80,7 +81,7 @@ impl Level {
             }
             let mut values = [0.0_f32; LANES];
             for k in 0..LANES {
-                // [`between`], which would be computed one by one.
+                // [`between`] written out, because the call would not vectorize.
                 let (right, down) = (shares[0][k], shares[1][k]);
                 let upper = corners[0][k] * (1.0 - right) + corners[1][k] * right;
                 let lower = corners[2][k] * (1.0 - right) + corners[3][k] * right;
@@ -92,14 +93,14 @@ impl Level {
     }
 }
 
-/// A picture and its halves.
+/// A picture with its halved levels.
 #[derive(Clone, Debug)]
 pub struct Picture {
     levels: Vec<Level>,
 }
 
 impl Picture {
-    /// `None` for a picture without pixels.
+    /// Returns `None` for a picture without pixels.
     pub fn new(image: &GrayImage) -> Option<Self> {
         let (width, height) = (image.width() as usize, image.height() as usize);
         if width == 0 || height == 0 {
@@ -113,23 +114,23 @@ impl Picture {
         Some(Self { levels })
     }
 
-    /// Columns.
+    /// Returns the number of columns.
     pub fn width(&self) -> usize {
         self.levels[0].width
     }
 
-    /// Rows.
+    /// Returns the number of rows.
     pub fn height(&self) -> usize {
         self.levels[0].height
     }
 
-    /// The picture as it is, or as in a mirror.
+    /// Returns a view of the picture, mirrored or not.
     pub fn view(&self, mirrored: bool) -> View<'_> {
         View { picture: self, mirrored }
     }
 }
 
-/// A picture as it is or as in a mirror: column x is then column width - 1 - x.
+/// A picture, mirrored or not: mirrored, column x becomes column width - 1 - x.
 #[derive(Clone, Copy, Debug)]
 pub struct View<'a> {
     picture: &'a Picture,
@@ -137,17 +138,17 @@ pub struct View<'a> {
 }
 
 impl View<'_> {
-    /// A point of the picture in this view, and back.
+    /// Converts a point of the picture to this view, and back.
     pub fn turn(self, p: Point) -> Point {
         if self.mirrored { [(self.picture.width() - 1) as f32 - p[0], p[1]] } else { p }
     }
 
-    /// The points of a face of the picture as they are in this view, and back: in the mirror left is right.
+    /// Converts the points of a face of the picture to this view, and back: mirroring exchanges left and right points.
     pub fn turn_shape(self, shape: &[Point]) -> Shape {
         if self.mirrored { points().iter().map(|p| self.turn(shape[p.mirror])).collect() } else { shape.to_vec() }
     }
 
-    /// The grey value at a place, smoothed for a picture with a pixel for `scale` pixels of this one.
+    /// Returns the grey value at a position, smoothed for a picture in which one pixel covers `scale` pixels of this one.
     pub fn sample(self, at: Point, scale: f32) -> f32 {
         let halvings = scale.max(f32::MIN_POSITIVE).log2().round().max(0.0) as usize;
         let k = halvings.min(self.picture.levels.len() - 1);
@@ -155,15 +156,15 @@ impl View<'_> {
         self.picture.levels[k].sample((x + 0.5) / size - 0.5, (y + 0.5) / size - 0.5)
     }
 
-    /// `width` x `height` grey values (0 to 255), row by row; `to_view` leads from the grid's columns and rows to pixels of this view.
-    /// Beyond its border the picture goes on with its border pixels.
+    /// Returns `width` x `height` grey values (0 to 255), row by row. `to_view` maps columns and rows of the grid to pixels of this view.
+    /// Beyond its border the picture continues with its border pixels.
     #[inline(always)]
     pub fn warp(self, to_view: Placement, width: usize, height: usize) -> Vec<f32> {
         let halvings = to_view.scale().max(f32::MIN_POSITIVE).log2().round().max(0.0) as usize;
         let k = halvings.min(self.picture.levels.len() - 1);
         let level = &self.picture.levels[k];
         let size = (1_usize << k) as f32;
-        // The centre of a pixel of a halved level lies between those of its two pixels.
+        // The centre of a pixel of a halved level lies between the centres of its two pixels.
         let to_level = |value: f32| (value + 0.5) / size - 0.5;
         let (start, step) = if self.mirrored {
             ((self.picture.width() - 1) as f32 - to_view.x, [-to_view.a, to_view.b])
@@ -208,7 +209,7 @@ mod tests {
         let noise = GrayImage::from_fn(37, 29, |x, y| image::Luma([(x * 73 + y * 151 + x * y * 7) as u8]));
         for picture in [Picture::new(&noise), Picture::new(&GrayImage::from_pixel(1, 9, image::Luma([7])))] {
             let level = &picture.unwrap().levels[0];
-            // Inside, over every border, along one, and nowhere.
+            // Inside, across every border, along one, and outside.
             for (start, step) in
                 [([3.3, 4.4], [0.71, 0.39]), ([-9.0, 40.0], [2.3, -1.7]), ([36.0, 28.0], [0.0, 0.0]), ([f32::NAN; 2], [1.0; 2])]
             {

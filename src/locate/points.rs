@@ -1,4 +1,4 @@
-//! The points that the locator knows: which nodes they are, which is which in a mirror, and of which hand-set points they are made.
+//! The locator's points: their nodes, their mirror images, and the hand-set points that they are computed from.
 
 use std::sync::LazyLock;
 
@@ -7,30 +7,30 @@ use crate::units::NodeId;
 /// One point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LocatorPoint {
-    /// The node that it is; none for a point that only helps.
+    /// Node of the point; `None` for an auxiliary point.
     pub node: Option<NodeId>,
-    /// Which point it is in a mirror.
+    /// Index of its mirror image.
     pub mirror: usize,
-    /// Indices of the 189 points of the Face Research Lab London Set, with the share of each.
+    /// Indices in the 189 points of the Face Research Lab London Set, each with its weight.
     pub sources: Vec<(usize, f64)>,
-    /// Part of the face that errors are summed up for.
+    /// Part of the face under which its errors are summarized.
     pub group: String,
-    /// What it is.
+    /// Description of the point.
     pub description: String,
 }
 
-/// Place of the left and the right pupil among the points; the distance between the two is the eye distance.
+/// Indices of the left and the right pupil; the distance between the two is the eye distance.
 pub const PUPILS: [usize; 2] = [0, 1];
 
 const TABLE: &str = include_str!("../../candide/locator_points.csv");
 
-/// All points of `candide/locator_points.csv`, in its order.
+/// Returns all points of `candide/locator_points.csv`, in its order.
 pub fn points() -> &'static [LocatorPoint] {
     static POINTS: LazyLock<Vec<LocatorPoint>> = LazyLock::new(|| TABLE.lines().skip(1).filter_map(point).collect());
     &POINTS
 }
 
-/// A row of the table; rows that do not read are caught by the tests.
+/// Parses a row of the table; a test checks that all rows are valid.
 fn point(line: &str) -> Option<LocatorPoint> {
     let [_, node, mirror, sources, weights, group, description] = line.splitn(7, ',').collect::<Vec<_>>()[..] else {
         return None;

@@ -1,4 +1,4 @@
-//! Points of a face as the locator handles them, and where a canonical face lies in an image.
+//! Points of a face in the locator, and the placement of a canonical face in an image.
 
 /// A point: x right, y down.
 pub type Point = [f32; 2];
@@ -9,23 +9,23 @@ pub type Shape = Vec<Point>;
 /// A similarity from the canonical frame (middle of the pupils at (0, 0), pupils 1 apart) to pixels: `p -> [[a, -b], [b, a]] p + (x, y)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placement {
-    /// Scale times the cosine of the turn.
+    /// Scale times the cosine of the rotation.
     pub a: f32,
-    /// Scale times the sine of the turn, from the x axis towards the y axis.
+    /// Scale times the sine of the rotation, from the x axis towards the y axis.
     pub b: f32,
-    /// Where the middle of the pupils is.
+    /// x of the middle of the pupils.
     pub x: f32,
-    /// Where the middle of the pupils is.
+    /// y of the middle of the pupils.
     pub y: f32,
 }
 
 impl Placement {
-    /// Pupils `scale` px apart around a middle, turned by `angle` radians.
+    /// Creates a placement with pupils `scale` px apart around a middle, rotated by `angle` radians.
     pub fn new(middle: Point, scale: f32, angle: f32) -> Self {
         Self { a: scale * angle.cos(), b: scale * angle.sin(), x: middle[0], y: middle[1] }
     }
 
-    /// The similarity that takes `from` to `to` with the least sum of squared distances. The two have the same number of points.
+    /// Returns the least-squares similarity from `from` to `to`, which have the same number of points.
     pub fn fit(from: &[Point], to: &[Point]) -> Self {
         let count = from.len().max(1) as f32;
         let mean = |points: &[Point]| {
@@ -45,24 +45,24 @@ impl Placement {
         Self { a, b, x: mt[0] - (a * mf[0] - b * mf[1]), y: mt[1] - (b * mf[0] + a * mf[1]) }
     }
 
-    /// Pixels per eye distance.
+    /// Returns pixels per eye distance.
     pub fn scale(self) -> f32 {
         self.a.hypot(self.b)
     }
 
-    /// Canonical to pixels.
+    /// Maps canonical coordinates to pixels.
     pub fn apply(self, p: Point) -> Point {
         [self.a * p[0] - self.b * p[1] + self.x, self.b * p[0] + self.a * p[1] + self.y]
     }
 
-    /// Pixels to canonical.
+    /// Maps pixels to canonical coordinates.
     pub fn invert(self, p: Point) -> Point {
         let (x, y, square) = (p[0] - self.x, p[1] - self.y, (self.a * self.a + self.b * self.b).max(f32::MIN_POSITIVE));
         [(self.a * x + self.b * y) / square, (self.a * y - self.b * x) / square]
     }
 }
 
-/// Distance of two points.
+/// Returns the distance between two points.
 pub fn distance(p: Point, q: Point) -> f32 {
     (p[0] - q[0]).hypot(p[1] - q[1])
 }

@@ -1,7 +1,7 @@
-//! The stages of the locator: each looks at the picture where the points are, and moves them.
+//! Stages of the locator: each reads the picture around the present points and moves them.
 //!
-//! Joint stages look around some of the points and move all of them together (explicit shape regression: Cao et al. 2012; Xiong and De
-//! la Torre 2013). Local stages let each point look around itself, and then weigh what all of them say.
+//! Joint stages read around some of the points and move all of them together (explicit shape regression: Cao et al. 2012; Xiong and De la
+//! Torre 2013). Local stages predict a step for each point from its own neighbourhood, and then combine the predictions of all points.
 
 use super::{
     cells::{CellMap, Patch},
@@ -10,50 +10,50 @@ use super::{
     shape::{Placement, Point, Shape, distance},
 };
 
-/// A shape in the canonical frame and where that lies in the view.
+/// A shape in the canonical frame with its placement in the view.
 #[derive(Clone, Debug)]
 pub struct Placed {
-    /// View pixels from canonical.
+    /// Maps canonical coordinates to pixels of the view.
     pub placement: Placement,
-    /// The shape, canonical.
+    /// The shape in canonical coordinates.
     pub points: Shape,
 }
 
 impl Placed {
-    /// A shape in pixels of the view, laid on the mean face.
+    /// Aligns a shape in pixels of the view with the mean face.
     pub fn new(mean: &[Point], shape: &[Point]) -> Self {
         let placement = Placement::fit(mean, shape);
         Self { placement, points: shape.iter().map(|&p| placement.invert(p)).collect() }
     }
 
-    /// The shape moved by canonical steps (x and y of each point in turn), in pixels of the view.
+    /// Returns the shape moved by canonical steps (alternating x and y of each point), in pixels of the view.
     pub fn moved(&self, steps: &[f32]) -> Shape {
         self.points.iter().zip(steps.chunks_exact(2)).map(|(p, s)| self.placement.apply([p[0] + s[0], p[1] + s[1]])).collect()
     }
 }
 
-/// A stage that moves all points together: `base + up (down (x - offset))` of what is around the feature points.
+/// A stage that moves all points together: `base + up (down (x - offset))`, where x are the features around the feature points.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JointStage {
-    /// What is read around each feature point.
+    /// Geometry of the features around each feature point.
     pub patch: Patch,
-    /// Mean of what is read.
+    /// Mean of the features.
     pub offset: Vec<f32>,
-    /// Rank x numbers read, row by row.
+    /// Rank x number of features, row by row.
     pub down: Vec<f32>,
-    /// Numbers of a step x rank, row by row.
+    /// Number of step values x rank, row by row.
     pub up: Vec<f32>,
     /// Mean step.
     pub base: Vec<f32>,
 }
 
 impl JointStage {
-    /// What is around the feature points.
+    /// Returns the features around the feature points.
     pub fn features(&self, view: View<'_>, placed: &Placed, feature_points: &[usize]) -> Vec<f32> {
         joint_features(&self.patch, view, placed, feature_points)
     }
 
-    /// The step for what was read.
+    /// Returns the step for given features.
     pub fn step(&self, features: &[f32]) -> Vec<f32> {
         let centred: Vec<f32> = features.iter().zip(&self.offset).map(|(x, o)| x - o).collect();
         let hidden: Vec<f32> = self.down.chunks_exact(centred.len().max(1)).map(|row| dot(row, &centred)).collect();
@@ -62,7 +62,7 @@ impl JointStage {
     }
 }
 
-/// What is around the feature points of a joint stage.
+/// Returns the features around the feature points of a joint stage.
 pub fn joint_features(patch: &Patch, view: View<'_>, placed: &Placed, feature_points: &[usize]) -> Vec<f32> {
     let points: Shape = feature_points.iter().map(|&k| placed.points[k]).collect();
     let map = CellMap::new(view, placed.placement, patch, &points);
@@ -71,37 +71,37 @@ pub fn joint_features(patch: &Patch, view: View<'_>, placed: &Placed, feature_po
     features
 }
 
-/// A stage in which each point is moved by what is around itself, and then all by what all say.
+/// A stage that predicts a step for each point from its own neighbourhood, and then combines all predictions.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LocalStage {
-    /// What is read around each point.
+    /// Geometries of the features around each point.
     pub patches: Vec<Patch>,
-    /// Points x numbers read: their means.
+    /// Means of the features: points x number of features.
     pub offset: Vec<f32>,
-    /// Points x 2 x numbers read.
+    /// Weights: points x 2 x number of features.
     pub weights: Vec<f32>,
     /// Mean step.
     pub base: Vec<f32>,
-    /// The steps of all points from what each says, square.
+    /// Square matrix that combines the predictions of all points into their steps.
     pub mix: Vec<f32>,
 }
 
-/// What a local stage says.
+/// Result of a local stage.
 #[derive(Clone, Debug)]
 pub struct LocalStep {
-    /// The step, canonical: x and y of each point in turn.
+    /// Step in canonical coordinates: alternating x and y of each point.
     pub step: Vec<f32>,
-    /// How far each point by itself would have gone elsewhere, eye distances.
+    /// Distance from each point's own prediction to the combined one, eye distances.
     pub dissent: Vec<f32>,
 }
 
 impl LocalStage {
-    /// What is around each point, the points one after the other.
+    /// Returns the features around each point, the points one after the other.
     pub fn features(&self, view: View<'_>, placed: &Placed) -> Vec<f32> {
         local_features(&self.patches, view, placed)
     }
 
-    /// The step for what was read.
+    /// Returns the step for given features.
     pub fn step(&self, features: &[f32]) -> LocalStep {
         let length = self.patches.iter().map(Patch::len).sum::<usize>().max(1);
         let centred: Vec<f32> = features.iter().zip(&self.offset).map(|(x, o)| x - o).collect();
@@ -114,7 +114,7 @@ impl LocalStage {
     }
 }
 
-/// What is around each point, the points one after the other.
+/// Returns the features around each point, the points one after the other.
 pub fn local_features(patches: &[Patch], view: View<'_>, placed: &Placed) -> Vec<f32> {
     let maps: Vec<CellMap> = patches.iter().map(|patch| CellMap::new(view, placed.placement, patch, &placed.points)).collect();
     let mut features = Vec::with_capacity(placed.points.len() * patches.iter().map(Patch::len).sum::<usize>());

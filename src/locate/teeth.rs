@@ -1,8 +1,8 @@
-//! Teeth between lips, told by colour.
+//! Detects teeth between parted lips by colour.
 //!
-//! The locator reads grey pictures, in which a bright lower lip below a dark upper one looks like a row of teeth. In colour lips are the reddest
-//! and teeth the least red of a face: where what lies below the upper lip's edge is less red than skin and lips on most of five lines
-//! across the mouth, and redder again further down, the lower lip begins there.
+//! The locator reads grey pictures, in which a bright lower lip below a dark upper one looks like a row of teeth. In colour, lips are the
+//! reddest and teeth the least red part of a face. If, on most of five lines across the mouth, the area below the upper lip's edge is less
+//! red than skin and lips, and the area further down is redder again, the lower lip begins there.
 
 use image::{RgbImage, imageops::interpolate_bilinear};
 use nalgebra::{Point2, Vector2};
@@ -13,40 +13,42 @@ use super::{
 };
 use crate::robust::median;
 
-/// Lines that are read: those of [`LINES`], and one between each two.
+/// Number of lines that are read: those of [`LINES`], and one between each two.
 const READ_LINES: usize = 2 * LINES.len() - 1;
-/// Where a line is read, from the edge of the upper lip, and how finely, over the eye distance.
+/// Start and end of a line, from the edge of the upper lip, and the sampling distance, over the eye distance.
 const RANGE: (f64, f64, f64) = (-0.35, 0.75, 0.0125);
-/// How far to both sides a place is read, too.
+/// Distance of the additional samples to both sides, over the eye distance.
 const BESIDE: f64 = 0.02;
-/// Added to levels before the logarithm: what is darker has no colour.
+/// Added to levels before the logarithm: darker pixels have no reliable colour.
 const DARK: f64 = 8.0;
-/// How far above the upper lip skin is, how far below the lower one's edge lips may be, and where teeth begin.
+/// Distances over the eye distance: where skin begins above the upper lip, how far lips may reach below the lower one's edge, and where
+/// teeth begin.
 const SKIN_ABOVE: f64 = 0.04;
 const LIP_BELOW: f64 = 0.25;
 const TEETH_FROM: (f64, f64) = (-0.06, 0.08);
-/// By how much less red teeth are than skin, and by how much than lips, as logarithms of red over green; and how much redder the lip below them is.
+/// How much less red teeth are than skin, and than lips, as logarithms of red over green; and (`REDDER_BELOW`) how much redder the lip
+/// below them is.
 const LESS_RED: (f64, f64) = (0.04, 0.19);
 const REDDER_BELOW: f64 = 0.15;
-/// Teeth are lighter than this share of the skin: a mouth that gapes is dark.
+/// Smallest brightness of teeth, as a share of that of the skin: an open mouth without teeth is dark.
 const LEAST_LIGHT: f64 = 0.45;
-/// How far the lip is looked for below teeth, places.
+/// Number of samples below teeth within which the lip is searched for.
 const LIP_WITHIN: usize = 11;
-/// Least height of teeth, over the eye distance, on the median line. On 120 mouths that are closed, 90 of them neutral, it is 0.0125 at most; on 39 that are
-/// open by 0.06 and more, 35 have more, on the same people (the 90 of the London Set) that this was chosen on.
+/// Smallest height of teeth, over the eye distance, as the median over the lines. On 120 closed mouths, 90 of them neutral, the height is
+/// at most 0.0125; on 39 mouths open by 0.06 and more, 35 exceed the limit. It was chosen on the same people (the 90 of the London Set).
 const LEAST: f64 = 0.03;
-/// Lips are parted already where their edges are this far apart, over the eye distance.
+/// Distance between the lips' edges, over the eye distance, above which they are already parted.
 const PARTED: f64 = 0.02;
-/// Mouths of smaller faces are not looked at, px between the pupils.
+/// Smallest eye distance, px, at which mouths are examined.
 const LEAST_EYE_DISTANCE: f64 = 30.0;
-/// Half of the edges are further off than this, over the eye distance (the lower lip's upper edge, 36 smiles).
+/// Median error of the edges, over the eye distance (the lower lip's upper edge, 36 smiles).
 const EXPECTED_ERROR: f64 = 0.02;
-/// Lines on which no teeth are told, at the corners, have so much of the others'.
+/// Height assumed on lines without detected teeth, at the corners, as a share of the median height.
 const OTHERWISE: f64 = 0.6;
 
 impl LocatedFace {
-    /// Moves the lower lip to where it begins in colour, if the face was taken for one whose lips are closed and teeth show between them; says whether
-    /// that is so. A picture without colour tells nothing.
+    /// Moves the lower lip to its edge in colour, if the located lips are closed and teeth show between them. Returns whether they do;
+    /// never for a picture without colour.
     pub fn look_for_teeth(&mut self, picture: &RgbImage) -> bool {
         let parted = {
             let [_, upper, lower, _] = line_points()[1];
@@ -79,7 +81,7 @@ impl LocatedFace {
         }
     }
 
-    /// Height of the teeth on a line, over the eye distance.
+    /// Returns the height of the teeth on a line, over the eye distance.
     fn teeth_on(&self, k: usize, picture: &RgbImage) -> Option<f64> {
         let lines = line_points();
         let (one, two) = (lines[k / 2], lines[k.div_ceil(2)]);
@@ -87,7 +89,7 @@ impl LocatedFace {
             std::array::from_fn(|edge| nalgebra::center(&self.shape[one[edge]], &self.shape[two[edge]]));
         let unit = self.eye_distance;
         let down = (edges[3] - edges[0]).try_normalize(f64::EPSILON)?;
-        // All of them from the edge of the upper lip, over the eye distance.
+        // All distances are measured from the edge of the upper lip, over the eye distance.
         let (top, bottom) = ((edges[0] - edges[1]).dot(&down) / unit, (edges[3] - edges[1]).dot(&down) / unit);
         let count = ((RANGE.1 - RANGE.0) / RANGE.2).round() as usize;
         let places: Vec<f64> = (0..count).map(|i| RANGE.0 + RANGE.2 * i as f64).collect();
@@ -107,12 +109,12 @@ impl LocatedFace {
         let end = (first..count).find(|&i| !is_tooth(i))?;
         let red = read[first..end].iter().map(|(red, _)| red).sum::<f64>() / (end - first) as f64;
         let below = read[end..count.min(end + LIP_WITHIN)].iter().map(|(red, _)| *red).max_by(f64::total_cmp)?;
-        // The lower edge goes from where the upper lip ends to where teeth do.
+        // The lower edge moves from the end of the upper lip to the end of the teeth.
         (below - red > REDDER_BELOW).then(|| (places[end - 1] + 0.5 * RANGE.2).max(0.0))
     }
 }
 
-/// How red a place is, as the logarithm of red over green, and how light, levels; `None` outside of the picture.
+/// Returns redness at a position, as the logarithm of red over green, and brightness, in levels; `None` outside the picture.
 fn red_and_light(picture: &RgbImage, at: Point2<f64>, unit: f64) -> Option<(f64, f64)> {
     let mut sum = [0.0; 3];
     for beside in [-BESIDE, 0.0, BESIDE] {
@@ -130,7 +132,8 @@ mod tests {
     use super::*;
     use crate::modules::locate::{PUPILS, points};
 
-    /// A face of skin, eyes 100 px apart, whose lips are 60 px wide from y 60 to 90 and meet at 75, and what lies at 75 to `until`.
+    /// A face of skin, eyes 100 px apart, with lips 60 px wide from y 60 to 90 that meet at 75, and the colour `between` from 75 to
+    /// `until`.
     fn face(between: [u8; 3], until: u32) -> (LocatedFace, RgbImage) {
         let picture = RgbImage::from_fn(200, 200, |x, y| {
             let mouth = (60..140).contains(&x);
@@ -160,18 +163,18 @@ mod tests {
         let (mut smile, picture) = face([190, 185, 170], 87);
         let was = smile.shape.clone();
         assert!(smile.look_for_teeth(&picture));
-        // 12 px of teeth, read each 1.25 px.
+        // 12 px of teeth, sampled every 1.25 px.
         assert!((smile.shape[lower].y - was[lower].y - 12.0).abs() < 1.3, "{}", smile.shape[lower]);
         assert!((smile.shape[end].y - was[end].y - 12.0).abs() < 1.3 && smile.shape[upper] == was[upper]);
         assert_eq!(smile.expected_errors[lower], 2.0);
-        // Once they are parted there is nothing more to do; nor where lips are closed, where it is dark between them, and without colour.
+        // Nothing happens once they are parted, where lips are closed, where the gap is dark, and without colour.
         assert!(!smile.look_for_teeth(&picture));
         for (between, until) in [([190, 185, 170], 75), ([190, 185, 170], 77), ([40, 25, 25], 87)] {
             let (mut closed, picture) = face(between, until);
             let was = closed.clone();
             assert!(!closed.look_for_teeth(&picture) && closed == was, "{between:?} {until}");
         }
-        // What covers a mouth has no lips, and those of a small face are not read.
+        // A covered mouth has no lips, and those of a small face are not read.
         let (smile, picture) = face([190, 185, 170], 87);
         let mut covered = LocatedFace { covered: vec![FacePart::Mouth], ..smile.clone() };
         let mut small = LocatedFace { eye_distance: 29.0, ..smile };
@@ -179,7 +182,7 @@ mod tests {
         let grey = image::DynamicImage::ImageRgb8(picture).into_luma8();
         let (mut other, _) = face([190, 185, 170], 87);
         assert!(!other.look_for_teeth(&image::DynamicImage::ImageLuma8(grey).into_rgb8()));
-        // A picture that ends at the chin does not end the program.
+        // A picture that ends at the chin does not panic.
         assert!(!other.look_for_teeth(&RgbImage::new(100, 80)));
     }
 }

@@ -1,4 +1,4 @@
-//! Where faces may be: a linear template over gradient cells, laid on the picture in many sizes.
+//! Proposes faces: a linear template over gradient cells, applied to the picture at many sizes.
 
 use super::{
     cells::{Cell, DIRECTIONS, gradients},
@@ -8,49 +8,49 @@ use super::{
 };
 use crate::simd::widest;
 
-/// Pixels between the pupils where the template is laid on.
+/// Eye distance, px, at which the template is applied.
 pub const EYE_DISTANCE: f32 = 20.0;
 
 /// Side of a cell, px.
 pub const CELL: usize = 4;
 
-/// Cells across and down.
+/// Cells across.
 pub const COLUMNS: usize = 10;
 /// Cells down.
 pub const ROWS: usize = 12;
 
-/// The template reaches from here, canonical.
+/// Upper left corner of the template, canonical.
 pub const CORNER: Point = [-1.0, -0.8];
 
-/// Numbers of a template.
+/// Number of weights of a template.
 pub const LENGTH: usize = COLUMNS * ROWS * DIRECTIONS;
 
-/// From one size to the next.
+/// Ratio of successive sizes.
 const STEP: f32 = 1.15;
 
-/// Two candidates closer than this share of the eye distance, and of sizes within [`SAME_SIZE`], are one.
+/// Two candidates closer than this share of the eye distance, and of sizes within [`SAME_SIZE`], count as one.
 const SAME_PLACE: f32 = 0.3;
 const SAME_SIZE: f32 = 1.35;
 
-/// A linear template: higher where a face may be.
+/// A linear template with high scores at probable faces.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Template {
     /// Row by row of cells, [`DIRECTIONS`] numbers each.
     pub weights: Vec<f32>,
-    /// Added to the score.
+    /// Constant added to the score.
     pub bias: f32,
 }
 
-/// Where a face may be.
+/// A probable face.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Candidate {
-    /// Pixels of the view from canonical.
+    /// Maps canonical coordinates to pixels of the view.
     pub placement: Placement,
     /// The template's score.
     pub score: f32,
 }
 
-/// Cells of a picture, normalized by their neighbourhood.
+/// Cells of a picture, normalized by their neighbours.
 #[derive(Debug)]
 pub struct Grid {
     /// Cells across.
@@ -62,7 +62,7 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// Cells of grey values, row by row; what does not fill a cell at the right and lower border is left out.
+    /// Computes the cells of grey values, row by row, without incomplete cells at the right and lower border.
     pub fn new(values: &[f32], width: usize, height: usize) -> Self {
         widest(
             #[inline(always)]
@@ -103,13 +103,13 @@ impl Grid {
         Self { columns, rows, cells }
     }
 
-    /// The cells that a template laid on at a column and row covers.
+    /// Returns the cells under a template at a column and row.
     pub fn window(&self, column: usize, row: usize) -> Vec<f32> {
         let rows = (row..row + ROWS).map(|r| &self.cells[(r * self.columns + column) * DIRECTIONS..][..COLUMNS * DIRECTIONS]);
         rows.flatten().copied().collect()
     }
 
-    /// Columns and rows at which a template can be laid on.
+    /// Returns the columns and rows at which a template fits into the grid.
     pub fn places(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
         let (columns, rows) = ((self.columns + 1).saturating_sub(COLUMNS), (self.rows + 1).saturating_sub(ROWS));
         (0..rows).flat_map(move |r| (0..columns).map(move |c| (c, r)))
@@ -125,40 +125,41 @@ impl Grid {
     }
 }
 
-/// Pixels of the view from canonical for a template at a column and row of a grid whose pixels `to_view` leads to the view.
+/// Returns the placement of a face for a template at a column and row of a grid. `to_view` maps the grid's pixels to the view.
 pub fn placement_of(column: usize, row: usize, to_view: Placement) -> Placement {
     let middle = |cells: usize, corner: f32| (cells * CELL) as f32 - 0.5 - corner * EYE_DISTANCE;
     let at = to_view.apply([middle(column, CORNER[0]), middle(row, CORNER[1])]);
     Placement { a: to_view.a * EYE_DISTANCE, b: to_view.b * EYE_DISTANCE, x: at[0], y: at[1] }
 }
 
-/// Which faces are looked for.
+/// Range of faces to search for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Search {
     /// Smallest and largest eye distance, px.
     pub eye_distance: (f32, f32),
-    /// Turn of the head, radians.
+    /// Rotation of the head, radians.
     pub angle: f32,
-    /// Most candidates.
+    /// Largest number of candidates.
     pub most: usize,
 }
 
-/// Lays a template on a view of `width` x `height` pixels in all sizes of a search: the places with the highest scores, best first.
+/// Applies a template to a view of `width` x `height` pixels at all sizes of a search; returns the positions with the highest scores, best
+/// first.
 pub fn candidates(view: View<'_>, size: (usize, usize), template: &Template, search: &Search) -> Vec<Candidate> {
     best(&scored(view, size, template, search), search.most)
 }
 
-/// All places on which a template can be laid in a search, best first.
+/// Returns the scores of a template at all positions of a search, best first.
 pub fn scored(view: View<'_>, (width, height): (usize, usize), template: &Template, search: &Search) -> Vec<Candidate> {
     let (w, h) = (width as f32, height as f32);
     let (cos, sin) = (search.angle.cos(), search.angle.sin());
-    // The turned grid that covers the picture.
+    // Size of the rotated grid that covers the picture.
     let (wide, high) = (w * cos.abs() + h * sin.abs(), w * sin.abs() + h * cos.abs());
     let mut found = Vec::new();
     let mut size = search.eye_distance.0;
     while size <= search.eye_distance.1 {
         let f = size / EYE_DISTANCE;
-        // Faces may reach beyond the border by half an eye distance.
+        // Faces may extend beyond the border by half an eye distance.
         let margin = 0.5 * EYE_DISTANCE;
         let (columns, rows) = ((wide / f + 2.0 * margin) as usize, (high / f + 2.0 * margin) as usize);
         let (a, b) = (f * cos, f * sin);
@@ -179,13 +180,13 @@ pub fn scored(view: View<'_>, (width, height): (usize, usize), template: &Templa
     best_first(found)
 }
 
-/// Candidates by their scores, the highest first.
+/// Sorts candidates by score, the highest first.
 pub fn best_first(mut found: Vec<Candidate>) -> Vec<Candidate> {
     found.sort_by(|p, q| q.score.total_cmp(&p.score));
     found
 }
 
-/// The first of the candidates, at most `most`, no two of them alike.
+/// Returns the first candidates, at most `most`, without duplicates.
 pub fn best(found: &[Candidate], most: usize) -> Vec<Candidate> {
     let mut kept: Vec<Candidate> = Vec::new();
     for candidate in found {
@@ -199,7 +200,7 @@ pub fn best(found: &[Candidate], most: usize) -> Vec<Candidate> {
     kept
 }
 
-/// Whether two placements are of the same face.
+/// Whether two placements belong to the same face.
 pub fn alike(p: Placement, q: Placement) -> bool {
     let (s, t) = (p.scale(), q.scale());
     distance([p.x, p.y], [q.x, q.y]) < SAME_PLACE * s.max(t) && s.max(t) < SAME_SIZE * s.min(t)

@@ -1,7 +1,7 @@
-//! Dense triangle meshes: topology, normals, smooth subdivision, and the files they travel in.
+//! Dense triangle meshes: topology, normals, smooth subdivision, and mesh file formats.
 //!
-//! Positions are `f32`, as in every file format here; axes are those of face space (x to the subject's left, y up, z out of the
-//! face), the unit is the file's own. Polygons become triangle fans, so that the quad a b c d gives a b c and a c d.
+//! Positions are `f32`, as in all supported file formats. Axes are those of face space (x to the subject's left, y up, z out of
+//! the face); the unit is the file's own. Polygons become triangle fans: the quad a b c d becomes a b c and a c d.
 
 pub(crate) mod colour;
 pub mod gltf;
@@ -19,7 +19,7 @@ pub use ply::{read_ply, write_ply};
 pub use sphere::sphere_front;
 pub use subdivide::Subdivision;
 
-/// Why positions and triangles are no mesh.
+/// Error for positions and triangles that do not form a mesh.
 ///
 /// ```
 /// use grimace::mesh::{MeshError, TriangleMesh};
@@ -35,30 +35,30 @@ pub enum MeshError {
     /// A coordinate that is NaN or infinite.
     #[error("vertex {vertex} is at ({}, {}, {}), which is not a finite position", at[0], at[1], at[2])]
     NotFinite {
-        /// Vertex, from 0.
+        /// Vertex index, from 0.
         vertex: usize,
-        /// What stands there.
+        /// Its position.
         at: [f32; 3],
     },
     /// An index past the vertices.
     #[error("triangle {triangle} refers to vertex {vertex}, but there are {count} vertices (0 to {})", count.saturating_sub(1))]
     NoSuchVertex {
-        /// Triangle, from 0.
+        /// Triangle index, from 0.
         triangle: usize,
-        /// The index.
+        /// The vertex index.
         vertex: u64,
-        /// Vertices there are.
+        /// Number of vertices.
         count: usize,
     },
     /// More vertices than an index can number.
     #[error("the mesh has {found} vertices; at most {} are supported", u32::MAX)]
     TooManyVertices {
-        /// Vertices found.
+        /// Number of vertices found.
         found: usize,
     },
 }
 
-/// A mesh file that does not read.
+/// Error for a mesh file that cannot be read.
 ///
 /// ```
 /// use grimace::mesh::{MeshError, MeshFileError, read_obj};
@@ -76,7 +76,7 @@ pub enum MeshFileError {
     Io {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         source: std::io::Error,
     },
     /// Not what its format asks for.
@@ -84,7 +84,7 @@ pub enum MeshFileError {
     Format {
         /// The file.
         path: PathBuf,
-        /// What is wrong, with the place, and what was expected.
+        /// What is wrong and where, and what was expected.
         reason: String,
     },
     /// Reads, but is no mesh.
@@ -92,7 +92,7 @@ pub enum MeshFileError {
     Mesh {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         source: MeshError,
     },
 }
@@ -111,7 +111,7 @@ impl MeshFileError {
     }
 }
 
-/// V vertices and T triangles. Every index is in range and every coordinate finite.
+/// A mesh of V vertices and T triangles. Every index is in range and every coordinate is finite.
 ///
 /// ```
 /// use grimace::mesh::TriangleMesh;
@@ -129,10 +129,10 @@ pub struct TriangleMesh {
 }
 
 impl TriangleMesh {
-    /// A mesh of V positions and T index triples, counter-clockwise seen from outside.
+    /// Creates a mesh from V positions and T index triples, counter-clockwise seen from outside.
     ///
     /// # Errors
-    /// [`MeshError`] for no triangles, an index past the vertices, or a position that is not finite.
+    /// [`MeshError`] when there are no triangles, an index is out of range, or a position is not finite.
     pub fn new(positions: Vec<[f32; 3]>, triangles: Vec<[u32; 3]>) -> Result<Self, MeshError> {
         let count = positions.len();
         if triangles.is_empty() {
@@ -165,7 +165,7 @@ impl TriangleMesh {
         self.positions.len()
     }
 
-    /// The part of the mesh whose triangles use the vertices `0..count` only, with these vertices.
+    /// Returns the part of the mesh on the vertices `0..count`: these vertices, and the triangles that use no others.
     ///
     /// # Errors
     /// [`MeshError::NoTriangles`] when no triangle is left.
@@ -187,13 +187,13 @@ impl TriangleMesh {
         bounds
     }
 
-    /// Distance between the opposite corners of the box around the mesh.
+    /// Length of the diagonal of the mesh's bounding box.
     pub fn diagonal(&self) -> f64 {
         let [least, most] = self.bounds();
         (0..3).map(|axis| f64::from(most[axis] - least[axis]).powi(2)).sum::<f64>().sqrt()
     }
 
-    /// Every edge once, `[smaller, larger]`, sorted, with the number of triangles on it.
+    /// Every edge once, `[smaller, larger]`, sorted, with its number of triangles.
     pub fn edges(&self) -> BTreeMap<[u32; 2], u32> {
         let mut edges = BTreeMap::new();
         for &[a, b, c] in &self.triangles {
@@ -204,9 +204,10 @@ impl TriangleMesh {
         edges
     }
 
-    /// The borders as closed walks along edges of one triangle, in the direction of that triangle, the longest (by vertices) first.
+    /// Returns the borders as closed chains of vertices, the longest (by vertices) first.
     ///
-    /// Where borders touch in a vertex the walk takes the smallest next vertex; what does not close is left out.
+    /// A border follows the edges with one triangle, in the direction of that triangle. Where borders touch at a vertex, it
+    /// continues to the smallest next vertex. Chains that do not close are left out.
     pub fn border_loops(&self) -> Vec<Vec<u32>> {
         let edges = self.edges();
         let mut next: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
@@ -243,10 +244,10 @@ impl TriangleMesh {
     }
 }
 
-/// The first coordinate that is not finite, as an error.
+/// Checks that all coordinates are finite.
 ///
 /// # Errors
-/// [`MeshError::NotFinite`].
+/// [`MeshError::NotFinite`] for the first coordinate that is not finite.
 pub fn check_finite(positions: &[[f32; 3]]) -> Result<(), MeshError> {
     match positions.iter().position(|p| !p.iter().all(|c| c.is_finite())) {
         Some(vertex) => Err(MeshError::NotFinite { vertex, at: positions[vertex] }),
@@ -254,7 +255,8 @@ pub fn check_finite(positions: &[[f32; 3]]) -> Result<(), MeshError> {
     }
 }
 
-/// Unit normals of vertices: the mean of their triangles' normals, weighted by area. A vertex in no triangle looks along z.
+/// Unit normals of vertices: the mean of their triangles' normals, weighted by area. A vertex in no triangle has a normal along
+/// z.
 pub fn vertex_normals(positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> Vec<[f32; 3]> {
     let mut normals = vec![[0.0_f32; 3]; positions.len()];
     for &[a, b, c] in triangles {
@@ -268,7 +270,7 @@ pub fn vertex_normals(positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> Vec<[f3
     normals.iter().map(|&n| normalized(n).unwrap_or([0.0, 0.0, 1.0])).collect()
 }
 
-/// The fan of a polygon around its first corner.
+/// Splits a polygon into the triangle fan around its first corner.
 pub(crate) fn fan<T: Copy>(corners: &[T]) -> impl Iterator<Item = [T; 3]> + '_ {
     let first = corners.first().copied();
     corners.windows(2).skip(1).filter_map(move |pair| first.map(|f| [f, pair[0], pair[1]]))
@@ -290,7 +292,7 @@ pub(crate) fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
-/// The vector at length 1; `None` for one without a direction.
+/// Returns the vector scaled to length 1; `None` for a vector without a direction.
 pub(crate) fn normalized(a: [f32; 3]) -> Option<[f32; 3]> {
     let length = dot(a, a).sqrt();
     (length > 0.0 && length.is_finite()).then(|| a.map(|c| c / length))
@@ -316,7 +318,7 @@ mod tests {
     #[test]
     fn borders_are_closed_walks() {
         let loops = frame().border_loops();
-        // The outer border counter-clockwise, the hole clockwise, as their triangles run.
+        // The outer border is counter-clockwise and the hole clockwise, like their triangles.
         assert_eq!(loops.len(), 2);
         assert_eq!(loops[0], [0, 1, 2, 3]);
         assert_eq!(loops[1], [4, 7, 6, 5]);

@@ -1,4 +1,4 @@
-//! `.npy` arrays (`NumPy`) of numbers: real ones as `f32`, whole ones as indices.
+//! Reads and writes `.npy` arrays (`NumPy`): real numbers as `f32`, integers as indices.
 
 use std::{
     fs::File,
@@ -16,17 +16,17 @@ use crate::foreign::caught;
 pub struct NpyArray<T> {
     /// Sizes, outermost first.
     pub shape: Vec<usize>,
-    /// Values, the last index running fastest.
+    /// Values; the last index varies fastest.
     pub data: Vec<T>,
 }
 
-/// Longest header that is read, bytes, and most digits of a shape: beyond it no file of this size exists.
+/// Longest header accepted, bytes, and largest number of digits in its shape: files of greater sizes do not exist.
 const MAX_HEADER: u32 = 1 << 20;
 const MAX_SHAPE_DIGITS: usize = 18;
 
 type Source = BufReader<File>;
 
-/// Values of a real array, one block (the outermost index) after another, so that no more than one is in memory.
+/// Reads a real array block by block (a block is one index of the outermost dimension), with at most one block in memory.
 pub struct NpyRows {
     path: PathBuf,
     shape: Vec<usize>,
@@ -44,7 +44,7 @@ impl NpyRows {
         &self.shape
     }
 
-    /// Values of the next block; NaN and infinity are kept.
+    /// Reads the values of the next block. NaN and infinity are not refused.
     ///
     /// # Errors
     /// [`MeshFileError`] when the file ends early.
@@ -66,7 +66,7 @@ impl NpyRows {
 /// Opens a C-order array of `f32` or `f64` for reading block by block.
 ///
 /// # Errors
-/// [`MeshFileError`] for what is no such array, or whose shape does not fit the file's length.
+/// [`MeshFileError`] for a file that is no such array, or whose shape does not match its length.
 pub fn read_npy_rows(path: &Path) -> Result<NpyRows, MeshFileError> {
     let (file, shape) = open(path)?;
     let wrong = |f: &NpyFile<Source>| {
@@ -82,10 +82,10 @@ pub fn read_npy_rows(path: &Path) -> Result<NpyRows, MeshFileError> {
     Ok(NpyRows { path: path.to_owned(), shape, values })
 }
 
-/// Reads a whole C-order array of whole numbers as indices.
+/// Reads a whole C-order array of integers as indices.
 ///
 /// # Errors
-/// [`MeshFileError`] for what is no such array, and for numbers that are no index.
+/// [`MeshFileError`] for a file that is no such array, and for numbers that are not valid indices.
 pub fn read_npy_indices(path: &Path) -> Result<NpyArray<u32>, MeshFileError> {
     let (file, shape) = open(path)?;
     let type_name = file.dtype().descr();
@@ -133,7 +133,7 @@ fn open(path: &Path) -> Result<(NpyFile<Source>, Vec<usize>), MeshFileError> {
     Ok((array, shape))
 }
 
-/// Refuses headers that lie about their length or about sizes that no file has; returns the bytes before the values.
+/// Rejects headers with a wrong length or with impossible sizes; returns the number of bytes before the values.
 fn check_header(path: &Path) -> Result<u64, MeshFileError> {
     let mut start = Vec::new();
     let file = crate::input::open_file(path).map_err(MeshFileError::io(path))?;
@@ -155,10 +155,10 @@ fn check_header(path: &Path) -> Result<u64, MeshFileError> {
     Ok(preamble + u64::from(length))
 }
 
-/// Writes a C-order `f32` array of a shape; `fill` hands over the values in order through its argument.
+/// Writes a C-order `f32` array with the given shape. `fill` passes the values in order to its argument.
 ///
 /// # Errors
-/// When `out` cannot be written to, or the number of values is not that of the shape.
+/// When `out` cannot be written to, or the number of values does not match the shape.
 pub fn write_npy_f32(
     out: &mut dyn Write,
     shape: &[usize],

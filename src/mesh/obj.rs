@@ -1,6 +1,7 @@
-//! Wavefront OBJ files: positions and faces.
+//! Reads and writes Wavefront OBJ files: positions and faces.
 //!
-//! Vertex numbers are those of the file, from 0. Normals, texture coordinates, groups and materials are neither read nor written.
+//! Vertices keep the order of the file, with indices from 0. Normals, texture coordinates, groups and materials are neither read
+//! nor written.
 
 use std::{
     io::{self, Write},
@@ -12,7 +13,7 @@ use ::obj::{Group, IndexTuple, LoadConfig, ObjData, ObjError, Object, SimplePoly
 use super::{MeshFileError, TriangleMesh, fan};
 use crate::{foreign::caught, text::excerpt};
 
-/// Reads an OBJ file; polygons become fans.
+/// Reads an OBJ file; polygons become triangle fans.
 ///
 /// ```
 /// use grimace::mesh::read_obj;
@@ -25,11 +26,11 @@ use crate::{foreign::caught, text::excerpt};
 /// ```
 ///
 /// # Errors
-/// [`MeshFileError`] for a file that cannot be read, lines that do not parse (with their number), or what is no mesh.
+/// [`MeshFileError`] for a file that cannot be read, for lines that do not parse (with their number), or for an invalid mesh.
 pub fn read_obj(path: &Path) -> Result<TriangleMesh, MeshFileError> {
     let bytes = crate::input::read(path).map_err(MeshFileError::io(path))?;
-    // Only positions and faces matter: other lines are blanked, so that comments in any encoding and statements of other
-    // programs do not, and line numbers stay.
+    // Only positions and faces are needed. Other lines are blanked, so that comments in any encoding and statements of other
+    // programs do no harm and line numbers stay valid.
     let mut plain = Vec::with_capacity(bytes.len());
     for line in bytes.split(|&b| b == b'\n') {
         let line = line.trim_ascii();

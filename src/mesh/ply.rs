@@ -1,4 +1,4 @@
-//! PLY files: vertex positions and faces, ASCII or binary.
+//! Reads and writes PLY files: vertex positions and faces, ASCII or binary.
 
 use std::{
     fs::File,
@@ -17,13 +17,13 @@ use ply_rs_bw::{
 use super::{MeshFileError, TriangleMesh, fan};
 use crate::foreign::caught;
 
-/// A row of a PLY file: a vertex's position, or a face's corners.
+/// A row of a PLY file: the position of a vertex or the corners of a face.
 #[derive(Debug)]
 struct Row {
-    /// NaN where no number was found.
+    /// NaN if missing.
     position: [f32; 3],
     corners: Vec<u32>,
-    /// A corner that is no vertex number.
+    /// A corner that is not a valid vertex index.
     bad_corner: Option<f64>,
 }
 
@@ -82,7 +82,8 @@ impl PropertyAccess for Row {
     }
 }
 
-/// Reads a PLY file: the elements `vertex` (x, y, z) and `face` (`vertex_indices` or `vertex_index`); polygons become fans.
+/// Reads the elements `vertex` (x, y, z) and `face` (`vertex_indices` or `vertex_index`) of a PLY file; polygons become triangle
+/// fans.
 ///
 /// ```
 /// use grimace::{internal::mesh::write_ply, mesh::read_ply};
@@ -96,7 +97,7 @@ impl PropertyAccess for Row {
 /// ```
 ///
 /// # Errors
-/// [`MeshFileError`] for a file that cannot be read, is damaged or ends early, or what is no mesh.
+/// [`MeshFileError`] for a file that cannot be read, is damaged or ends early, or for an invalid mesh.
 pub fn read_ply(path: &Path) -> Result<TriangleMesh, MeshFileError> {
     let file = crate::input::open_file(path).map_err(MeshFileError::io(path))?;
     caught(|| parse(path, file)).unwrap_or_else(|reason| Err(MeshFileError::format(path, reason)))

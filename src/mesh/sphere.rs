@@ -1,8 +1,8 @@
-//! The front of a sphere: an eyeball as far as it is seen.
+//! The front half of a sphere, used as the visible part of an eyeball.
 
 use std::f32::consts::{FRAC_PI_2, TAU};
 
-/// Positions and triangles of the half of a sphere that looks along z: the pole, then `rings` rings of `sectors` vertices each.
+/// Returns positions and triangles of the half of a sphere that faces z: the pole, then `rings` rings of `sectors` vertices each.
 pub fn sphere_front(centre: [f32; 3], radius: f32, rings: u32, sectors: u32) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
     let [x, y, z] = centre;
     let mut positions = vec![[x, y, z + radius]];

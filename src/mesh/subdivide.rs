@@ -1,14 +1,14 @@
-//! Smooth subdivision of triangle meshes after Loop.
+//! Smooth subdivision of triangle meshes by Loop's scheme.
 //!
-//! C. Loop: *Smooth subdivision surfaces based on triangles*, 1987, with his weights for vertices of any valence; along borders the
-//! cubic B-spline rule (1/8, 3/4, 1/8). The scheme is linear and its weights depend on the topology alone: one [`Subdivision`]
-//! refines a neutral face and every displacement of it alike. Old vertices keep their numbers, new ones follow.
+//! C. Loop: *Smooth subdivision surfaces based on triangles*, 1987, with his weights for vertices of any valence, and the cubic
+//! B-spline rule (1/8, 3/4, 1/8) along borders. The scheme is linear and its weights depend only on the topology, so one
+//! [`Subdivision`] refines a neutral face and all its displacements. Old vertices keep their indices; new ones follow.
 
 use std::{collections::BTreeMap, f32::consts::TAU};
 
 use super::{MeshError, TriangleMesh};
 
-/// One or several rounds of subdivision of one topology.
+/// The rule for one or several rounds of subdivision of one topology.
 #[derive(Clone, Debug)]
 pub struct Subdivision {
     levels: Vec<Level>,
@@ -18,16 +18,16 @@ pub struct Subdivision {
 /// One round: each new vertex as a weighted sum of old ones.
 #[derive(Clone, Debug)]
 struct Level {
-    /// Start of every new vertex's terms, and the end of the last.
+    /// Start of every new vertex's terms, and the end of the last one's.
     starts: Vec<u32>,
     terms: Vec<(u32, f32)>,
 }
 
 impl Subdivision {
-    /// The rule for `levels` rounds on a mesh's topology; 0 changes nothing. Each round makes four triangles of one.
+    /// Creates the rule for `levels` rounds on a mesh's topology; 0 changes nothing. Each round splits a triangle into four.
     ///
     /// # Errors
-    /// [`MeshError::TooManyVertices`] when a round would need more vertices than an index can number.
+    /// [`MeshError::TooManyVertices`] when a round needs more vertices than an index can address.
     pub fn new(mesh: &TriangleMesh, levels: usize) -> Result<Self, MeshError> {
         let mut triangles = mesh.triangles().to_vec();
         let mut count = mesh.vertex_count();
@@ -66,16 +66,16 @@ impl Subdivision {
         values
     }
 
-    /// The refined mesh.
+    /// Refines the mesh.
     ///
     /// # Errors
-    /// [`MeshError`] when a position leaves the range of `f32`.
+    /// [`MeshError`] when a position exceeds the range of `f32`.
     pub fn refine_mesh(&self, mesh: &TriangleMesh) -> Result<TriangleMesh, MeshError> {
         TriangleMesh::new(self.refine(mesh.positions()), self.triangles.clone())
     }
 }
 
-/// An edge while splitting: its new vertex, and the corners opposite to it.
+/// An edge being split: its new vertex, and the corners opposite to it.
 struct Edge {
     middle: u32,
     opposite: Vec<u32>,
@@ -121,7 +121,7 @@ fn split(count: usize, triangles: &[[u32; 3]]) -> Result<(Level, Vec<[u32; 3]>),
                 level.terms.extend(neighbours.iter().map(|&v| (v, beta)));
             }
             (&[a, b], _) => level.terms.extend([(own, 0.75), (a, 0.125), (b, 0.125)]),
-            // Borders that meet in a point: a corner, which stays.
+            // Borders that meet at a point: a corner, which does not move.
             _ => level.terms.push((own, 1.0)),
         }
         level.starts.push(level.terms.len() as u32);
@@ -172,7 +172,7 @@ mod tests {
         // Corner 0: 3/4 (0,0) + 1/8 (3,0) + 1/8 (0,3) = (0.375, 0.375).
         assert_eq!(fine[0], [0.375, 0.375, 0.0]);
         assert!(fine.iter().all(|p| p[2] == 0.0));
-        // Border edges have their middle at the middle: 0-1 is the first edge seen.
+        // The new vertex of a border edge is its midpoint: 0-1 is the first edge found.
         assert_eq!(fine[8], [1.5, 0.0, 0.0]);
     }
 

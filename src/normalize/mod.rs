@@ -1,7 +1,7 @@
-//! Normalization of a tracked model: N' frames, upright, equal FAPUs [KP, section 4.1].
+//! Normalization of a tracked model to N' upright frames with equal FAPUs [KP, section 4.1].
 //!
-//! The steps are KP's three: number of frames ([`resample`]), orientation and rigid motion (`orientation`), size (`size`). The last one
-//! leaves pixels: here the y axis turns up and lengths become face units.
+//! The three steps are KP's: number of frames ([`resample`]), orientation and rigid motion (`orientation`), size (`size`). The last step
+//! also changes the coordinates: the y axis then points up and lengths are in face units instead of pixels.
 
 mod orientation;
 mod size;
@@ -20,7 +20,7 @@ use crate::{
 pub use orientation::{EyeCorners, stable_nodes};
 pub use time::{Resample, resample, resample_at};
 
-/// Frames of a normalized model [KP, section 4.1: "five frames are sufficient"].
+/// Number of frames of a normalized model [KP, section 4.1: "five frames are sufficient"].
 ///
 /// ```
 /// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
@@ -46,7 +46,7 @@ pub const FRAMES_PER_MODEL: usize = 5;
 /// ```
 pub const CANONICAL_ES: f64 = 1024.0;
 
-/// How sizes are made equal.
+/// How the sizes of faces are made equal.
 ///
 /// ```
 /// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
@@ -64,18 +64,18 @@ pub const CANONICAL_ES: f64 = 1024.0;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum SizeMode {
-    /// Every node's offset by the FAPUs of its region: all models get equal FAPUs (KP).
+    /// Scales every node's offset by the FAPUs of its region, so that all models get equal FAPUs (KP).
     #[default]
     Fapu,
-    /// All offsets by ES0 alone.
+    /// Scales all offsets by ES0 alone.
     Uniform,
 }
 
-/// Which motion of the head is taken out of a track.
+/// Which head motion is removed from a track.
 ///
-/// A [`Normalizer`] takes out roll, place and size, which needs no depth. With [`PoseMode::Full`] the pipeline
-/// ([`Workbench`](crate::pipeline::Workbench)) carries the track to the front first ([`HeadFitter`](crate::pose::HeadFitter)); who calls a
-/// normalizer alone does so, too, or gets what [`PoseMode::Roll`] gives.
+/// A [`Normalizer`] removes roll, translation and size, which needs no depth. With [`PoseMode::Full`] the pipeline
+/// ([`Workbench`](crate::pipeline::Workbench)) first turns the track to a frontal view ([`HeadFitter`](crate::pose::HeadFitter)). If you
+/// use a normalizer directly, do that yourself; otherwise the result is that of [`PoseMode::Roll`].
 ///
 /// ```
 /// use grimace::normalize::{NormalizeOptions, PoseMode};
@@ -88,18 +88,18 @@ pub enum SizeMode {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum PoseMode {
-    /// Yaw, pitch and roll, place and size, by a three-dimensional head.
+    /// Yaw, pitch, roll, translation and size, by a three-dimensional head model.
     #[default]
     Full,
-    /// Roll about the line of sight, place and size, as Krinidis and Pitas do.
+    /// Roll about the line of sight, translation and size, as Krinidis and Pitas do.
     Roll,
 }
 
-/// How IRISD0 of a neutral face is measured, by which the lids' motion is scaled.
+/// How IRISD0 of a neutral face is measured. The motion of the lids is scaled by it.
 ///
-/// MPEG-4's IRISD0 is the opening of the lids, and the iris that just fills it. Candide-3's iris boxes are as high as its own face's eyes are
-/// open; on the face of a person the springs carry them along, and they are some 0.6 of the opening: by them, lids of people go 1.6 times as
-/// far as they went.
+/// MPEG-4 defines IRISD0 by the opening of the lids, which the iris just fills. The height of Candide-3's iris boxes equals the opening
+/// of its own face's eyes. On a person's face the springs move the boxes along, and they are some 0.6 of the opening high. Scaled by the
+/// boxes, the lids of people therefore move 1.6 times too far.
 ///
 /// ```
 /// use grimace::normalize::{IrisdMode, NormalizeOptions};
@@ -112,20 +112,20 @@ pub enum PoseMode {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum IrisdMode {
-    /// The opening of the lids ([`Fapus::measure`]).
+    /// Opening of the lids ([`Fapus::measure`]).
     #[default]
     Lids,
-    /// The height of the iris boxes, as Table 2 of Candide-3's report has it ([`Fapus::of_nodes`]).
+    /// Height of the iris boxes, as in Table 2 of Candide-3's report ([`Fapus::of_nodes`]).
     Boxes,
 }
 
 impl IrisdMode {
-    /// How it was measured before there was a choice.
+    /// Value for options files written before this option existed.
     fn earlier() -> Self {
         Self::Boxes
     }
 
-    /// The FAPUs of an upright neutral face, y up.
+    /// Measures the FAPUs of an upright neutral face, y up.
     fn fapus(self, tables: &Tables, upright: &[Point2<f64>]) -> Result<Fapus, FapusError> {
         match self {
             Self::Lids => Fapus::measure(&tables.fapus, upright),
@@ -144,15 +144,15 @@ impl IrisdMode {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct NormalizeOptions {
-    /// How frames are sampled; the nearest by default.
+    /// How frames are sampled; default: nearest.
     pub resample: Resample,
-    /// How sizes are made equal; by the FAPUs by default.
+    /// How sizes are made equal; default: by FAPUs.
     pub size: SizeMode,
-    /// Which motion of the head the pipeline takes out; all of it by default. A [`Normalizer`] alone takes out roll, place and size,
-    /// whatever stands here: see [`PoseMode`].
+    /// Which head motion the pipeline removes; default: all. A [`Normalizer`] alone always removes roll, translation and size only: see
+    /// [`PoseMode`].
     #[serde(default)]
     pub pose: PoseMode,
-    /// How IRISD0 is measured; at the lids by default.
+    /// How IRISD0 is measured; default: at the lids.
     #[serde(default = "IrisdMode::earlier")]
     pub irisd: IrisdMode,
 }
@@ -197,7 +197,7 @@ pub enum NormalizeError {
     },
 }
 
-/// The canonical neutral: the frontal wireframe scaled so that ES0 = 1024 face units, and its FAPUs.
+/// The canonical neutral face: the frontal wireframe scaled so that ES0 = 1024 face units, and its FAPUs.
 ///
 /// ```
 /// use grimace::{normalize::Canonical, units::NodeId, wireframe::Face};
@@ -211,14 +211,14 @@ pub enum NormalizeError {
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Canonical {
-    /// All nodes, face units, y up.
+    /// Positions of all nodes, face units, y up.
     pub neutral: FrameExpressionModel<FaceUnit>,
     /// Its FAPU lengths, face units.
     pub fapus: Fapus,
 }
 
 impl Canonical {
-    /// The canonical neutral of a wireframe.
+    /// Computes the canonical neutral of a wireframe.
     ///
     /// # Errors
     /// [`FapusError`] when the wireframe has no FAPUs.
@@ -254,7 +254,7 @@ pub struct Normalizer<'a> {
 }
 
 impl<'a> Normalizer<'a> {
-    /// A normalizer for a wireframe.
+    /// Creates a normalizer for a wireframe.
     ///
     /// # Errors
     /// [`FapusError`] when the wireframe has no FAPUs.
@@ -262,12 +262,12 @@ impl<'a> Normalizer<'a> {
         Ok(Self { wireframe, tables, canonical: Canonical::new(wireframe, tables)?, options })
     }
 
-    /// The canonical neutral that every normalized model starts from.
+    /// Returns the canonical neutral, the neutral frame of every normalized model.
     pub fn canonical(&self) -> &Canonical {
         &self.canonical
     }
 
-    /// All frames of a track upright, without head motion, y up, in pixels of the neutral frame.
+    /// Returns all frames of a track upright, without head motion, y up, in pixels of the neutral frame.
     ///
     /// # Errors
     /// [`NormalizeError`].
@@ -279,8 +279,9 @@ impl<'a> Normalizer<'a> {
         orientation::upright(track, &self.wireframe.frontal(), self.tables)
     }
 
-    /// Units of the FAPs of the lids on a tracked person's neutral face, whose nodes are in pixels, y down; those of the canonical one where
-    /// it cannot be turned upright.
+    /// Returns the units of the lids' FAPs on a tracked person's neutral face, given in pixels, y down.
+    ///
+    /// Falls back to the units of the canonical face if the given face cannot be turned upright.
     pub fn lid_units(&self, neutral: &[Point2<f64>]) -> LidUnits {
         let frontal = self.wireframe.frontal();
         let upright = (neutral.len() == frontal.len()).then(|| {
@@ -292,8 +293,8 @@ impl<'a> Normalizer<'a> {
         upright.flatten().and_then(units).unwrap_or(LidUnits::CANONICAL)
     }
 
-    /// The normalized model of a track: [`FRAMES_PER_MODEL`] frames, upright and in one place (see [`PoseMode`] for turns to a side), with
-    /// canonical FAPUs.
+    /// Returns the normalized model of a track: [`FRAMES_PER_MODEL`] frames, upright, without translation, with canonical FAPUs.
+    /// [`PoseMode`] describes how yaw and pitch are treated.
     ///
     /// # Errors
     /// [`NormalizeError`].
@@ -301,7 +302,7 @@ impl<'a> Normalizer<'a> {
         self.normalize_every_frame(&resample(track, FRAMES_PER_MODEL, self.options.resample)?)
     }
 
-    /// As [`Normalizer::normalize`], of frames with numbers, of which some may be missing: key frames are uniform in frame number.
+    /// As [`Normalizer::normalize`], for numbered frames, some of which may be missing: key frames are uniform in frame number.
     ///
     /// # Errors
     /// [`NormalizeError`].
@@ -313,7 +314,7 @@ impl<'a> Normalizer<'a> {
         self.normalize_every_frame(&resample_at(track, numbers, FRAMES_PER_MODEL, self.options.resample)?)
     }
 
-    /// As [`Normalizer::normalize`], with all frames of the track.
+    /// As [`Normalizer::normalize`], but keeps all frames of the track.
     ///
     /// # Errors
     /// [`NormalizeError`].
@@ -335,8 +336,8 @@ mod tests {
     use super::*;
     use crate::geometry::Similarity;
 
-    /// Candide-3 in pixels, 100 px between the eyes, the mouth corners (31, 64) moving by `smile` px out and up over `frames` frames,
-    /// each frame seen through `view`.
+    /// Candide-3 in pixels, 100 px between the eyes. The mouth corners (31, 64) move by `smile` px out and up over `frames` frames; each
+    /// frame is transformed by `view`.
     fn track(frames: usize, smile: f64, view: impl Fn(usize) -> Similarity) -> DynamicExpressionModel<Px> {
         let scale = 100.0 / 0.613;
         let frame = |m: usize| {

@@ -1,11 +1,12 @@
-//! Orientation: roll about z, and the head's translation and scale between frames, removed.
+//! Orientation: removes roll about z, and the head's translation and scale changes between frames.
 //!
-//! KP assume frontal views and rotate every frame model about z until it is vertical; how the angle is found they leave to their
-//! reference [1]. Here every frame is laid on the neutral frame by the least-squares similarity of the eye corners, which
-//! expressions hardly move: between the neutral and the smiling photographs of 90 people their size over the width of the face
-//! changes by 0.04 % on the mean. With the bone of the nose, which a dropping jaw draws down, it is 0.6 %, and in a surprise 2 %,
-//! by which the head would shrink. The neutral frame's own roll is that of the similarity from the canonical frontal wireframe to
-//! eye corners and nose.
+//! KP assume frontal views and rotate every frame model about z until it is vertical; for the angle they refer to their reference [1].
+//! Here each frame is aligned with the neutral frame by the least-squares similarity of the eye corners. Roll of the neutral frame is the
+//! angle of the similarity from the canonical frontal wireframe to its eye corners and nose.
+//!
+//! Expressions hardly move the eye corners: from the neutral to the smiling photographs of 90 people, their size relative to the width of
+//! the face changes by 0.04 % on average. With the bone of the nose included, which a dropping jaw pulls down, it changes by 0.6 %, in a
+//! surprise by 2 %; the normalized head would shrink by as much.
 
 use nalgebra::{Point2, Rotation2};
 
@@ -17,28 +18,30 @@ use crate::{
     wireframe::Tables,
 };
 
-/// Outer and inner eye corners.
+/// Outer and inner eye corners, as (group, point).
 const EYE_CORNERS: [(u8, u8); 4] = [(3, 7), (3, 11), (3, 8), (3, 12)];
-/// Bone of the nose above and below.
+/// Upper and lower bone of the nose, as (group, point).
 const NOSE_BONE: [(u8, u8); 5] = [(9, 6), (9, 7), (9, 12), (9, 13), (9, 14)];
 
-/// Indices of the nodes that expressions move little, of those that a wireframe of `count` nodes has: eye corners and bone of the nose.
-/// They tell where a face is; how far it is away they do not tell to a percent, see [`EyeCorners`].
+/// Returns the indices of the nodes that expressions move little: eye corners and bone of the nose. Indices are below `count`, the number
+/// of nodes of the wireframe.
+///
+/// They locate a face, but do not give its distance to within a percent; see [`EyeCorners`].
 pub fn stable_nodes(tables: &Tables, count: usize) -> Vec<usize> {
     nodes_of(EYE_CORNERS.iter().chain(&NOSE_BONE), tables, count)
 }
 
-/// The eye corners, by which the head's motion in the image is told from expressions.
+/// The eye corners, which separate the head's motion in the image from expressions.
 #[derive(Clone, Debug)]
 pub struct EyeCorners(Vec<usize>);
 
 impl EyeCorners {
-    /// Those of a wireframe of `count` nodes.
+    /// Finds the eye corners of a wireframe of `count` nodes.
     pub fn new(tables: &Tables, count: usize) -> Self {
         Self(nodes_of(EYE_CORNERS.iter(), tables, count))
     }
 
-    /// The similarity that takes the eye corners of one set of nodes to those of another.
+    /// Returns the similarity that maps the eye corners of `from` to those of `to`.
     ///
     /// # Errors
     /// [`SimilarityError`] where they coincide.
@@ -57,7 +60,7 @@ fn nodes_of<'a>(points: impl Iterator<Item = &'a (u8, u8)>, tables: &Tables, cou
         .collect()
 }
 
-/// Frames of node positions, upright, y up, in pixels of the neutral frame.
+/// Returns the node positions of all frames, upright, y up, in pixels of the neutral frame.
 pub fn upright(
     model: &DynamicExpressionModel<Px>,
     frontal: &[Point2<f64>],

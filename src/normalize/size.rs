@@ -1,8 +1,9 @@
-//! Size: all models get equal FAPUs.
+//! Size: gives all models equal FAPUs.
 //!
-//! KP scale the frame models "in such a way that their facial animation parameter units are equal". A single scale can make one FAPU
-//! equal, not five; so every node's offset from neutral is scaled along x and y by the canonical over the subject's FAPU of the node's
-//! region, and put on the canonical neutral. Displacement vectors, all that the statistics look at, are then in FAPUs of the same face.
+//! KP scale the frame models "in such a way that their facial animation parameter units are equal". A single scale factor can make one
+//! FAPU equal, but not five. Therefore every node's offset from neutral is scaled along x and y by the ratio of the canonical FAPU of the
+//! node's region to the subject's, and added to the canonical neutral. The displacement vectors, the only input of the statistics, then
+//! have the FAPUs of the same face.
 
 use nalgebra::{Point2, Vector2};
 
@@ -13,7 +14,7 @@ use crate::{
     wireframe::{Fapu, Tables, Wireframe},
 };
 
-/// The normalized model of upright frames (y up, px).
+/// Returns the normalized model of upright frames (y up, px).
 pub fn equalize(
     upright: &[Vec<Point2<f64>>],
     tables: &Tables,

@@ -1,4 +1,4 @@
-//! Time: the same number of frames for every model.
+//! Time: resamples every model to the same number of frames.
 
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
@@ -8,7 +8,7 @@ use crate::{
     units::Unit,
 };
 
-/// How a frame between two frames is made.
+/// How a frame between two frames is computed.
 ///
 /// ```
 /// use grimace::normalize::Resample;
@@ -23,11 +23,12 @@ pub enum Resample {
     /// The nearest frame (the later one of two equally near).
     #[default]
     Nearest,
-    /// Linear interpolation between the two frames around it.
+    /// Linear interpolation between the previous and the next frame.
     Linear,
 }
 
-/// `count` frames at uniform distances in time from the first to the last, both included; the frames are equally far from each other.
+/// Returns `count` frames at uniform distances in time from the first to the last frame, both included. Input frames count as equally
+/// spaced.
 ///
 /// A sequence with fewer frames than `count` repeats frames under [`Resample::Nearest`].
 ///
@@ -42,8 +43,9 @@ pub fn resample<U: Unit>(
     resample_at(model, &numbers, count, mode)
 }
 
-/// As [`resample`], of frames with numbers: frame number is time, so that frames which are missing are no jump. Numbers ascend, or
-/// descend where the neutral frame is the later one; of others only the order counts.
+/// As [`resample`], for numbered frames: the frame number is the time, so that missing frames do not distort it.
+///
+/// Numbers must ascend, or descend when the neutral frame is the later one. If they do neither, frames count as equally spaced.
 ///
 /// # Errors
 /// [`ModelError::TooFewFrames`] when `count` is less than 2.
@@ -62,7 +64,7 @@ pub fn resample_at<U: Unit>(
     if !(times.len() == frames.len() && times.windows(2).all(|pair| pair[0] < pair[1])) {
         times = (0..frames.len() as u64).collect();
     }
-    // Times are multiplied by this, so that those asked for are whole numbers.
+    // Times are multiplied by this, so that the requested times are whole numbers.
     let parts = count as u64 - 1;
     let last = times[times.len() - 1];
     let frame = |m: u64| {
@@ -114,10 +116,10 @@ mod tests {
         let at = |numbers: &[u32], mode| xs(&resample_at(&model, numbers, 5, mode).unwrap());
         assert_eq!(at(&numbers, Resample::Nearest), [1.0, 7.0, 13.0, 13.0, 24.0]);
         assert_eq!(at(&numbers, Resample::Linear), [1.0, 6.75, 12.5, 18.25, 24.0]);
-        // The apex before the neutral frame in time: 30 to 7.
+        // The apex is earlier than the neutral frame: 30 to 7.
         let back: Vec<u32> = numbers.iter().map(|n| 31 - n).collect();
         assert_eq!(at(&back, Resample::Nearest), [1.0, 7.0, 13.0, 13.0, 24.0]);
-        // Numbers in no order tell no time.
+        // Numbers in no order give no times.
         let odd: Vec<u32> = numbers.iter().map(|n| n % 5).collect();
         assert_eq!(at(&odd, Resample::Nearest), xs(&resample(&model, 5, Resample::Nearest).unwrap()));
     }

@@ -1,8 +1,8 @@
-//! Files that are either whole or not there: written to a temporary name in the same folder, then renamed.
+//! Writes files that are either complete or absent: under a temporary name in the same folder, then renamed.
 //!
-//! Everything that the program leaves on a disk goes through here. What is written is hashed while it is written, so that nothing is
-//! read back. Two levels of durability: what a person made by hand is on the disk before success is said ([`write_durable`]), results
-//! that can be made again are synced together at the end of a command ([`sync_written`]). Only regular files are replaced.
+//! All output of the program passes through this module. Content is hashed while it is written and need not be read back. There are two
+//! levels of durability. A user's manual work is on disk before success is reported ([`write_durable`]). Reproducible results are synced
+//! together at the end of a command ([`sync_written`]). Only regular files are replaced.
 
 mod pending;
 mod record;
@@ -25,7 +25,7 @@ pub(crate) use sweep::once as sweep_once;
 pub(crate) use sync::create_folders;
 pub use sync::{remove_durably, sync_written};
 
-/// Program and version, as written into every file that says where it came from.
+/// Program and version, as recorded in written files.
 pub const MADE_BY: &str = concat!("grimace ", env!("CARGO_PKG_VERSION"));
 
 /// A file or folder that could not be written.
@@ -39,24 +39,23 @@ pub struct OutputError {
 }
 
 impl OutputError {
-    /// Puts a path to an I/O error.
+    /// Adds a path to an I/O error.
     pub fn at(path: &Path) -> impl FnOnce(io::Error) -> Self + '_ {
         move |source| Self { path: path.to_owned(), source }
     }
 }
 
-/// Writes a file through `fill`; the file appears under its name only when `fill` and the disk succeeded.
+/// Writes a file through `fill`. The file appears under its name only when `fill` and the disk succeeded.
 ///
-/// Missing parent folders are made. A link is written through: the file behind it is replaced.
+/// Missing parent folders are created. If the path is a link, its target is replaced.
 ///
 /// # Errors
-/// [`OutputError`] when a folder or the file cannot be written (no space, no permission), or when something that is no regular file
-/// stands there.
+/// [`OutputError`] when a folder or the file cannot be written (no space, no permission), or when the path is not a regular file.
 pub fn write_atomic(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<(), OutputError> {
     write_hashed(path, fill).map(|_| ())
 }
 
-/// [`write_atomic`] that gives the BLAKE3 of what was written, taken while it was written.
+/// As [`write_atomic`]. Returns the BLAKE3 of the content, computed during writing.
 ///
 /// # Errors
 /// As [`write_atomic`].
@@ -64,7 +63,7 @@ pub fn write_hashed(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result
     fill_pending(path, fill)?.persist()
 }
 
-/// [`write_atomic`] for what a person made and no program can make again: file and folder are on the disk before it returns.
+/// As [`write_atomic`] for manual work, which no program can reproduce: file and folder are on disk before it returns.
 ///
 /// # Errors
 /// As [`write_atomic`].
@@ -78,7 +77,7 @@ fn fill_pending(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>
     writer.into_inner().map_err(|e| OutputError::at(path)(e.into_error()))
 }
 
-/// [`write_atomic`] for bytes at hand.
+/// As [`write_atomic`] for bytes in memory.
 ///
 /// # Errors
 /// As [`write_atomic`].
@@ -94,7 +93,7 @@ pub fn write_json<T: Serialize + ?Sized>(path: &Path, value: &T) -> Result<(), O
     write_atomic(path, |writer| json_into(writer, value))
 }
 
-/// [`write_json`], durably; see [`write_durable`].
+/// As [`write_json`], durably; see [`write_durable`].
 ///
 /// # Errors
 /// As [`write_atomic`].
@@ -102,22 +101,22 @@ pub fn write_json_durably<T: Serialize + ?Sized>(path: &Path, value: &T) -> Resu
     write_durable(path, |writer| json_into(writer, value)).map(|_| ())
 }
 
-/// A value as [`write_json`] writes it.
+/// Writes a value in the format of [`write_json`].
 ///
 /// # Errors
-/// [`io::Error`] when `writer` takes no more.
+/// [`io::Error`] of `writer`.
 pub fn json_into<T: Serialize + ?Sized>(mut writer: &mut dyn Write, value: &T) -> io::Result<()> {
     serde_json::to_writer_pretty(&mut writer, value).map_err(io::Error::from)?;
     writer.write_all(b"\n")
 }
 
-/// A writer of CSV whose fields no spreadsheet takes for formulas: see the module `formula`. All CSV files with texts in them are written
-/// through it.
+/// Returns a CSV writer that prevents spreadsheets from executing fields as formulas: see the module `formula`. All CSV files with texts
+/// use it.
 pub fn csv_writer<W: Write>(writer: W) -> csv::Writer<impl Write> {
     csv::Writer::from_writer(FormulaGuard::new(writer))
 }
 
-/// Writes rows as CSV, the header taken from the row type's field names.
+/// Writes rows as CSV. The header has the field names of the row type.
 ///
 /// # Errors
 /// As [`write_atomic`].
@@ -125,10 +124,10 @@ pub fn write_csv<T: Serialize>(path: &Path, rows: impl IntoIterator<Item = T>) -
     write_atomic(path, |writer| csv_into(writer, rows))
 }
 
-/// Rows as `write_csv` writes them.
+/// Writes rows in the format of `write_csv`.
 ///
 /// # Errors
-/// [`io::Error`] when `writer` takes no more.
+/// [`io::Error`] of `writer`.
 pub fn csv_into<T: Serialize>(writer: &mut dyn Write, rows: impl IntoIterator<Item = T>) -> io::Result<()> {
     let mut csv = csv_writer(writer);
     for row in rows {
@@ -137,7 +136,7 @@ pub fn csv_into<T: Serialize>(writer: &mut dyn Write, rows: impl IntoIterator<It
     csv.flush()
 }
 
-/// Writes rows of text as CSV under a header, where the columns are not those of a type; the BLAKE3 of the file.
+/// Writes rows of text as CSV under a given header. Returns the BLAKE3 of the file.
 ///
 /// # Errors
 /// As [`write_atomic`].
@@ -156,8 +155,8 @@ pub fn write_records<H: AsRef<[u8]>>(
     })
 }
 
-/// Names of columns that are the user's in a table that has columns of ours: one that is called like one of ours keeps its content under
-/// another name, with `by_` before it as often as it takes until no other column is called so.
+/// Names for the user's columns in a table with columns of this program. A name that collides gets the prefix `by_`, repeatedly until it is
+/// unique.
 pub fn beside_ours<N: AsRef<str>>(theirs: &[N], is_ours: impl Fn(&str) -> bool) -> Vec<String> {
     let is_theirs = |name: &str| theirs.iter().any(|other| other.as_ref() == name);
     let named = |name: &N| {
@@ -180,14 +179,14 @@ pub fn per_second(fps: f64) -> String {
     format!("{} {} per second", nine_digits(fps), if fps.total_cmp(&1.0).is_eq() { "frame" } else { "frames" })
 }
 
-/// A number with 9 significant digits, the shortest text that has them (`0.1`, `12.3456789`, `-0` becomes `0`).
+/// A number with 9 significant digits as its shortest text (`0.1`, `12.3456789`, `-0` becomes `0`).
 pub fn nine_digits(value: f64) -> String {
     let text = format!("{value:.8e}");
     let rounded: f64 = text.parse().unwrap_or(value);
     if rounded == 0.0 { "0".to_owned() } else { format!("{rounded}") }
 }
 
-/// The first of a list, and how many more.
+/// The first items of a list, and the number of the others.
 pub fn listed(items: &[String], most: usize) -> String {
     let shown = items.iter().take(most).cloned().collect::<Vec<_>>().join("; ");
     if items.len() > most { format!("{shown}; and {} more", items.len() - most) } else { shown }

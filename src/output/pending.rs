@@ -1,4 +1,4 @@
-//! Files on their way: under a temporary name, hashed, then put in their place.
+//! Files in progress: written under a temporary name, hashed, then renamed.
 
 use std::{
     fs, io,
@@ -8,11 +8,10 @@ use std::{
 
 use super::{OutputError, sweep, sync};
 
-/// The regular file that a path names, there or not: the path itself, or the file behind a link.
+/// The regular file that a path denotes, existing or not: the path itself, or the target of a link.
 ///
 /// # Errors
-/// [`OutputError`] when something else stands there (a folder, a device, a pipe, a socket) or a link leads nowhere: none of these is
-/// ever replaced.
+/// [`OutputError`] for anything else (a folder, a device, a pipe, a socket) or a broken link: none of these is ever replaced.
 pub fn target_of(path: &Path) -> Result<PathBuf, OutputError> {
     let refuse = |what: &str| OutputError { path: path.to_owned(), source: io::Error::new(io::ErrorKind::InvalidInput, what) };
     let found = match fs::symlink_metadata(path) {
@@ -22,7 +21,7 @@ pub fn target_of(path: &Path) -> Result<PathBuf, OutputError> {
     if !found.is_symlink() {
         return special(found.file_type()).map_or_else(|| Ok(path.to_owned()), |what| Err(refuse(what)));
     }
-    // Before the path behind it: what /dev/stdout leads to may have none.
+    // Checked before resolving the link: the target of /dev/stdout may have no path.
     let behind = match fs::metadata(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => {
             return Err(refuse("it is a link to a file that does not exist; remove the link or create the file"));
@@ -35,7 +34,7 @@ pub fn target_of(path: &Path) -> Result<PathBuf, OutputError> {
     }
 }
 
-/// What a file is that is no regular file, and what to do.
+/// Description of a file that is not regular, with advice.
 fn special(kind: fs::FileType) -> Option<&'static str> {
     if kind.is_file() {
         return None;
@@ -61,7 +60,7 @@ pub(super) fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// A file under a temporary name in the folder of its place. Writing to it hashes what is written; dropped, it is gone.
+/// A file under a temporary name in its target folder. It hashes what is written, and is deleted when dropped.
 #[derive(Debug)]
 pub struct PendingFile {
     path: PathBuf,
@@ -71,10 +70,10 @@ pub struct PendingFile {
 }
 
 impl PendingFile {
-    /// A file that will be at `path`. Missing parent folders are made.
+    /// Creates the temporary file for `path`. Missing parent folders are created.
     ///
     /// # Errors
-    /// [`OutputError`] when a folder or the file cannot be made, or as [`target_of`].
+    /// [`OutputError`] when a folder or the file cannot be created, or as [`target_of`].
     pub fn create(path: &Path) -> Result<Self, OutputError> {
         let error = OutputError::at(path);
         let target = target_of(path)?;
@@ -94,7 +93,7 @@ impl PendingFile {
         Ok(Self { path: path.to_owned(), target, file, hasher: blake3::Hasher::new() })
     }
 
-    /// Puts the whole file in its place; the BLAKE3 of its bytes. It is on the disk after [`super::sync_written`].
+    /// Renames the complete file to its path and returns the BLAKE3 of its bytes. It is on disk after [`super::sync_written`].
     ///
     /// # Errors
     /// [`OutputError`] when it cannot be renamed.
@@ -105,7 +104,7 @@ impl PendingFile {
         Ok(hasher.finalize())
     }
 
-    /// [`PendingFile::persist`], the file and its name being on the disk when it returns.
+    /// As [`PendingFile::persist`]; file and name are on disk when it returns.
     ///
     /// # Errors
     /// [`OutputError`] when it cannot be synced or renamed.
@@ -130,7 +129,7 @@ impl Write for PendingFile {
     }
 }
 
-/// A temporary folder beside the place of a file, for encoders that want a file name of their own.
+/// A temporary folder beside a file's path, for encoders that need a file name of their own.
 #[derive(Debug)]
 pub struct PendingFolder {
     path: PathBuf,
@@ -139,7 +138,7 @@ pub struct PendingFolder {
 }
 
 impl PendingFolder {
-    /// A folder for a file that will be at `path`. Missing parent folders are made.
+    /// Creates the folder for the file `path`. Missing parent folders are created.
     ///
     /// # Errors
     /// As [`PendingFile::create`].
@@ -154,13 +153,13 @@ impl PendingFolder {
         Ok(Self { path: path.to_owned(), target, folder })
     }
 
-    /// Where the encoder writes.
+    /// Path for the encoder.
     #[must_use]
     pub fn file(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 
-    /// Puts the file `name` of the folder in its place.
+    /// Renames the file `name` in the folder to the target path.
     ///
     /// # Errors
     /// [`OutputError`] when it cannot be renamed.

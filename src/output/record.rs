@@ -1,8 +1,9 @@
-//! What a command wrote into a folder, so that a later one removes nothing else there.
+//! Records what a command wrote into a folder, so that a later one removes nothing else there.
 //!
-//! The record is a text file that `b3sum --check` reads: a line `HASH  NAME` for each file, hash in hexadecimal (BLAKE3), name relative to
-//! the folder. A line is added as each file is written, so that a program that is killed leaves no file unrecorded; a finished one sorts
-//! the lines. Who writes holds a lock on it, where the file system has locks: two commands at once would mix their results.
+//! The record is a text file for `b3sum --check`: a line `HASH  NAME` for each file, with the BLAKE3 hash in hexadecimal and the name
+//! relative to the folder. A line is added with each file, so that a killed program leaves no file unrecorded. At the end the lines are
+//! sorted. The writer holds a lock on the record, if the file system supports locks, so that two concurrent commands cannot mix their
+//! results.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -21,7 +22,7 @@ pub struct FolderRecord {
     folder: PathBuf,
     path: PathBuf,
     force: bool,
-    /// Names from earlier commands, each with the hashes it had.
+    /// Names from earlier commands, each with its recorded hashes.
     earlier: BTreeMap<String, BTreeSet<String>>,
     now: Mutex<Now>,
 }
@@ -33,14 +34,14 @@ struct Now {
 }
 
 impl Now {
-    /// The record as a file to add lines to, locked.
+    /// Opens the record for appending, locked.
     fn journal(&mut self, path: &Path) -> io::Result<&mut fs::File> {
         let journal = if let Some(file) = self.journal.take() { file } else { locked(path)? };
         Ok(self.journal.insert(journal))
     }
 }
 
-/// A file to add lines to that nobody else adds to meanwhile.
+/// Opens a file for appending with an exclusive lock.
 fn locked(path: &Path) -> io::Result<fs::File> {
     if let Some(folder) = path.parent() {
         fs::create_dir_all(folder)?;
@@ -51,16 +52,16 @@ fn locked(path: &Path) -> io::Result<fs::File> {
             let reason = "another command is writing into this folder; wait for it, or choose another folder";
             Err(io::Error::new(io::ErrorKind::ResourceBusy, reason))
         }
-        // A file system without locks.
+        // The file system has no locks.
         Err(fs::TryLockError::Error(_)) | Ok(()) => Ok(file),
     }
 }
 
 impl FolderRecord {
-    /// Opens the record `name` of a folder, or begins one. With `force`, files that are not of an earlier command are written over.
+    /// Opens or starts the record `name` of a folder. With `force`, files that no earlier command wrote are overwritten, too.
     ///
     /// # Errors
-    /// [`OutputError`] when a record is there and cannot be read.
+    /// [`OutputError`] when an existing record cannot be read.
     pub fn open(folder: &Path, name: &str, force: bool) -> Result<Self, OutputError> {
         let path = folder.join(name);
         let bytes = match crate::input::read(&path) {
@@ -69,7 +70,7 @@ impl FolderRecord {
             Err(error) => return Err(OutputError::at(&path)(error)),
         };
         let mut earlier: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
-        // A line that a power failure cut names no file with such a hash.
+        // A line truncated by a power failure matches no file.
         for (hash, name) in String::from_utf8_lossy(&bytes).lines().filter_map(|line| line.split_once("  ")) {
             if is_inside(name) {
                 earlier.entry(name.to_owned()).or_default().insert(hash.to_owned());
@@ -78,20 +79,21 @@ impl FolderRecord {
         Ok(Self { folder: folder.to_owned(), path, force, earlier, now: Mutex::default() })
     }
 
-    /// Begins to write into the folder: nobody else does until this record is closed.
+    /// Starts writing into the folder, exclusively until this record is closed.
     ///
     /// # Errors
-    /// [`OutputError`] when the record cannot be written; of the kind [`io::ErrorKind::ResourceBusy`] while another command writes into the folder.
+    /// [`OutputError`] when the record cannot be written; of the kind [`io::ErrorKind::ResourceBusy`] while another command writes into the
+    /// folder.
     pub fn begin(&self) -> Result<(), OutputError> {
         let mut now = self.now.lock().unwrap_or_else(PoisonError::into_inner);
         now.journal(&self.path).map(|_| ()).map_err(OutputError::at(&self.path))
     }
 
-    /// Writes the file `name` of the folder as [`write_atomic`] does, and enters it.
+    /// Writes the file `name` in the folder with [`write_atomic`], and records it.
     ///
     /// # Errors
-    /// [`OutputError`] when it cannot be written; of the kind [`io::ErrorKind::AlreadyExists`] when a file stands there that no earlier
-    /// command wrote; as [`FolderRecord::begin`].
+    /// [`OutputError`] when it cannot be written; of the kind [`io::ErrorKind::AlreadyExists`] when the file exists and no earlier command
+    /// wrote it; as [`FolderRecord::begin`].
     pub fn write(&self, name: &str, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<(), OutputError> {
         self.check_free(name)?;
         self.begin()?;
@@ -100,7 +102,7 @@ impl FolderRecord {
         self.wrote(name, hash)
     }
 
-    /// Refuses to write over the file `name` where no earlier command wrote it, unless forced.
+    /// Returns an error if the file `name` exists and no earlier command wrote it, unless forced.
     ///
     /// # Errors
     /// [`OutputError`] of the kind [`io::ErrorKind::AlreadyExists`].
@@ -113,10 +115,10 @@ impl FolderRecord {
         Ok(())
     }
 
-    /// Enters the file `name`, which others wrote into the folder just now.
+    /// Records the file `name` that other code has just written into the folder.
     ///
     /// # Errors
-    /// [`OutputError`] when it cannot be read, or not be entered.
+    /// [`OutputError`] when it cannot be read or recorded.
     pub fn enter_written(&self, name: &str) -> Result<(), OutputError> {
         let path = self.folder.join(name);
         let unread = || OutputError::at(&path)(io::Error::new(io::ErrorKind::NotFound, "it cannot be read back"));
@@ -124,7 +126,7 @@ impl FolderRecord {
         self.wrote(name, hash)
     }
 
-    /// Enters the file `name`, which was written with this hash.
+    /// Records the file `name`, written with this hash.
     ///
     /// # Errors
     /// [`OutputError`] when the record cannot be written.
@@ -132,7 +134,7 @@ impl FolderRecord {
         self.enter(name, hash).map_err(OutputError::at(&self.path))
     }
 
-    /// Whether an earlier command or this one entered the file `name`.
+    /// Whether an earlier command or this one recorded the file `name`.
     pub fn knows(&self, name: &str) -> bool {
         self.earlier.contains_key(name) || self.now.lock().unwrap_or_else(PoisonError::into_inner).written.contains_key(name)
     }
@@ -144,19 +146,19 @@ impl FolderRecord {
         Ok(())
     }
 
-    /// Whether an earlier command wrote the file `name` and nobody changed it since.
+    /// Whether an earlier command wrote the file `name` and it is unchanged.
     pub fn is_unchanged(&self, name: &str) -> bool {
         let hash = || file_blake3(&self.folder.join(name));
         self.earlier.get(name).is_some_and(|hashes| hash().is_some_and(|hash| hashes.contains(&hash)))
     }
 
-    /// Whether earlier commands wrote something, and nobody changed or removed any of it since.
+    /// Whether earlier commands wrote files and all of them are unchanged.
     pub fn is_whole(&self) -> bool {
         !self.earlier.is_empty() && self.earlier.keys().all(|name| self.is_unchanged(name))
     }
 
-    /// Removes what earlier commands wrote and this one has not, where it still has the bytes they wrote, and folders that are empty then. The names of files that were
-    /// changed since: they are kept, and stay in the record.
+    /// Removes unchanged files that earlier commands wrote and this one did not, and folders that become empty. Returns the names of
+    /// changed files, which are kept and remain in the record.
     ///
     /// # Errors
     /// [`OutputError`] when a file cannot be removed.
@@ -179,14 +181,14 @@ impl FolderRecord {
         Ok(kept)
     }
 
-    /// Removes the folders that a file was in, but for the record's own, where nothing is in them any more.
+    /// Removes the parent folders of a file that are empty, except the record's own folder.
     fn remove_empty_folders_of(&self, name: &str) {
         let folders = Path::new(name).ancestors().skip(1).filter(|folder| !folder.as_os_str().is_empty());
         // A folder that is not empty is not removed.
         let _ = folders.map(|folder| fs::remove_dir(self.folder.join(folder))).find(Result::is_err);
     }
 
-    /// Keeps the files of earlier commands whose names fit, as if this one had written them.
+    /// Keeps the files of earlier commands whose names match, as if this one had written them.
     pub(crate) fn keep(&self, fits: impl Fn(&str) -> bool) {
         let mut now = self.now.lock().unwrap_or_else(PoisonError::into_inner);
         for (name, hashes) in self.earlier.iter().filter(|(name, _)| fits(name)) {
@@ -196,7 +198,7 @@ impl FolderRecord {
         }
     }
 
-    /// Writes the record anew, its lines sorted.
+    /// Rewrites the record with sorted lines.
     ///
     /// # Errors
     /// [`OutputError`].
@@ -208,7 +210,7 @@ impl FolderRecord {
     }
 }
 
-/// Whether a name stays inside its folder, whatever a record was made to say.
+/// Whether a name stays inside its folder, even in a manipulated record.
 pub(crate) fn is_inside(name: &str) -> bool {
     !name.is_empty() && Path::new(name).components().all(|part| matches!(part, Component::Normal(_)))
 }
@@ -260,7 +262,7 @@ mod tests {
         assert!(folder.path().parent().unwrap().join("outside").exists());
         fs::remove_file(folder.path().parent().unwrap().join("outside")).unwrap();
         assert!(at("f/1.png").exists() && at("f/2.png").exists() && at("f/mine.png").exists() && !at("f/3.png").exists());
-        // What was kept is still known, and said again.
+        // Kept files remain in the record and are reported again.
         assert_eq!(write(folder.path(), &["f/1.png"], false).unwrap(), ["f/2.png"]);
     }
 

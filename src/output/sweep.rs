@@ -1,10 +1,10 @@
-//! Temporary files of processes that were killed: recognized and removed, ours only, and only where no writer lives.
+//! Removes temporary files that killed processes of this program left behind.
 //!
-//! A temporary name is `.grimace-HOST-PROCESS-RANDOM.tmp`: HOST stands for the machine's name (8 hexadecimal digits), PROCESS is the
-//! writer's number, in decimal. Its writer holds a lock on the file, which the system releases when the process ends, however it ends.
-//! Such a file is removed when the lock can be taken and its writer is known to be gone: a process of this machine that does not run
-//! any more, or, where that cannot be known (another machine that shares the folder), a file that nobody has written to for a day.
-//! The first file that a process writes into a folder sweeps the folder.
+//! A temporary name is `.grimace-HOST-PROCESS-RANDOM.tmp`. HOST stands for the machine's name (8 hexadecimal digits), PROCESS is the
+//! writer's process number in decimal. The writer holds a lock on the file, which the system releases when the process ends for any reason.
+//! A file is removed if its lock is free and its writer is known to be gone: a process of this machine that no longer runs or, on another
+//! machine that shares the folder, a file unchanged for a day. The first file that a process writes into a folder triggers the removal
+//! there.
 
 use std::{
     collections::BTreeSet,
@@ -14,17 +14,17 @@ use std::{
     time::{Duration, SystemTime},
 };
 
-/// How temporary names begin and end.
+/// Start and end of temporary names.
 const PREFIX: &str = ".grimace-";
 pub(super) const SUFFIX: &str = ".tmp";
 
-/// Age at which a file of another machine counts as left behind.
+/// Age from which a file of another machine counts as left behind.
 const OLD: Duration = Duration::from_secs(24 * 3600);
 
-/// Folders that this process has swept.
+/// Folders that this process has cleaned.
 static SWEPT: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
-/// This machine's name as it stands in temporary names.
+/// This machine's name in temporary names.
 static HOST: LazyLock<String> = LazyLock::new(|| {
     #[cfg(unix)]
     let name = rustix::system::uname().nodename().to_bytes().to_vec();
@@ -33,17 +33,17 @@ static HOST: LazyLock<String> = LazyLock::new(|| {
     blake3::hash(&name).to_hex()[..8].to_owned()
 });
 
-/// What the temporary names of this process begin with.
+/// Start of the temporary names of this process.
 pub(super) fn prefix() -> String {
     format!("{PREFIX}{}-{}-", *HOST, std::process::id())
 }
 
-/// Marks a temporary file as being written. Where the file system has no locks, the writer's number alone protects it.
+/// Locks a temporary file during writing. Without locks in the file system, only the writer's process number protects it.
 pub(super) fn lock(file: &fs::File) {
     let _ = file.try_lock();
 }
 
-/// Sweeps a folder, the first time that this process asks.
+/// Cleans a folder on the first call for it in this process.
 pub(crate) fn once(folder: &Path) {
     let first = SWEPT.lock().unwrap_or_else(PoisonError::into_inner).insert(folder.to_owned());
     if first {
@@ -51,7 +51,7 @@ pub(crate) fn once(folder: &Path) {
     }
 }
 
-/// Removes what killed processes left in a folder. What cannot be removed stays: it harms nobody.
+/// Removes leftovers of killed processes in a folder. Files that cannot be removed stay; they do no harm.
 fn sweep(folder: &Path, now: SystemTime) {
     let Ok(entries) = fs::read_dir(folder) else { return };
     for entry in entries.flatten() {
@@ -67,7 +67,7 @@ fn sweep(folder: &Path, now: SystemTime) {
         if found.is_file() && is_unlocked(&path) {
             let _ = fs::remove_file(&path);
         } else if found.is_dir() {
-            // An encoder's folder holds one file, `film.*`.
+            // An encoder's folder has one file, `film.*`.
             for file in fs::read_dir(&path).into_iter().flatten().flatten() {
                 if file.file_name().to_str().is_some_and(|n| n.starts_with("film.")) {
                     let _ = fs::remove_file(file.path());
@@ -78,7 +78,7 @@ fn sweep(folder: &Path, now: SystemTime) {
     }
 }
 
-/// Machine and process of a temporary name of ours.
+/// Machine and process in a temporary name of this program.
 fn writer_of(name: &str) -> Option<(&str, u32)> {
     let mut parts = name.strip_prefix(PREFIX)?.strip_suffix(SUFFIX)?.split('-');
     let (host, process, random) = (parts.next()?, parts.next()?, parts.next()?);
@@ -90,7 +90,7 @@ fn writer_of(name: &str) -> Option<(&str, u32)> {
     Some((host, process.parse().ok().filter(|&p| is_ours && p > 0)?))
 }
 
-/// Whether a process of this machine runs; in doubt it does.
+/// Whether a process of this machine is running; if unknown, yes.
 fn is_running(process: u32) -> bool {
     #[cfg(unix)]
     {
@@ -104,7 +104,7 @@ fn is_running(process: u32) -> bool {
     }
 }
 
-/// Whether nobody holds the lock of a file; in doubt somebody does.
+/// Whether the lock of a file is free; if unknown, no.
 fn is_unlocked(path: &Path) -> bool {
     fs::File::options().write(true).open(path).is_ok_and(|file| file.try_lock().is_ok())
 }
@@ -114,7 +114,7 @@ mod tests {
     use super::*;
     use crate::output::PendingFile;
 
-    /// A process number that no process has: one that has just ended.
+    /// A process number without a process: one that has just ended.
     fn dead() -> u32 {
         let mut child = std::process::Command::new("true").spawn().unwrap();
         child.wait().unwrap();
@@ -145,7 +145,7 @@ mod tests {
         fs::write(at(&left), "half").unwrap();
         fs::create_dir(at(&film)).unwrap();
         fs::write(at(&film).join("film.mp4"), "half").unwrap();
-        // A live process of this machine; a young and an old file of another machine; a file that is not ours.
+        // A live process of this machine; a young and an old file of another machine; a file of another program.
         let kept = [
             format!(".grimace-{}-1-abcdef.tmp", *HOST),
             ".grimace-00000000-9-abcdef.tmp".to_owned(),

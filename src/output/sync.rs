@@ -1,4 +1,4 @@
-//! When what was written is on the disk.
+//! Ensures that written files are on disk.
 
 use std::{
     collections::BTreeSet,
@@ -9,10 +9,10 @@ use std::{
 
 use super::{OutputError, pending::folder_of};
 
-/// Files synced one by one; of more than these, their whole file system is synced at once where the system can do that.
+/// Largest number of files that are synced one by one; above it, the whole file system is synced if the system supports that.
 const FEW: usize = 256;
 
-/// What was put in its place and is not known to be on the disk.
+/// Renamed files that may not be on disk yet.
 struct Written {
     files: BTreeSet<PathBuf>,
     folders: BTreeSet<PathBuf>,
@@ -20,10 +20,10 @@ struct Written {
 
 static WRITTEN: Mutex<Written> = Mutex::new(Written { files: BTreeSet::new(), folders: BTreeSet::new() });
 
-/// Notes a file for [`sync_written`].
+/// Registers a file for [`sync_written`].
 pub(super) fn note(file: &Path) {
     let mut written = WRITTEN.lock().unwrap_or_else(PoisonError::into_inner);
-    // Of many files their folders say enough; a million names are not kept.
+    // For many files, their folders suffice, which avoids storing a million names.
     if cfg!(not(target_os = "linux")) || written.files.len() <= FEW {
         written.files.insert(file.to_owned());
     }
@@ -33,8 +33,7 @@ pub(super) fn note(file: &Path) {
     }
 }
 
-/// Sees to it that all results written so far are on the disk, files and folders: at the end of a command, before it says that it
-/// is done.
+/// Syncs all results written so far, files and folders. It is called at the end of a command, before it reports success.
 ///
 /// # Errors
 /// [`OutputError`] with the file when the disk fails.
@@ -46,7 +45,7 @@ pub fn sync_written() -> Result<(), OutputError> {
     #[cfg(target_os = "linux")]
     if written.files.len() > FEW {
         for path in &written.folders {
-            // A folder that was removed since needs no syncing. The first call for a file system does the work of all others.
+            // A removed folder needs no syncing. The first call for a file system syncs everything on it.
             match fs::File::open(path) {
                 Ok(opened) => rustix::fs::syncfs(&opened).map_err(|e| OutputError::at(path)(e.into()))?,
                 Err(error) if error.kind() == io::ErrorKind::NotFound => {}
@@ -64,7 +63,7 @@ pub fn sync_written() -> Result<(), OutputError> {
     Ok(())
 }
 
-/// Syncs a file; one that was removed or replaced by something else since needs no syncing.
+/// Syncs a file. A file that was removed or replaced needs no syncing.
 fn sync(path: &Path) -> io::Result<()> {
     match fs::symlink_metadata(path) {
         Ok(found) if found.is_file() => {}
@@ -76,12 +75,12 @@ fn sync(path: &Path) -> io::Result<()> {
     }
 }
 
-/// Syncs the names in a folder, where the system can do that.
+/// Syncs the names in a folder, if the system supports that.
 pub(super) fn folder(path: &Path) -> io::Result<()> {
     #[cfg(unix)]
     match fs::File::open(path) {
         Ok(opened) => match opened.sync_all() {
-            // Some network file systems sync no folders: they keep names on the server at once.
+            // Some network file systems cannot sync folders: they store names on the server immediately.
             Err(error) if error.kind() == io::ErrorKind::InvalidInput => {}
             synced => synced?,
         },
@@ -93,7 +92,7 @@ pub(super) fn folder(path: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Makes a folder and those above it; new ones are synced into the folders above them.
+/// Creates a folder and its parents; new ones are synced in their parent folders.
 pub(crate) fn create_folders(path: &Path) -> io::Result<()> {
     if path.is_dir() {
         return Ok(());
@@ -113,7 +112,7 @@ pub(crate) fn create_folders(path: &Path) -> io::Result<()> {
     new.into_iter().try_for_each(|created| folder(folder_of(created)))
 }
 
-/// Removes a file, durably; a file that is not there is removed.
+/// Removes a file durably; a missing file is not an error.
 ///
 /// # Errors
 /// [`OutputError`] when it cannot be removed.

@@ -1,4 +1,4 @@
-//! Amplitudes of all sequences, groups compared by them, and their files.
+//! Amplitudes of all sequences, comparisons of groups by them, and their files.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -28,7 +28,7 @@ pub struct SequenceAmplitudes {
     pub emotion: String,
     /// Further columns of the manifest.
     pub metadata: BTreeMap<String, String>,
-    /// By region in the order of [`AmplitudeRegion::ALL`]; `None` where there is none.
+    /// By region in the order of [`AmplitudeRegion::ALL`]; `None` for a region without an amplitude.
     pub values: [Option<f64>; 4],
 }
 
@@ -37,9 +37,9 @@ pub struct SequenceAmplitudes {
 pub struct AmplitudeResults {
     /// By sequence.
     pub sequences: Vec<SequenceAmplitudes>,
-    /// Why an emotion and region have no amplitudes.
+    /// Why an emotion has no amplitudes in a region.
     pub missing: BTreeMap<(String, AmplitudeRegion), String>,
-    /// All pairs of groups, by emotion and region; corrected for their number.
+    /// All pairs of groups, by emotion and region, with p corrected for their number.
     pub comparisons: Vec<AmplitudeComparison>,
 }
 
@@ -47,7 +47,7 @@ pub struct AmplitudeResults {
 const MOST_GROUPS: usize = MAX_COMPARED_GROUPS;
 
 impl AmplitudeResults {
-    /// Amplitudes of all emotions.
+    /// Computes the amplitudes of all emotions.
     pub(super) fn new(
         emotions: &EmotionGroups<'_>,
         models: &[LabelledModel],
@@ -96,7 +96,7 @@ impl AmplitudeResults {
         all
     }
 
-    /// What a person should know.
+    /// Warnings to the user.
     pub(super) fn warnings(&self) -> Vec<String> {
         let mut whys: BTreeMap<&str, Vec<String>> = BTreeMap::new();
         for ((emotion, region), why) in &self.missing {
@@ -113,18 +113,18 @@ impl AmplitudeResults {
         whys.into_iter().map(|(why, of)| format!("no amplitudes, because {why}: {}", listed(&of, 8))).collect()
     }
 
-    /// Differences of amplitudes in words, as many as are significant.
+    /// Texts about the significant differences of amplitudes.
     pub fn findings(&self, significance: f64, options: &AmplitudeOptions) -> Vec<String> {
         let is_found = |c: &&AmplitudeComparison| c.outcome.as_ref().is_ok_and(|t| t.p_adjusted <= significance);
         self.comparisons.iter().filter(is_found).map(|c| c.words(significance, options)).collect()
     }
 }
 
-/// Columns of `amplitudes.csv` around the manifest's.
+/// Columns of `amplitudes.csv` before and after the manifest's.
 const BEFORE: [&str; 3] = ["subject", "sequence", "emotion"];
 const AFTER: [&str; 4] = ["region", "amplitude", "id", "no_amplitude"];
 
-/// Writes `amplitudes.csv` and, where there are groups, `amplitude_comparisons.csv`, each told to `wrote` as soon as it stands there.
+/// Writes `amplitudes.csv` and, if there are groups, `amplitude_comparisons.csv`. Calls `wrote` after each file.
 pub(super) fn write_amplitudes(
     out: &Path,
     results: &AmplitudeResults,

@@ -1,4 +1,4 @@
-//! From normalized models to representatives, statistics and FAPs; shared by `run` and `analyze`.
+//! Computes representatives, statistics and FAPs from normalized models, for `run` and `analyze`.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -35,7 +35,7 @@ use crate::{
     wireframe::FapusError,
 };
 
-/// A normalized model with everything that the statistics group by.
+/// A normalized model with the columns that the statistics group by.
 #[derive(Clone, Debug)]
 pub struct AnalyzedModel {
     /// The model and its sequence.
@@ -44,13 +44,13 @@ pub struct AnalyzedModel {
     pub emotion: String,
     /// Further columns of the manifest.
     pub metadata: BTreeMap<String, String>,
-    /// How well it was tracked, where known.
+    /// Tracking quality, if known.
     pub quality: Option<TrackQuality>,
-    /// Pose and action units over time, where known.
+    /// Pose and action units over time, if known.
     pub course: Option<Course>,
 }
 
-/// Why no statistics came out.
+/// Errors of the analysis.
 #[derive(Debug, thiserror::Error)]
 pub enum AnalysisError {
     /// Statistics of a class.
@@ -97,51 +97,51 @@ pub enum AnalysisError {
     },
 }
 
-/// One representative, with its FAPs.
+/// One representative with its FAPs.
 #[derive(Clone, Debug)]
 pub struct AnalyzedClass {
     /// The representative.
     pub representative: Representative,
     /// Stem of its files: the emotion, followed by `_COLUMN-VALUE` for every column grouped by.
     pub stem: String,
-    /// Its FAPs, key frames and the frames between them.
+    /// Its FAPs: key frames and interpolated frames.
     pub fap: FapSequence,
-    /// Values that the standard's ranges clamped.
+    /// Values clamped to the standard's ranges.
     pub clamped: Vec<Clamped>,
-    /// People behind it.
+    /// Number of people in the class.
     pub subjects: usize,
-    /// Bootstrap interval of its dispersion; only where there are groups, and people enough.
+    /// Bootstrap interval of its dispersion; `None` without groups or with too few people.
     pub interval: Option<DispersionInterval>,
-    /// What its expression does to the skin, or why that is not known; of no people before a run has looked at pictures.
+    /// Mean change of the skin by the expression, or why it is unknown; it covers no people until a run reads the pictures.
     pub skin: Result<Skin, NoSkin>,
 }
 
-/// Everything that statistics make of a set of models.
+/// Results of the analysis of a set of models.
 #[derive(Clone, Debug)]
 pub struct Analysis {
     /// Classes by emotion, then by group.
     pub classes: Vec<AnalyzedClass>,
-    /// Tests between groups; `None` when nothing was grouped.
+    /// Tests between groups; `None` without groups.
     pub comparisons: Option<Comparisons>,
-    /// What is known of every sequence at its apex; empty where models are read node by node.
+    /// Measurements of every sequence at its apex; empty where models are read node by node.
     pub sequences: Vec<SequenceRow>,
-    /// How well each sequence was tracked, by id.
+    /// Tracking quality of each sequence, by id.
     pub tracks: Vec<TrackQuality>,
-    /// Pose and action units over time of the sequences of which they are known.
+    /// Pose and action units over time, for sequences that have them.
     pub courses: BTreeMap<SequenceId, Course>,
-    /// What failed before.
+    /// Failures of earlier stages.
     pub failures: Vec<Failure>,
-    /// Warnings that a person should read.
+    /// Warnings to the user.
     pub warnings: Vec<String>,
-    /// How strongly everybody makes each emotion; empty where models are read node by node.
+    /// Amplitudes of all sequences; empty where models are read node by node.
     pub amplitudes: AmplitudeResults,
-    /// How emotions go with numbers of the people; empty where none are named.
+    /// Associations of emotions with the people's numbers; empty without `--covariate`.
     pub covariates: Vec<CovariateResult>,
-    /// How the people of each emotion differ; empty where models are read node by node.
+    /// Variation among the people of each emotion; empty where models are read node by node.
     pub variations: Vec<EmotionVariation>,
-    /// What every sequence is recognized as with its person left out; `None` where that is not possible.
+    /// Recognition of every sequence with its person left out; `None` where it is not possible.
     pub recognition: Option<RecognitionResults>,
-    /// Whether the sequences were tracked with the options at hand, so that the report may state them.
+    /// Whether the sequences were tracked with the present options, so that the report may state them.
     pub tracked_here: bool,
 }
 
@@ -160,7 +160,7 @@ pub fn analyze(models: Vec<AnalyzedModel>, failures: Vec<Failure>, bench: &Workb
     analyze_with(models, failures, bench, None)
 }
 
-/// [`analyze`], with the parts of emotions that were computed before into the output folder `parts_of`, where they fit.
+/// As [`analyze`], reusing matching parts of emotions from the output folder `parts_of`.
 pub(super) fn analyze_with(
     models: Vec<AnalyzedModel>,
     failures: Vec<Failure>,
@@ -213,7 +213,7 @@ pub(super) fn analyze_with(
     let covariates = covariates(&emotions, &grouped, &classes, &amplitudes, strata, bench);
     warnings.extend(covariate_warnings(&covariates, bench));
     let recognition = recognize_left_out(&grouped, bench);
-    // One emotion alone is nothing to recognize, and nobody expects it.
+    // Recognition needs at least two emotions; with one, no note about it is useful.
     let several = emotions.len() > 1;
     warnings.extend(recognition.as_ref().err().filter(|_| several).map(|why| format!("no recognition.csv: {why}")));
     warnings.extend(recognition.as_ref().ok().and_then(|results| left_out_said(&results.left_out)));
@@ -238,7 +238,7 @@ pub(super) fn analyze_with(
     })
 }
 
-/// The strata of all people, where columns are named.
+/// The strata of all people, if columns are given.
 pub(super) fn strata_of(models: &[LabelledModel], columns: &[String]) -> Option<Strata> {
     let values = |m: &LabelledModel| {
         columns
@@ -249,13 +249,13 @@ pub(super) fn strata_of(models: &[LabelledModel], columns: &[String]) -> Option<
     (!columns.is_empty()).then(|| Strata::new(columns, models.iter().map(|m| (m.model.id.subject.as_str(), values(m)))))
 }
 
-/// Sequences named in the warning to look at some again.
+/// Most sequences that the review warning names.
 const NAMED_SEQUENCES: usize = 6;
 
-/// Sequences whose marks lie beside the face, of which the warning says how.
+/// Most sequences whose misplaced marks the warning describes.
 const NAMED_BESIDE: usize = 3;
 
-/// The warning that marks do not lie on the face of the picture, if there are such.
+/// Warning about marks that miss the face in the picture, if there are any.
 fn marks_beside(tracks: &[TrackQuality]) -> Option<String> {
     let found: Vec<&TrackQuality> = tracks.iter().filter(|t| !t.summary.beside.is_empty()).collect();
     let said = found.iter().take(NAMED_BESIDE).map(|t| format!("{}: {}", t.id, t.summary.beside.join("; ")));
@@ -265,7 +265,7 @@ fn marks_beside(tracks: &[TrackQuality]) -> Option<String> {
     (count > 0).then(|| format!("the marks of {count} of {all} sequences do not fit the face found in the picture: {said}{more}"))
 }
 
-/// The warning to look at sequences again, if there are such.
+/// Warning with the sequences to review, if there are any.
 fn look_again(tracks: &[TrackQuality]) -> Option<String> {
     let ids: Vec<String> = tracks.iter().filter(|t| t.summary.verdict == Verdict::LookAgain).map(|t| t.id.to_string()).collect();
     let more = ids.len().checked_sub(NAMED_SEQUENCES + 1).map(|more| format!(" and {} more", more + 1)).unwrap_or_default();
@@ -274,12 +274,12 @@ fn look_again(tracks: &[TrackQuality]) -> Option<String> {
     (count > 0).then(|| format!("{count} of {all} sequences need a look; verdicts.csv has the reasons: {named}{more}"))
 }
 
-/// How many frames tracks have.
+/// Number of frames of each track.
 pub(super) fn lengths_of(tracks: &[TrackQuality]) -> impl Iterator<Item = (&SequenceId, usize)> {
     tracks.iter().map(|t| (&t.id, t.summary.frames))
 }
 
-/// What a person should know of sequences of fewer frames than a model has, where the nearest frame is taken.
+/// Note about sequences with fewer frames than a model has, for which the nearest frame is used.
 pub(super) fn too_short<'a>(lengths: impl Iterator<Item = (&'a SequenceId, usize)>, resample: Resample) -> Option<String> {
     let ids: Vec<String> = lengths.filter(|(_, frames)| *frames < FRAMES_PER_MODEL).map(|(id, _)| id.to_string()).collect();
     let (short, named) = (count(ids.len(), "sequence has", "sequences have"), listed(&ids, NAMED_SEQUENCES));
@@ -291,7 +291,7 @@ pub(super) fn too_short<'a>(lengths: impl Iterator<Item = (&'a SequenceId, usize
     })
 }
 
-/// Models as the groups want them.
+/// Converts models for grouping.
 pub(super) fn labelled(models: Vec<AnalyzedModel>) -> Vec<LabelledModel> {
     models.into_iter().map(|m| LabelledModel { model: m.model, emotion: m.emotion, metadata: m.metadata }).collect()
 }
@@ -299,7 +299,7 @@ pub(super) fn labelled(models: Vec<AnalyzedModel>) -> Vec<LabelledModel> {
 /// Classes by emotion.
 pub(super) type EmotionGroups<'a> = Vec<(String, Vec<(ClassLabel, Vec<&'a SequenceModel>)>)>;
 
-/// Classes, which are sorted by emotion, by emotion.
+/// Collects classes, which are sorted by emotion, by emotion.
 pub(super) fn by_emotion(classes: Vec<(ClassLabel, Vec<&SequenceModel>)>) -> EmotionGroups<'_> {
     let mut emotions: EmotionGroups<'_> = Vec::new();
     for class in classes {

@@ -1,4 +1,7 @@
-//! Marks that somebody gave, held against the face that is read in the picture: of another frame, of another size, or beside a feature.
+//! Compares given marks with the face that the locator reads in the picture.
+//!
+//! The comparison finds marks that belong to another frame, to a picture of another size, or that miss the feature they name. Distances are
+//! fractions of the eye distance. Each part of the face has its own limit; the limits grow with the locator's expected error.
 
 use image::GrayImage;
 use nalgebra::{Point2, Vector2};
@@ -11,17 +14,17 @@ use crate::{
     wireframe::mark_deviation,
 };
 
-/// A part of the face that is held against the picture by itself.
+/// A part of the face that is compared with the picture on its own.
 #[derive(Debug)]
 struct Part {
     name: &'static str,
     nodes: &'static [u16],
-    /// Distance, over the eye distance, up to which nothing is said: above the largest one of good marks, landmarks of networks among them,
-    /// which set brows along the upper edge and the chin higher than people do.
+    /// Largest distance without a message, in eye distances. It lies above the largest distance of good marks, including those of networks,
+    /// which place brows along the upper edge and the chin higher than people do.
     limit: f64,
 }
 
-/// All parts; left and right are the subject's own.
+/// All parts. Left and right are the subject's own.
 const PARTS: [Part; 9] = [
     Part { name: "left brow", nodes: &[15, 16, 17], limit: 0.22 },
     Part { name: "right brow", nodes: &[48, 49, 50], limit: 0.22 },
@@ -34,37 +37,40 @@ const PARTS: [Part; 9] = [
     Part { name: "chin", nodes: &[10], limit: 0.35 },
 ];
 
-/// Deviation of a mark at a feature that nobody says how well it is marked, in x and in y, over the eye distance.
+/// Standard deviation in x and in y, in eye distances, of a mark at a feature without a known marking accuracy.
 const OTHER_DEVIATION: f64 = 0.03;
 
-/// Marks further from the nearest face than this, over its eye distance, may be those of another one that was not found.
+/// Distance to the nearest detected face, in eye distances, above which the marks may belong to a face that was not detected.
 const ELSEWHERE: f64 = 0.5;
 
-/// All limits grow where the face is read less surely than strangers' photographs are: by as much again for every so much of its median expected
-/// error, over the eye distance, beyond the first number. 24 strangers' photographs, small, dark, noisy or smiling, were read with 0.021 at most;
-/// rendered faces are read with 0.024 and more, and the corners of their mouths elsewhere than they were painted.
+/// Expected error of the face, in eye distances, above which the limits (except [`EYES_TOO`]) grow, and the excess that adds the limit once
+/// again.
+///
+/// The locator's median expected error is at most 0.021 on 24 photographs of people outside its training data (small, dark, noisy or
+/// smiling), and 0.024 and more on rendered faces, whose mouth corners it reads in other positions than they were painted.
 const UNSURE: (f64, f64) = (0.021, 0.01);
 
-/// Marks lie beside the face where half of the parts are further from where they are read than this, over the eye distance, all in one
-/// direction, and further than [`WHOLE_FACTOR`] times what is to be expected;
+/// Common displacement of half of the parts, in eye distances, above which the marks miss the face. It must also exceed [`WHOLE_FACTOR`]
+/// times the expected error, and the eyes must exceed [`EYES_TOO`].
 const WHOLE: f64 = 0.065;
-/// the eyes, which are read best and of which no open mouth takes any, further than this;
+/// Displacement of the eyes, in eye distances, that [`WHOLE`] also requires. The eyes are read most accurately, and an open mouth does not
+/// affect them.
 const EYES_TOO: f64 = 0.045;
-/// or where half of the parts are further off than this, in whatever direction.
+/// Displacement of half of the parts in any direction, in eye distances, above which the marks miss the face.
 const ANY_WAY: f64 = 0.12;
 /// See [`WHOLE`].
 const WHOLE_FACTOR: f64 = 1.7;
-/// They are those of a face of another size where its logarithm differs by more than this.
+/// Absolute logarithm of the ratio of face sizes above which the marks belong to a face of another size.
 const SIZE: f64 = 0.12;
-/// A part lies beside its feature where it is further off than its limit, and than this many times what is to be expected;
+/// Multiple of the expected error that the displacement of a part must exceed, besides its limit, to be reported.
 const PART_FACTOR: f64 = 3.5;
-/// one that is not marked, but fitted, also further than this, over the eye distance.
+/// Smallest limit of a part that has no marks but only fitted nodes, in eye distances.
 const FITTED: f64 = 0.14;
-/// What two parts say together is surer than what one says. Both brows lie beside theirs where they are nearer to the eyes than they are read by
-/// more than this on the mean, over the eye distance;
+/// Mean distance, in eye distances, by which both brows must be marked nearer to the eyes than they are read to be reported. Two parts that
+/// agree are stronger evidence than one, so this limit is lower than theirs.
 const BROWS_LOW: f64 = 0.11;
-/// both mouth corners where they are further out, or further in, by more than this on the mean, and by more than [`PAIR_FACTOR`] times what is to
-/// be expected of one; each by half of that at least.
+/// Mean distance, in eye distances, by which both mouth corners must be marked further out (or in) than they are read to be reported. It
+/// must also exceed [`PAIR_FACTOR`] times the expected error of one corner, and each corner must reach half of it.
 const CORNERS_OUT: f64 = 0.1;
 /// See [`CORNERS_OUT`].
 const PAIR_FACTOR: f64 = 3.2;
@@ -75,18 +81,18 @@ const EYES: [&str; 2] = ["left eye", "right eye"];
 /// Names of the mouth corners.
 const CORNERS: [&str; 2] = ["left mouth corner", "right mouth corner"];
 
-/// A part of a face as it was given, against where it is read.
+/// A given part of a face compared with the same part as it is read.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HeldPart {
     /// Its name.
     pub name: &'static str,
-    /// Whether it is marked; if not, its fitted nodes are compared.
+    /// Whether the part is marked. If not, its fitted nodes are compared.
     pub marked: bool,
-    /// From where it is read to where it was given, over the eye distance: the mean of its nodes.
+    /// Mean displacement of its nodes, from where they are read to where they were given, in eye distances.
     pub offset: Vector2<f64>,
-    /// What both expect of that: root of the sum of the squared mean expected errors, over the eye distance.
+    /// Expected length of the displacement in eye distances: root of the sum of both squared mean expected errors.
     pub expected: f64,
-    /// Up to which distance nothing is said, over the eye distance.
+    /// Largest displacement without a message, in eye distances.
     pub limit: f64,
 }
 
@@ -96,35 +102,35 @@ impl HeldPart {
     }
 }
 
-/// Marks and nodes, held against the face that is read in a picture.
+/// Given marks and fitted nodes compared with the face that is read in a picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Held {
-    /// Distance of the pupils that are read, px.
+    /// Distance of the pupils as read, px.
     pub eye_distance: f64,
-    /// The parts that both know.
+    /// The parts for which both the given and the read face have points.
     pub parts: Vec<HeldPart>,
-    /// Size of the given face over that of the one that is read.
+    /// Size of the given face divided by that of the read face.
     pub size: f64,
-    /// What limits are multiplied by, 1 or more: see [`UNSURE`].
+    /// Factor on the limits, at least 1: see [`UNSURE`].
     pub doubt: f64,
-    /// From the right eye to the left one, a unit vector of the picture: the subject's left is on its right.
+    /// Unit vector in the picture from the subject's right eye (on the left of the picture) to the left eye.
     pub across: Vector2<f64>,
 }
 
-/// What the marked parts of a face say together, over the eye distance.
+/// Displacement of all marked parts together, in eye distances.
 struct Whole {
-    /// How far they lie beside it in one direction,
+    /// Length of the common displacement: the medians of its x and y.
     together: f64,
-    /// and in whatever direction.
+    /// Median length of the displacements, whatever their directions.
     any_way: f64,
-    /// What is to be expected of that.
+    /// [`WHOLE_FACTOR`] times the median expected error.
     expected: f64,
-    /// How far the eyes do, where they are marked.
+    /// Length of the mean displacement of the marked eyes; `None` without one.
     eyes: Option<f64>,
 }
 
 impl Held {
-    /// What a person should know, a sentence each; empty where all is as expected.
+    /// Messages to the user, one sentence each; empty if marks and picture agree.
     pub fn said(&self) -> Vec<String> {
         let whole = self.whole_beside();
         if !whole.is_empty() {
@@ -145,7 +151,7 @@ impl Held {
         let marked = (!marked.is_empty())
             .then(|| format!("some marks do not lie on their features in the picture: {}; check them", listed(&marked)));
         let of_marks: Vec<String> = brows.into_iter().chain(corners).chain(marked).collect();
-        // Nodes that no mark holds follow the others: where these are wrong, they are the ones to set.
+        // Unmarked nodes follow the marks. Only where the marks are right should the user mark these nodes, too.
         let alone = of_marks.is_empty() && !fitted.is_empty();
         let fitted = alone.then(|| {
             format!(
@@ -156,7 +162,7 @@ impl Held {
         of_marks.into_iter().chain(fitted).collect()
     }
 
-    /// That the marks are not those of this face.
+    /// Messages that the marks as a whole do not fit this face.
     fn whole_beside(&self) -> Vec<String> {
         let Whole { together, any_way, .. } = self.whole();
         let is_beside = self.whole_share() > 1.0;
@@ -181,7 +187,7 @@ impl Held {
         }
     }
 
-    /// How well marks and picture agree: 1 where they are at one, 0 and less where something is to be said.
+    /// Agreement of marks and picture: 1 for perfect agreement, 0 or less where a message is due.
     pub fn agreement(&self) -> f64 {
         let parts = self.parts.iter().map(|p| p.offset.norm() / p.limit);
         let pairs = [self.brows_share(), self.corners_share()].into_iter().flatten();
@@ -189,7 +195,7 @@ impl Held {
         1.0 - all.fold(0.0, f64::max)
     }
 
-    /// What the marked parts say together.
+    /// Displacement of the marked parts together.
     fn whole(&self) -> Whole {
         let marked: Vec<&HeldPart> = self.parts.iter().filter(|p| p.marked).collect();
         let middle = |of: &dyn Fn(&HeldPart) -> f64| median(&mut marked.iter().map(|p| of(p)).collect::<Vec<_>>()).unwrap_or(0.0);
@@ -202,39 +208,39 @@ impl Held {
         }
     }
 
-    /// How far all marks lie beside the face, over what is to be said.
+    /// Displacement of all marks divided by its limit.
     fn whole_share(&self) -> f64 {
         let Whole { together, any_way, expected, eyes } = self.whole();
         let eyes = eyes.map_or(f64::INFINITY, |eyes| eyes / EYES_TOO);
         (together / expected.max(WHOLE * self.doubt)).min(eyes).max(any_way / expected.max(ANY_WAY * self.doubt))
     }
 
-    /// How much larger or smaller their face is, over what is to be said.
+    /// Deviation of the size ratio from 1 divided by its limit.
     fn size_share(&self) -> f64 {
         self.size.ln().abs() / (SIZE * self.doubt)
     }
 
-    /// How much nearer to the eyes both brows are marked, over what is to be said.
+    /// Mean distance by which both brows are marked nearer to the eyes, divided by its limit.
     fn brows_share(&self) -> Option<f64> {
         Some(self.low()? / (BROWS_LOW * self.doubt))
     }
 
-    /// How far both mouth corners are marked out or in, over what is to be said.
+    /// Mean distance by which both mouth corners are marked further out or in, divided by its limit.
     fn corners_share(&self) -> Option<f64> {
         let [left, right, limit] = self.out()?;
         let least = left.min(right).max((-left).min(-right)).max(0.0);
-        // One of them alone says half as much.
+        // Each corner must reach half of the limit.
         Some((f64::midpoint(left, right).abs() / limit).min(2.0 * least / limit))
     }
 
-    /// How far the brows lie below where they are read, over the eye distance.
+    /// Mean distance by which the brows are marked below where they are read, in eye distances.
     fn low(&self) -> Option<f64> {
         let down = Vector2::new(-self.across.y, self.across.x);
         let low = self.pair(BROWS)?.map(|part| part.offset.dot(&down));
         Some(f64::midpoint(low[0], low[1]))
     }
 
-    /// How far out the left and the right mouth corner are marked, over the eye distance, and up to where nothing is said.
+    /// Distances by which the left and the right mouth corner are marked further out than read, and their limit, in eye distances.
     fn out(&self) -> Option<[f64; 3]> {
         let corners = self.pair(CORNERS)?;
         let [left, right] = corners.map(|part| part.offset.dot(&self.across));
@@ -242,7 +248,7 @@ impl Held {
         Some([left, -right, (CORNERS_OUT * self.doubt).max(PAIR_FACTOR * expected)])
     }
 
-    /// That both brows are marked nearer to the eyes than they are.
+    /// Message that both brows are marked too near to the eyes.
     fn brows_low(&self) -> Option<String> {
         let low = self.low()?;
         (self.brows_share()? > 1.0).then(|| {
@@ -251,7 +257,7 @@ impl Held {
         })
     }
 
-    /// That both mouth corners are marked further out, or further in, than they are.
+    /// Message that both mouth corners are marked too far out or in.
     fn corners_out(&self) -> Option<String> {
         let [left, right, _] = self.out()?;
         let out = f64::midpoint(left, right);
@@ -261,24 +267,24 @@ impl Held {
         })
     }
 
-    /// Two parts that are both marked.
+    /// Two parts, if both are marked.
     fn pair(&self, names: [&str; 2]) -> Option<[&HeldPart; 2]> {
         let of = |name: &str| self.parts.iter().find(|p| p.name == name && p.marked);
         Some([of(names[0])?, of(names[1])?])
     }
 
-    /// A distance in words, from one over the eye distance.
+    /// Text for a distance that is given in eye distances.
     fn far(&self, distance: f64) -> String {
         format!("{:.0} px ({distance:.2} of the eye distance)", distance * self.eye_distance)
     }
 }
 
-/// Holds marks, and the nodes fitted to them, against a face.
+/// Compares marks, and the nodes fitted to them, with a face.
 pub fn held(face: &LocatedFace, marks: &[Correspondence], fitted: &FittedWireframe) -> Held {
     let unit = face.eye_distance.max(f64::MIN_POSITIVE);
     let doubt = 1.0 + (face.expected_error() - UNSURE.0).max(0.0) / UNSURE.1;
     let expected = fitted.expected_errors();
-    // From where a node is read to where it was given, and what both expect, px.
+    // Position of a node's mark and its expected error, px.
     let of_mark = |node: NodeId| {
         let mark = marks.iter().find(|m| m.node == node)?;
         let by_hand = || MEDIAN_OVER_DEVIATION * mark_deviation(node).unwrap_or(OTHER_DEVIATION) * unit;
@@ -315,7 +321,7 @@ pub fn held(face: &LocatedFace, marks: &[Correspondence], fitted: &FittedWirefra
     Held { eye_distance: face.eye_distance, parts, size: size(&pairs), doubt, across }
 }
 
-/// Marks, each with the point of a face that it is to be.
+/// Marks paired with the points of a face at the same nodes.
 fn common<'a>(
     face: &'a LocatedFace,
     marks: &'a [Correspondence],
@@ -323,7 +329,7 @@ fn common<'a>(
     marks.iter().filter_map(|mark| Some((mark, face.points.iter().find(|p| p.node == mark.node)?)))
 }
 
-/// How much further apart the first of each two points are than the second, the median over all pairs; 1 where there is no pair.
+/// Size of the first points relative to the second: the median ratio of the distances between pairs; 1 with fewer than two pairs.
 fn size(pairs: &[(Point2<f64>, Point2<f64>)]) -> f64 {
     let mut ratios = Vec::new();
     for (k, (given, read)) in pairs.iter().enumerate() {
@@ -335,14 +341,16 @@ fn size(pairs: &[(Point2<f64>, Point2<f64>)]) -> f64 {
     median(&mut ratios).unwrap_or(1.0)
 }
 
-/// How far apart marks and the points of a face are, px; the mean.
+/// Mean distance of marks from the points of a face, px.
 fn apart(face: &LocatedFace, marks: &[Correspondence]) -> f64 {
     let apart: Vec<f64> = common(face, marks).map(|(mark, point)| (mark.position - point.position).norm()).collect();
     apart.iter().sum::<f64>() / apart.len().max(1) as f64
 }
 
-/// The face that marks are to be held against: what is read at their own place, where they agree with that; else of the faces that are found
-/// in the picture the nearest one, or what is read at their place where none is near. To find all faces takes some times as long as to read one.
+/// The face to compare marks with.
+///
+/// This is the face read at the position of the marks, if it agrees with them. Otherwise it is the nearest face detected in the picture or,
+/// if none is near, the one read at the marks after all. Detecting all faces takes several times as long as reading one.
 pub fn face_of_marks(
     (locator, image): (&Locator, &GrayImage),
     marks: &[Correspondence],
@@ -368,13 +376,13 @@ mod tests {
         wireframe::Wireframe,
     };
 
-    /// Candide's nodes, 100 px between the pupils, the middle of the pupils at about (200, 200).
+    /// Position of a Candide node in a face of 100 px between the pupils, whose midpoint is at about (200, 200).
     fn place(wireframe: &Wireframe, node: NodeId) -> Point2<f64> {
         let p = wireframe.frontal()[node.index()];
         Point2::new(200.0 + p.x * 100.0 / 0.613, 200.0 - p.y * 100.0 / 0.613)
     }
 
-    /// A face that is read where Candide's nodes are, each point expected to be 2 px off.
+    /// A face read exactly at Candide's nodes, with an expected error of 2 px per point.
     fn read(wireframe: &Wireframe) -> LocatedFace {
         let known = points().iter().filter_map(|p| p.node);
         let found: Vec<LocatedPoint> =
@@ -385,7 +393,7 @@ mod tests {
         LocatedFace { points: found, shape, expected_errors, eye_distance: 100.0, score: 1.0, covered: Vec::new() }
     }
 
-    /// What is said of marks at these nodes, moved.
+    /// Messages about marks at these nodes after moving them.
     fn said(nodes: &[u16], moved: impl Fn(u16, Point2<f64>) -> Point2<f64>) -> Vec<String> {
         let wireframe = Wireframe::candide3();
         let mark = |&n: &u16| Correspondence::found(NodeId(n), moved(n, place(&wireframe, NodeId(n))), 2.0);
@@ -399,7 +407,7 @@ mod tests {
     #[test]
     fn of_marks_on_their_places_nothing_is_said() {
         assert_eq!(said(&ELEVEN, |_, p| p), Vec::<String>::new());
-        // 6 px of 100 are within what the check leaves open.
+        // 6 px of 100 are within the limits.
         assert_eq!(said(&ELEVEN, |_, p| p + Vector2::new(6.0, 0.0)), Vec::<String>::new());
     }
 
@@ -412,7 +420,7 @@ mod tests {
         );
         let larger = said(&ELEVEN, |_, p| Point2::from(p.coords * 1.3));
         assert!(larger.len() == 1 && larger[0].contains("fit a face 1.30 times as large"), "{larger:?}");
-        // About its own middle: nothing is far away, but all is too large.
+        // Enlarged about its own centre: no part is far away, but the whole is too large.
         let middle = Vector2::new(200.0, 200.0);
         let grown = said(&ELEVEN, |_, p| Point2::from((p.coords - middle) * 1.2 + middle));
         assert!(grown.len() == 1 && grown[0].contains("1.20 times as large"), "{grown:?}");
@@ -423,7 +431,7 @@ mod tests {
         let cheek = |n: u16, p: Point2<f64>| if n == 31 { p + Vector2::new(18.0, -24.0) } else { p };
         let named = |what: &str| format!("some marks do not lie on their features in the picture: {what}; check them");
         assert_eq!(said(&ELEVEN, cheek), [named("left mouth corner 30 px (0.30 of the eye distance)")]);
-        // The subject's left is on the right of the picture: out is to the right there.
+        // The subject's left is on the right of the picture, so outward is to the right there.
         let out = |n: u16, p: Point2<f64>| {
             p + Vector2::new(
                 match n {
@@ -441,7 +449,7 @@ mod tests {
         let brows = "the brow marks lie 15 px (0.15 of the eye distance) nearer to the eyes than the brows in the picture; check that \
              they do not lie on the lids";
         assert_eq!(said(&ELEVEN, low), [brows]);
-        // Raised as far they may be brows along their upper edge.
+        // Brows raised by as much may be marked along their upper edge.
         let high = |n: u16, p: Point2<f64>| if [15, 17, 48, 50].contains(&n) { p - Vector2::new(0.0, 15.0) } else { p };
         assert_eq!(said(&ELEVEN, high), Vec::<String>::new());
     }
@@ -462,7 +470,7 @@ mod tests {
     #[test]
     fn the_size_is_the_median_of_all_pairs() {
         let pair = |x: f64, read: f64| (Point2::new(x, 0.0), Point2::new(read, 0.0));
-        // Distances 2, 4, 6 over 1, 2, 3; one alone says nothing.
+        // Distances 2, 4, 6 divided by 1, 2, 3; a single pair has no ratio.
         assert!((size(&[pair(0.0, 0.0), pair(2.0, 1.0), pair(6.0, 3.0)]) - 2.0).abs() < 1e-12);
         assert!((size(&[pair(1.0, 5.0)]) - 1.0).abs() < 1e-12);
     }

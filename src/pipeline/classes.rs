@@ -1,4 +1,4 @@
-//! Classes as results: their FAPs, the names of their files, and what a person should know before using them.
+//! Classes as results: their FAPs, the names of their files, and warnings about them.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -36,7 +36,7 @@ pub(super) fn whole_class<'a>(classes: &'a [AnalyzedClass], emotion: &str) -> Op
     classes.iter().find(|c| c.representative.label.emotion == emotion && c.representative.label.group.is_empty())
 }
 
-/// Stem of a class's files, different from all `stems` so far on every file system.
+/// Stem of a class's files, distinct from all earlier `stems` on every file system.
 pub(super) fn unique_stem(label: &ClassLabel, stems: &mut BTreeSet<String>) -> String {
     let mut stem = file_stem(&label.emotion);
     for (column, value) in &label.group {
@@ -45,7 +45,7 @@ pub(super) fn unique_stem(label: &ClassLabel, stems: &mut BTreeSet<String>) -> S
     unique_name(&stem, stems)
 }
 
-/// A stem as short as file systems take, different from all `stems` so far on every one of them.
+/// A stem short enough for file systems, distinct from all earlier `stems` on every file system.
 pub(super) fn unique_name(stem: &str, stems: &mut BTreeSet<String>) -> String {
     let stem: String = stem.chars().take(MAX_STEM).collect();
     let mut unique = stem.clone();
@@ -61,23 +61,23 @@ pub(super) fn unique_name(stem: &str, stems: &mut BTreeSet<String>) -> String {
 /// Longest stem of a file name, characters: the file systems in use allow 255 bytes.
 const MAX_STEM: usize = 60;
 
-/// People below which a representative says little.
+/// Number of people below which a representative is not meaningful.
 const SMALL_CLASS: usize = 5;
 
-/// FAP units by which a value is changed before a person need be told.
+/// Change of a value by clamping, in FAP units, from which a warning is given.
 const NOTABLE_CLAMP: f64 = 20.0;
 
-/// Most classes that a warning names.
+/// Most classes named in a warning.
 const MOST_NAMED: usize = 12;
 
-/// How many sequences and people a class has, which is called by the stem of its files.
+/// Number of sequences and people of a class, identified by the stem of its files.
 pub(super) struct ClassSize<'a> {
     pub stem: &'a str,
     pub sequences: usize,
     pub people: usize,
 }
 
-/// What a person should know of classes of few sequences or people.
+/// Warnings about classes with few sequences or people.
 pub(super) fn few_said(classes: &[ClassSize<'_>]) -> Vec<String> {
     let single: Vec<String> = classes.iter().filter(|c| c.sequences == 1).map(|c| c.stem.to_owned()).collect();
     let is_small = |c: &&ClassSize<'_>| c.sequences > 1 && c.people < SMALL_CLASS;
@@ -88,7 +88,7 @@ pub(super) fn few_said(classes: &[ClassSize<'_>]) -> Vec<String> {
     alone.into_iter().chain(few).collect()
 }
 
-/// What a person should know before using the results: at most one line of each kind.
+/// Warnings about the results, at most one of each kind.
 pub(super) fn warnings(classes: &[AnalyzedClass], options: &StatisticsOptions) -> Vec<String> {
     let sizes =
         classes.iter().map(|c| ClassSize { stem: &c.stem, sequences: c.representative.sequences.len(), people: c.subjects });
@@ -101,7 +101,7 @@ pub(super) fn warnings(classes: &[AnalyzedClass], options: &StatisticsOptions) -
         .iter()
         .filter_map(|c| {
             let (who, share) = heaviest_person(&c.representative, options.weighting)?;
-            // Of two people who are kept alike each is half, and that there are two was said.
+            // With two people each has a share of one half, and another warning covers classes of two.
             let is_heavy = share > 0.5 + SHARE_ROUNDING || (c.subjects > 2 && share > 0.5 - SHARE_ROUNDING);
             (c.subjects > 1 && is_heavy).then(|| format!("{} ({who}, {:.0} %)", c.stem, share * 100.0))
         })
@@ -113,7 +113,7 @@ pub(super) fn warnings(classes: &[AnalyzedClass], options: &StatisticsOptions) -
         ));
     }
     let alpha = options.alpha;
-    // People that weigh less can be dropped where none of as many equal ones could.
+    // People with small weights can be dropped where none of as many people with equal weights could.
     let is_untrimmed = |r: &Representative| {
         let n = r.sequences.len();
         n > 1 && if r.trimming.is_empty() { trimmed_count(alpha, n) == 0 } else { r.trimming.iter().all(|row| !row.dropped) }
@@ -189,15 +189,15 @@ pub(super) fn warnings(classes: &[AnalyzedClass], options: &StatisticsOptions) -
     warnings
 }
 
-/// Rounding of shares of weights.
+/// Rounding tolerance for shares of weights.
 const SHARE_ROUNDING: f64 = 1e-9;
 
-/// The person with the largest share of the weight that trimming leaves in a displacement field, and that share.
+/// The person with the largest share of the weight left by trimming in a displacement field, and that share.
 fn heaviest_person(r: &Representative, weighting: Weighting) -> Option<(&str, f64)> {
     let weights = sequence_weights(&r.sequences, weighting).unwrap_or_else(|| vec![1.0; r.sequences.len()]);
     let weights: BTreeMap<&SequenceId, f64> = r.sequences.iter().zip(weights).collect();
     let weight = |id: &SequenceId| weights.get(id).copied().unwrap_or(0.0);
-    // Where many are trimmed nobody keeps the rows.
+    // The rows are not kept if many models are trimmed.
     let of_field = |field: Option<usize>| {
         let mut people: BTreeMap<&str, f64> = BTreeMap::new();
         match field {
@@ -215,12 +215,12 @@ fn heaviest_person(r: &Representative, weighting: Weighting) -> Option<(&str, f6
     fields.into_iter().filter_map(of_field).max_by(|a, b| a.1.total_cmp(&b.1))
 }
 
-/// Labels that may be misspelt, and people who may be one.
+/// Warnings about labels that may be misspelt, and about people whose names may denote one person.
 pub(super) fn spelling_warnings(labels: &[SequenceLabels<'_>], by: &[String]) -> Vec<String> {
     let mut twins: Vec<String> = Vec::new();
     let emotions: BTreeSet<&str> = labels.iter().map(|(_, emotion, _)| *emotion).collect();
     let words = synonyms(emotions.iter().copied());
-    // `surprised` beside `surprise` is no slip.
+    // `surprised` beside `surprise` is not a misspelling.
     let are_words = |a: &String, b: &String| words.iter().any(|words| words.contains(a) && words.contains(b));
     let is_word = |label: &str| words.iter().flatten().any(|word| *word == spelling_key(label));
     let emotion_twins = near_twins(emotions.iter().copied()).into_iter().filter(|(a, b)| !are_words(a, b));

@@ -1,4 +1,4 @@
-//! Models in one columnar file: written beside the CSV files, read as input of the statistics.
+//! Models in one columnar file, written beside the CSV files and read as input of the statistics.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -14,7 +14,7 @@ use crate::{
     statistics::{ClassLabel, EMOTIONS, SequenceModel, scale::representative_of_many},
 };
 
-/// Writes models, sorted by id, with every metadata column that one of them has; the BLAKE3 of the file.
+/// Writes models, sorted by id, with all metadata columns that occur. Returns the BLAKE3 of the file.
 ///
 /// # Errors
 /// [`ColumnarError`] when the file cannot be written.
@@ -32,7 +32,7 @@ pub fn write_columnar(path: &Path, models: &[AnalyzedModel]) -> Result<blake3::H
     writer.finish()
 }
 
-/// All models of a file, in memory.
+/// Loads all models of a file into memory.
 ///
 /// # Errors
 /// [`ColumnarError`].
@@ -48,10 +48,10 @@ pub fn load_columnar(file: &ColumnarModels) -> Result<Vec<AnalyzedModel>, Column
     Ok(analyzed.collect())
 }
 
-/// The representative of every emotion of a file, read node by node in about `memory` bytes.
+/// Computes the representative of every emotion of a file, reading node by node in about `memory` bytes.
 ///
 /// # Errors
-/// [`AnalysisError`]; [`AnalysisError::GroupsNeedMemory`] when groups or numbers are asked for.
+/// [`AnalysisError`]; [`AnalysisError::GroupsNeedMemory`] when groups or covariates are requested.
 pub fn analyze_columnar(file: &ColumnarModels, bench: &Workbench, memory: u64) -> Result<Analysis, AnalysisError> {
     const MEGABYTE: u64 = 1_000_000;
     if !bench.options.by.is_empty() || !bench.options.covariates.is_empty() {

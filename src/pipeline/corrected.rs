@@ -1,4 +1,4 @@
-//! Hand work in the tracks of a run: applied again after every new tracking.
+//! Applies manual corrections to the tracks of a run, after every new tracking.
 
 use std::{collections::BTreeSet, path::Path};
 
@@ -17,8 +17,8 @@ use crate::{
 /// Most files that a note names.
 const MOST_NAMED: usize = 6;
 
-/// The corrections saved for a track; those that an older version kept in the track alone get their file now, before the track is made
-/// again.
+/// Returns the corrections saved for a track. Corrections that an older version stored only in the track are first saved in their own file,
+/// before the track is replaced.
 pub(super) fn saved_or_carried_over(
     csv_path: &Path,
     earlier: Option<&TrackInfo>,
@@ -30,7 +30,7 @@ pub(super) fn saved_or_carried_over(
     found.map(|c| write_corrections(csv_path, &c)).transpose().map_err(SequenceFailure::at(Stage::Write))
 }
 
-/// Puts saved corrections into a track that was just made. `track` tracks again from the first of them.
+/// Applies saved corrections to a newly made track. `track` tracks again from the first of them.
 pub(super) fn apply(
     saved: &SavedCorrections,
     earlier: Option<&TrackInfo>,
@@ -52,8 +52,8 @@ pub(super) fn apply(
     Ok(())
 }
 
-/// What a person should know of the corrections of a track, whose file is called `path`: a line for each that does not fit, and one for those
-/// that lie far off the face.
+/// Messages about the corrections of a track with the file name `path`: a line for each that does not apply, and one for those far from the
+/// face.
 pub fn corrections_said(corrections: &TrackCorrections, path: &str) -> Vec<String> {
     let misfits = corrections
         .not_applied
@@ -68,12 +68,11 @@ pub fn corrections_said(corrections: &TrackCorrections, path: &str) -> Vec<Strin
     misfits.chain(far).collect()
 }
 
-/// Puts the corrections saved for the track that is going to be written to `csv_path` (see
-/// [`corrections_path`](crate::track::corrections_path)), if there are any, into `frames`, which were tracked just now; `info` then says
-/// which, and which of them do not fit.
+/// Applies the corrections saved for the track file `csv_path` (see [`corrections_path`](crate::track::corrections_path)), if any, to its
+/// newly tracked `frames`. Enters in `info` which were applied and which were not.
 ///
 /// # Errors
-/// [`SequenceFailure`] when the corrections do not read, or the frames changed since they were tracked.
+/// [`SequenceFailure`] when the corrections cannot be read, or the frames changed since they were tracked.
 pub fn correct_track(
     source: &SequenceSource,
     csv_path: &Path,
@@ -87,8 +86,7 @@ pub fn correct_track(
     apply(&saved, earlier.as_ref(), frames, info, bench, |frames, fit| source.track_corrected(frames, fit, &inputs, bench))
 }
 
-/// That corrections in the folder of a run are of none of its sequences, whose names are given: a typing error in a file's name would be
-/// work in vain.
+/// Message that corrections in the folder of a run belong to none of its sequences `ids`, for example because of a mistyped file name.
 pub(super) fn unused_corrections(out: &Path, ids: &BTreeSet<String>) -> Option<String> {
     let entries = std::fs::read_dir(out.join(CORRECTIONS_FOLDER)).ok()?;
     let names = entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned());
@@ -109,7 +107,7 @@ fn known(size: ImageSize, otherwise: ImageSize) -> ImageSize {
 }
 
 impl SequenceSource {
-    /// Tracks again from the frame before the first correction, with all of them, the frames being those that `inputs_blake3` tells.
+    /// Tracks again from the frame before the first correction, with all corrections. `inputs_blake3` identifies the frames.
     pub(super) fn track_corrected(
         &self,
         frames: &[TrackedFrame],
@@ -136,7 +134,7 @@ impl SequenceSource {
     }
 }
 
-/// Corrects the frames of a track from landmarks one by one: there is nothing to track from one to the next.
+/// Corrects the frames of a landmark track one by one, since each frame is independent.
 pub(super) fn correct_frames(
     frames: &[TrackedFrame],
     corrections: &Corrections,

@@ -1,4 +1,4 @@
-//! Whether expressions go with numbers that are known of the people (`--covariate`), and the files of it.
+//! Tests whether expressions are associated with numbers of the people (`--covariate`), and writes the results.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -28,24 +28,24 @@ use crate::{
     units::SequenceId,
 };
 
-/// How one emotion goes with one number.
+/// Association of one emotion with one number.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CovariateResult {
     /// Emotion.
     pub emotion: String,
-    /// Stem of the files of the expression at low and at high numbers, different from those of all others.
+    /// Stem of the files of the expression at low and at high numbers; unique.
     pub stem: String,
     /// Column of the number.
     pub column: String,
-    /// People of the emotion of whom no number is known.
+    /// Number of people of the emotion without a value.
     pub unknown: usize,
-    /// The test, or why there is none.
+    /// The test, or the reason why there is none.
     pub outcome: Result<Covariate, NoCovariate>,
-    /// Amplitudes by region, or why there is no line.
+    /// Slopes of the amplitudes by region, or the reason why there is none.
     pub slopes: Vec<(AmplitudeRegion, Result<AmplitudeSlope, String>)>,
 }
 
-/// Tests every emotion by every column.
+/// Tests every emotion against every column.
 pub(super) fn covariates(
     emotions: &EmotionGroups<'_>,
     models: &[LabelledModel],
@@ -57,7 +57,7 @@ pub(super) fn covariates(
     let mut all = Vec::new();
     let options = &bench.options.groups.compare;
     let mut stems = BTreeSet::new();
-    // One that is named twice is one.
+    // A column named twice is tested once.
     let mut met = BTreeSet::new();
     for column in bench.options.covariates.iter().filter(|&column| met.insert(column)) {
         let value = |m: &LabelledModel| m.metadata.get(column).filter(|v| !is_missing(v)).and_then(|v| number_of(v));
@@ -93,7 +93,7 @@ pub(super) fn covariates(
     all
 }
 
-/// The mean of each person's values.
+/// Returns the mean of each person's values.
 pub(super) fn people_values<'a>(
     ids: impl Iterator<Item = &'a SequenceId>,
     values: &BTreeMap<&SequenceId, [Option<f64>; 4]>,
@@ -110,7 +110,7 @@ pub(super) fn people_values<'a>(
 }
 
 impl CovariateResult {
-    /// What the report shows of it.
+    /// Data for the report.
     pub(super) fn shown(&self) -> CovariateData<'_> {
         let face = self.slopes.iter().find(|(region, _)| *region == AmplitudeRegion::Face);
         CovariateData {
@@ -122,7 +122,7 @@ impl CovariateResult {
         }
     }
 
-    /// What was found, in words; `None` where nothing was.
+    /// Text of the finding; `None` without one.
     pub fn finding(&self, significance: f64, bench: &Workbench) -> Option<String> {
         let test = self.outcome.as_ref().ok().filter(|t| t.p_either_adjusted <= significance)?;
         let node = clearest_node(test, bench.wireframe.live_nodes()).filter(|(_, p)| *p <= significance);
@@ -132,7 +132,7 @@ impl CovariateResult {
     }
 }
 
-/// What a person should know.
+/// Warnings to the user.
 pub(super) fn covariate_warnings(results: &[CovariateResult], bench: &Workbench) -> Vec<String> {
     let significance = bench.options.groups.compare.significance;
     let mut said = Vec::new();
@@ -187,14 +187,14 @@ pub(super) fn covariate_warnings(results: &[CovariateResult], bench: &Workbench)
     said
 }
 
-/// The warning that tests cannot find anything, and what would help.
+/// Warning that the tests cannot reach significance, with advice.
 fn hopeless(results: &[CovariateResult], significance: f64) -> Option<String> {
     let tested: Vec<&Covariate> = results.iter().filter_map(|c| c.outcome.as_ref().ok()).collect();
     let hopeless: Vec<&&Covariate> = tested.iter().filter(|t| t.least_either_adjusted > significance).collect();
     let first = hopeless.first()?;
     let mut helps = Vec::new();
     if hopeless.iter().any(|t| !t.exhaustive) {
-        // Twice one of drawn + 1, times the number of tests, is at most the significance.
+        // Significance requires 2 / (drawn + 1) times the number of tests to be at most the significance level.
         helps.push(format!("--permutations {} or more", (2.0 * tested.len() as f64 / significance).ceil() as usize));
     }
     if hopeless.iter().any(|t| t.exhaustive) {
@@ -211,7 +211,7 @@ fn hopeless(results: &[CovariateResult], significance: f64) -> Option<String> {
     ))
 }
 
-/// Names of what [`write_covariates`] writes besides the models.
+/// Files that [`write_covariates`] writes besides the models.
 pub(super) const COVARIATE_TABLES: [&str; 3] = ["covariates.csv", "covariate_nodes.csv", "covariate_amplitudes.csv"];
 
 /// Names of the models of one result: for a low and for a high number.
@@ -219,7 +219,7 @@ pub(super) fn covariate_models(result: &CovariateResult) -> [String; 2] {
     ["low", "high"].map(|end| format!("covariates/{}_{end}.csv", result.stem))
 }
 
-/// Writes [`COVARIATE_TABLES`] and the models of `covariates/`, each told to `wrote` as soon as it stands there.
+/// Writes [`COVARIATE_TABLES`] and the models of `covariates/`. Calls `wrote` after each file.
 pub(super) fn write_covariates(
     out: &Path,
     results: &[CovariateResult],

@@ -1,4 +1,4 @@
-//! In what two runs differ, in words: hashes tell a program whether a file is the same, and a person nothing.
+//! Describes the differences between two runs for a user.
 
 use std::{collections::BTreeSet, path::Path};
 
@@ -7,10 +7,10 @@ use serde_json::{Map, Value};
 use super::{PipelineOptions, ReportFace};
 use crate::fit::{FitOptions, PriorKind};
 
-/// The options in which an earlier run and this one differ, each by its name and both values. Files are told by their paths, and where
-/// these are the same, by their having been changed.
+/// The options in which an earlier run and this one differ, each with its name and both values. Files are compared by path; with the same
+/// path, the text says that the content changed.
 pub(super) fn differing_options(there: &PipelineOptions, now: &PipelineOptions) -> Vec<String> {
-    // What is known by a hash is told apart.
+    // Options that are identified by a hash are compared separately.
     let value = |options: &PipelineOptions| {
         let fit = FitOptions { prior: PriorKind::default(), ..options.fit.clone() };
         let plain = PipelineOptions { fit, report_face: ReportFace::default(), ..options.clone() };
@@ -23,7 +23,7 @@ pub(super) fn differing_options(there: &PipelineOptions, now: &PipelineOptions) 
     found
 }
 
-/// What differs between two wireframes that are known by their hashes, of which Candide-3 has none.
+/// Difference between two wireframes, identified by their hashes; Candide-3 has none.
 pub(crate) fn differing_wireframes(there: Option<&str>, now: Option<&str>) -> Option<&'static str> {
     match (there, now) {
         (None, Some(_)) => Some("another wireframe (previously Candide-3, now a file)"),
@@ -33,7 +33,7 @@ pub(crate) fn differing_wireframes(there: Option<&str>, now: Option<&str>) -> Op
 }
 
 fn differing_prior(there: &PriorKind, now: &PriorKind) -> Option<String> {
-    // Only the content of a prior's file is recorded: it may have another name now, or may have been changed.
+    // Only the content hash of a prior's file is recorded: the file may have been renamed or changed.
     let word = |kind: &PriorKind| match kind {
         PriorKind::File(_) => "a file".to_owned(),
         _ => in_words(&serde_json::to_value(kind).unwrap_or_default()),
@@ -43,10 +43,10 @@ fn differing_prior(there: &PriorKind, now: &PriorKind) -> Option<String> {
     (there != now).then(|| format!("fit prior: previously {}, now {now_word}", word(there)))
 }
 
-/// A file and its hash, if it was there.
+/// A file and its hash, if the file existed.
 type File<'a> = (&'a Path, Option<&'a str>);
 
-/// What differs between the faces that the report shows the representatives on.
+/// Differences between the faces on which the report shows the representatives.
 fn differing_faces(there: &ReportFace, now: &ReportFace) -> Vec<String> {
     /// The photograph and the marks of a face.
     fn files(face: &ReportFace) -> [Option<File<'_>>; 2] {
@@ -55,7 +55,7 @@ fn differing_faces(there: &ReportFace, now: &ReportFace) -> Vec<String> {
     }
     let ([picture_there, marks_there], [picture_now, marks_now]) = (files(there), files(now));
     let picture = differing_files("portrait", "the built-in one", picture_there, picture_now);
-    // The shipped one has no marks that could be others.
+    // The shipped portrait has no marks to compare.
     let marks = picture_there.and(picture_now).and_then(|_| {
         let none = "found in the portrait";
         differing_files("marks of the portrait", none, marks_there, marks_now)
@@ -63,7 +63,7 @@ fn differing_faces(there: &ReportFace, now: &ReportFace) -> Vec<String> {
     picture.into_iter().chain(marks).collect()
 }
 
-/// What differs between two files that may not be given.
+/// Differences between two optional files.
 fn differing_files(name: &str, none: &str, there: Option<File<'_>>, now: Option<File<'_>>) -> Option<String> {
     let word = |file: Option<File<'_>>| file.map_or_else(|| none.to_owned(), |(path, _)| path.display().to_string());
     if there.map(|(path, _)| path) != now.map(|(path, _)| path) {
@@ -72,7 +72,7 @@ fn differing_files(name: &str, none: &str, there: Option<File<'_>>, now: Option<
     (there != now).then(|| format!("{name}: {} was changed since", word(now)))
 }
 
-/// Enters what differs between two values, name by name.
+/// Adds the differences between two values to a list, by name.
 fn differences(name: &str, there: &Value, now: &Value, found: &mut Vec<String>) {
     if there == now {
         return;
@@ -89,7 +89,7 @@ fn differences(name: &str, there: &Value, now: &Value, found: &mut Vec<String>) 
     found.push(format!("{name}: previously {}, now {}", in_words(there), in_words(now)));
 }
 
-/// A value as a person writes it.
+/// A value as text for the user.
 fn in_words(value: &Value) -> String {
     match value {
         Value::Null => "none".to_owned(),
@@ -139,7 +139,7 @@ mod tests {
         let ben = face("ben.jpg", "4e5f", Some(("ben.csv", "6a7b")));
         let both = ["portrait: previously anna.jpg, now ben.jpg", "marks of the portrait: previously anna.csv, now ben.csv"];
         assert_eq!(differing(&marked, &ben), both);
-        // The same names, and other files behind them.
+        // The same file names with other content.
         let changed = face("anna.jpg", "8c9d", Some(("anna.csv", "0e1f")));
         let both = ["portrait: anna.jpg was changed since", "marks of the portrait: anna.csv was changed since"];
         assert_eq!(differing(&marked, &changed), both);

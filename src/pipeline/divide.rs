@@ -1,5 +1,7 @@
-//! A run divided into steps, for processes and machines that share a folder: begin it, work on parts of the sequences, compute the
-//! statistics of single emotions ahead. The last step is [`super::run`] itself, which uses all that is done.
+//! Divides a run into steps for several processes or machines that share a folder.
+//!
+//! [`run_plan`] begins the run, [`run_part`] processes a part of the sequences, [`run_emotion`] computes the statistics of one emotion. The
+//! last step is [`super::run`] itself, which uses all existing results.
 
 use std::{collections::BTreeMap, path::Path, sync::atomic::AtomicBool};
 
@@ -17,22 +19,22 @@ use crate::{
     statistics::{EMOTIONS, group_models_unchecked},
 };
 
-/// What there is to do in a dataset, for those who divide a run among machines.
+/// Work in a dataset, for dividing a run among machines.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Plan {
-    /// Sequences that can be worked on.
+    /// Number of usable sequences.
     pub sequences: usize,
-    /// Emotions in the order of the tables, with their sequences.
+    /// Emotions in the order of the tables, with their number of sequences.
     pub emotions: Vec<(String, usize)>,
-    /// What in the dataset is no sequence; the last step of the run fails them.
+    /// Rows or folders that are not valid sequences; the last step reports them as failures.
     #[serde(skip)]
     pub failures: Vec<String>,
 }
 
-/// Opens the dataset, marks the output folder as this run's, and says what there is to do.
+/// Opens the dataset, registers the output folder for this run, and returns the work to do.
 ///
 /// # Errors
-/// As `run`, before any sequence is worked on.
+/// As `run`, before any sequence is processed.
 pub fn run_plan(dataset: &Path, out: &Path, bench: &Workbench, force: bool) -> Result<Plan, RunError> {
     let (opened, name, earlier) = open(dataset, out, bench, force, (&AtomicBool::new(false), &|_| ()))?;
     let first = opened.failures.iter().map(Planned::damaged).min_by(|a, b| a.id.cmp(&b.id));
@@ -57,11 +59,11 @@ pub fn run_plan(dataset: &Path, out: &Path, bench: &Workbench, force: bool) -> R
     Ok(Plan { sequences: opened.sequences.len(), emotions, failures })
 }
 
-/// Tracks and normalizes part `part` (from 1) of `of` equal parts of the sequences in the order of their ids, into a folder that
-/// [`run_plan`] or `run` has begun. The last step of a divided run is `run` itself, which uses all that is done.
+/// Tracks and normalizes part `part` (from 1) of `of` equal parts of the sequences, sorted by id. The folder must have been begun by
+/// [`run_plan`] or `run`. The last step of a divided run is `run` itself, which uses all existing results.
 ///
 /// # Errors
-/// As `run`; sequences that fail are in the answer.
+/// As `run`; failed sequences are in the result.
 pub fn run_part(
     dataset: &Path,
     out: &Path,
@@ -80,10 +82,10 @@ pub fn run_part(
     Ok(work(&chosen, &earlier, &Worked { out, ledger: &ledger, bench, overlay: None, stop }, &event)?.1)
 }
 
-/// Tracks and normalizes what is not done yet of one emotion, and computes its statistics for the run to use.
+/// Tracks and normalizes the remaining sequences of one emotion, and computes its statistics for the run to use.
 ///
 /// # Errors
-/// As `run`; [`RunError::NoSuchEmotion`]; sequences that fail are in the answer.
+/// As `run`; [`RunError::NoSuchEmotion`]; failed sequences are in the result.
 pub fn run_emotion(
     dataset: &Path,
     out: &Path,
@@ -101,7 +103,7 @@ pub fn run_emotion(
     let (models, failures) = work(&chosen, &earlier, &Worked { out, ledger: &ledger, bench, overlay: None, stop }, &event)?;
     event(Event::Analyzing);
     let grouped = labelled(models);
-    // A column that is empty in this emotion need not be so in the others, where the run will say so.
+    // A column that is empty in this emotion may have values in others; the last step checks it.
     let groups = group_models_unchecked(&grouped, &bench.options.by).map_err(AnalysisError::from)?;
     let strata = strata_of(&grouped, &bench.options.strata);
     let strata = strata.as_ref();
@@ -113,14 +115,14 @@ pub fn run_emotion(
     Ok(failures)
 }
 
-/// [`open`] for a folder in which the run was begun.
+/// As [`open`] for a folder in which the run was begun.
 fn open_begun(dataset: &Path, out: &Path, bench: &Workbench) -> Result<(Dataset, String, RunJson), RunError> {
     let (opened, name, earlier) = open(dataset, out, bench, false, (&AtomicBool::new(false), &|_| ()))?;
     let earlier = earlier.ok_or_else(|| RunError::NotBegun { path: out.to_owned() })?;
     Ok((opened, name, earlier))
 }
 
-/// Tracks and normalizes sequences; models and failures in the order of the sequences.
+/// Tracks and normalizes sequences. Returns models and failures in the order of the sequences.
 fn work(
     chosen: &[&SequenceEntry],
     earlier: &RunJson,

@@ -1,4 +1,4 @@
-//! What a run leaves behind beside its results: provenance and failures.
+//! Records of a run besides its results: provenance and failures.
 
 use std::{
     collections::BTreeMap,
@@ -20,7 +20,7 @@ pub(super) const RUN_JSON: &str = "run.json";
 /// Version of the schema of `run.json` and of the representatives' JSON.
 pub const SCHEMA_VERSION: u32 = 1;
 
-/// How one sequence went, in `run.json`.
+/// Record of one sequence in `run.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SequenceRecord {
     /// Subject and sequence.
@@ -32,14 +32,14 @@ pub struct SequenceRecord {
     pub metadata: BTreeMap<String, String>,
     /// BLAKE3 of everything the track depends on; empty when it could not be computed.
     pub inputs_blake3: String,
-    /// Stage and reason, when it failed.
+    /// Stage and reason, if it failed.
     pub failure: Option<(Stage, String)>,
-    /// BLAKE3 of the corrections by hand in its track.
+    /// BLAKE3 of the manual corrections in its track.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corrections_blake3: Option<String>,
 }
 
-/// `run.json`: what was made from what, and with which options.
+/// `run.json`: the inputs, options and outputs of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RunJson {
     /// [`SCHEMA_VERSION`].
@@ -50,31 +50,31 @@ pub struct RunJson {
     pub dataset: String,
     /// Units of lengths in the files, by folder or file.
     pub units: BTreeMap<String, String>,
-    /// Name of the method that the options are: `default`, `kp`, or `changed`.
+    /// Name of the method that the options correspond to: `default`, `kp`, or `changed`.
     #[serde(default)]
     pub method: String,
     /// Options of every stage.
     pub options: PipelineOptions,
     /// BLAKE3 of the `.wfm` file in use; `None` for the embedded Candide-3.
     pub wireframe_blake3: Option<String>,
-    /// Whether the run came to its end.
+    /// Whether the run was completed.
     pub complete: bool,
     /// Every sequence of the dataset, by id.
     pub sequences: Vec<SequenceRecord>,
     /// Sequences left out on purpose, with the reason.
     pub skipped: Vec<(String, String)>,
-    /// Stem of every representative and the number of sequences behind it.
+    /// Stem of every representative and its number of sequences.
     pub representatives: Vec<(String, usize)>,
-    /// Warnings that a person should read.
+    /// Warnings to the user.
     pub warnings: Vec<String>,
     /// BLAKE3 of every file written, by path relative to the output folder with `/` between folders.
     pub outputs: BTreeMap<String, String>,
-    /// Files of earlier runs that were changed since, and so were kept, with the BLAKE3 they once had.
+    /// Files of earlier runs that were kept because they were changed since, with their original BLAKE3.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub kept: BTreeMap<String, String>,
 }
 
-/// Why a `run.json` does not read.
+/// Why a `run.json` cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum RunJsonError {
     /// The file cannot be read.
@@ -103,7 +103,7 @@ pub enum RunJsonError {
     },
 }
 
-/// Reads of the `run.json` of an output folder what `T` holds; `None` where there is none.
+/// Reads the fields of `T` from the `run.json` of an output folder; `None` if there is no such file.
 ///
 /// # Errors
 /// [`RunJsonError`].

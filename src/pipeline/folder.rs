@@ -1,4 +1,4 @@
-//! The output folder of a run: whether it may be written to, its record, what is removed from it.
+//! The output folder of a run: write checks, its record, and removal of old files.
 
 use std::{collections::BTreeMap, fs, io, path::Path, sync::atomic::AtomicBool};
 
@@ -19,7 +19,7 @@ use crate::{
 /// Name of the provenance file.
 pub(super) use super::files::RUN_JSON;
 
-/// Opens the dataset, makes sure that the output may be written to, and cuts recordings into sequences.
+/// Opens the dataset, checks that the output may be written, and segments recordings into sequences.
 pub(super) fn open(
     dataset: &Path,
     out: &Path,
@@ -30,7 +30,7 @@ pub(super) fn open(
     let mut opened = open_dataset(dataset, bench)?;
     let name = dataset_name(dataset);
     let earlier = check_output(out, &name, bench, force)?;
-    // Only `annotate` writes there, and may have been killed.
+    // Only `annotate` writes there, and it may have been killed.
     sweep_once(&out.join(CORRECTIONS_FOLDER));
     expand(&mut opened, out, bench, watch)?;
     if opened.sequences.is_empty() && opened.failures.is_empty() {
@@ -39,10 +39,10 @@ pub(super) fn open(
     Ok((opened, name, earlier))
 }
 
-/// Opens a dataset and makes sure that it can be grouped as the options say.
+/// Opens a dataset and checks that the options can group it.
 pub(super) fn open_dataset(dataset: &Path, bench: &Workbench) -> Result<Dataset, RunError> {
     let opened = Dataset::open(dataset)?;
-    // Found out now and not after hours of tracking.
+    // Checked before hours of tracking.
     for columns in [&bench.options.by, &bench.options.strata] {
         check_columns(columns, opened.sequences.iter().map(|s| &s.metadata)).map_err(AnalysisError::from)?;
     }
@@ -51,7 +51,7 @@ pub(super) fn open_dataset(dataset: &Path, bench: &Workbench) -> Result<Dataset,
     Ok(opened)
 }
 
-/// The record of a run that has just begun.
+/// The record of a starting run.
 pub(super) fn new_record(dataset: String, skipped: Vec<(String, String)>, bench: &Workbench) -> RunJson {
     RunJson {
         schema_version: SCHEMA_VERSION,
@@ -71,7 +71,7 @@ pub(super) fn new_record(dataset: String, skipped: Vec<(String, String)>, bench:
     }
 }
 
-/// The name under which a dataset is recorded: its folder's, and its manifest's where that has another name than usual.
+/// The recorded name of a dataset: its folder's, and its manifest's if that is not `manifest.csv`.
 fn dataset_name(path: &Path) -> String {
     let full = path.canonicalize().unwrap_or_else(|_| path.to_owned());
     let name = |path: &Path| path.file_name().map_or_else(|| "dataset".to_owned(), |n| n.to_string_lossy().into_owned());
@@ -82,7 +82,7 @@ fn dataset_name(path: &Path) -> String {
     if name(&full) == MANIFEST_NAME { folder } else { format!("{folder}/{}", name(&full)) }
 }
 
-/// Makes sure that `out` may be written to; the earlier run found there, if any.
+/// Checks that `out` may be written. Returns the earlier run found there, if any.
 fn check_output(out: &Path, dataset: &str, bench: &Workbench, force: bool) -> Result<Option<RunJson>, RunError> {
     let error = |source: io::Error| OutputError { path: out.to_owned(), source };
     let mut entries = match fs::read_dir(out) {
@@ -105,7 +105,7 @@ fn check_output(out: &Path, dataset: &str, bench: &Workbench, force: bool) -> Re
         Err(RunJsonError::Newer { path, found }) => return Err(RunError::NewerRecord { path, found }),
     };
     let Some(earlier) = earlier else {
-        // What a killed writer left is swept with the first file written; a run that ended before its first result left its journal.
+        // The first written file removes leftovers of a killed writer; a run that ended before its first result leaves its journal.
         let is_left = |name: &std::ffi::OsStr| {
             name == JOURNAL
                 || name == SEGMENTS_FOLDER

@@ -1,4 +1,4 @@
-//! Marks that nobody set: found in the neutral frame.
+//! Finds marks in the neutral frame when there are no hand-set marks.
 
 use std::collections::BTreeSet;
 
@@ -13,13 +13,13 @@ use crate::{
     units::NodeId,
 };
 
-/// Nodes that are tried when all that were found make no fit: corners and lids of the eyes, brows, nose, lips, chin and jaw, without what
-/// lies closest together.
+/// Nodes that are tried when the fit to all found nodes fails: corners and lids of the eyes, brows, nose, lips, chin and jaw, without the
+/// closest ones.
 const FEWER: [u16; 33] = [
     20, 23, 53, 56, 21, 22, 54, 55, 15, 16, 17, 48, 49, 50, 5, 6, 26, 59, 31, 64, 7, 33, 66, 8, 85, 86, 87, 10, 9, 30, 63, 32, 65,
 ];
 
-/// Nodes that are tried last: corners of eyes and mouth, brows and the chin.
+/// Nodes that are tried last: corners of eyes and mouth, brows and chin.
 const FEWEST: [u16; 13] = [20, 23, 53, 56, 31, 64, 10, 15, 16, 17, 48, 49, 50];
 
 /// Why no marks were found.
@@ -38,7 +38,7 @@ pub enum FoundMarksError {
     NotTrusted {
         /// Median expected error, percent of the eye distance.
         percent: f64,
-        /// Parts that something covers.
+        /// Covered parts.
         covered: Vec<FacePart>,
     },
     /// A face that stands on its head.
@@ -46,7 +46,7 @@ pub enum FoundMarksError {
         "there are no hand-set marks, and the found face is upside down (turned by {degrees:.0} degrees): turn the picture upright"
     )]
     UpsideDown {
-        /// Angle between the face's down and the picture's, up to 180.
+        /// Angle between the face's down and the picture's, up to 180 degrees.
         degrees: f64,
     },
     /// The pixels.
@@ -57,37 +57,37 @@ pub enum FoundMarksError {
     Model(#[from] ModelError),
 }
 
-/// A face of a frame, as marks.
+/// A detected face as marks.
 #[derive(Clone, Debug)]
 pub struct FoundFace {
     /// Its points inside the picture, each with its expected error.
     pub marks: Vec<Correspondence>,
-    /// Median expected error over the eye distance.
+    /// Median expected error, in eye distances.
     pub expected_error: f64,
     /// Eye distance, px.
     pub eye_distance: f64,
-    /// Whether they may be used without a look ([`LocatedFace::trusted`]).
+    /// Whether the marks may be used without a review ([`LocatedFace::trusted`]).
     pub trusted: bool,
-    /// Further faces of the picture that could be the one that is meant: trusted ones.
+    /// Number of other trusted faces in the picture.
     pub others: usize,
-    /// Parts that something covers: their marks are guesses from the rest of the face, with expected errors as large as those of guesses.
+    /// Covered parts: their marks are guesses from the rest of the face, with correspondingly large expected errors.
     pub covered: Vec<FacePart>,
 }
 
 impl FoundFace {
-    /// What a person should know who meant another face of the picture, or one of which all is to be seen.
+    /// Note to the user about other faces in the picture, or about covered parts.
     pub fn remark(&self) -> Option<String> {
         let several = self.chosen_of_several("the largest is used", "to use another face, mark it with `grimace annotate`");
         let said: Vec<String> = several.into_iter().chain(covered_said(&self.covered)).collect();
         (!said.is_empty()).then(|| said.join("; "))
     }
 
-    /// That a person has to say which of several faces is meant; `None` where there is one.
+    /// Message that the user has to choose one of several faces; `None` for a single face.
     pub(crate) fn of_several(&self) -> Option<String> {
         self.chosen_of_several("the largest is proposed", "mark the face that you want")
     }
 
-    /// That there are several faces, which one was `taken`, and how another one is; `None` where there is one.
+    /// Message that there are several faces, naming the one that was `taken` and how to choose another; `None` for a single face.
     pub(super) fn chosen_of_several(&self, taken: &str, another: &str) -> Option<String> {
         let middle = self.middle();
         (self.others > 0).then(|| {
@@ -101,9 +101,9 @@ impl FoundFace {
         })
     }
 
-    /// How far it is turned, degrees, where it stands on its head: its mouth above its eyes.
+    /// Rotation of an upside-down face (mouth above the eyes) in degrees; `None` for others.
     fn upside_down(&self) -> Option<f64> {
-        /// The fit takes faces that lie on their side.
+        /// Smallest rotation reported, degrees. The fit accepts faces that lie on their side.
         const LEAST: f64 = 120.0;
         let at = |node: u16| Some(self.marks.iter().find(|mark| mark.node.0 == node)?.position.coords);
         // Outer corners of the eyes, and corners of the mouth.
@@ -112,18 +112,18 @@ impl FoundFace {
         (degrees > LEAST).then_some(degrees)
     }
 
-    /// The middle of its marks.
+    /// Centroid of its marks.
     pub(super) fn middle(&self) -> Point2<f64> {
         middle_of(&self.marks)
     }
 }
 
-/// That parts of a face that is not trusted are covered, behind a limit.
+/// Message that parts of an untrusted face are covered, above a limit.
 fn covered_too(parts: &[FacePart]) -> String {
     FacePart::said_covered(parts).map(|said| format!(", and {said}")).unwrap_or_default()
 }
 
-/// That parts of a face are covered where marks were found; `None` where all is to be seen.
+/// Message that parts of a face are covered where marks were found; `None` if none is.
 pub(crate) fn covered_said(parts: &[FacePart]) -> Option<String> {
     let (their, them) = if parts.len() == 1 { ("its", "it") } else { ("their", "them") };
     FacePart::said_covered(parts).map(|said| {
@@ -134,13 +134,13 @@ pub(crate) fn covered_said(parts: &[FacePart]) -> Option<String> {
     })
 }
 
-/// The middle of marks.
+/// Centroid of marks.
 pub(super) fn middle_of(marks: &[Correspondence]) -> Point2<f64> {
     let sum = marks.iter().map(|m| m.position.coords).sum::<Vector2<f64>>();
     Point2::from(sum / marks.len().max(1) as f64)
 }
 
-/// Finds the largest face of a frame, which may be given in `colour`, too; `None` where there is none.
+/// Finds the largest face of a frame, `None` if there is none. `colour` is the same frame in colour, if available.
 ///
 /// # Errors
 /// [`FoundMarksError::Model`].
@@ -148,7 +148,8 @@ pub fn found_face(frame: &Frame, colour: Option<&RgbImage>) -> Result<Option<Fou
     Ok(found_faces(frame, colour)?.into_iter().next())
 }
 
-/// Finds the faces of a frame, the largest first. In `colour` a lower lip is told from teeth ([`LocatedFace::look_for_teeth`]).
+/// Finds the faces of a frame, the largest first. With `colour`, the lower lip is distinguished from teeth
+/// ([`LocatedFace::look_for_teeth`]).
 ///
 /// # Errors
 /// [`FoundMarksError::Model`].
@@ -170,7 +171,7 @@ pub(super) fn found_faces(frame: &Frame, colour: Option<&RgbImage>) -> Result<Ve
     Ok(faces.iter().map(found).collect())
 }
 
-/// Finds the marks of the largest face of a frame, those outside the picture left out; so many of them as make a fit.
+/// Finds the marks of the largest face of a frame. Marks outside the picture are left out, and as many are kept as can be fitted.
 ///
 /// # Errors
 /// `FoundMarksError` where there is no face, or none that is trusted ([`LocatedFace::trusted`]).
@@ -178,21 +179,21 @@ pub fn found_marks(frame: &Frame, bench: &Workbench) -> Result<Vec<Correspondenc
     found_marks_and_remark(frame, None, bench).map(|found| found.marks)
 }
 
-/// Marks that were found in a frame.
+/// Marks found in a frame.
 #[derive(Clone, Debug, Default)]
 pub struct FoundMarks {
     /// The marks.
     pub marks: Vec<Correspondence>,
-    /// What a person should know of them.
+    /// Note to the user about the marks.
     pub remark: Option<String>,
-    /// Parts of the face that something covers: their marks are guesses.
+    /// Covered parts of the face, whose marks are guesses.
     pub covered: Vec<FacePart>,
-    /// Median expected error of the points that were found, over the eye distance; `None` of marks that somebody gave.
+    /// Median expected error of the found points, in eye distances; `None` for given marks.
     pub expected_error: Option<f64>,
 }
 
-/// [`found_marks`], and what is to be said where the frame shows more than one face, or one that is covered in part. `colour` is the same picture in
-/// colour, in which teeth that a smile shows are told from a lower lip.
+/// As [`found_marks`]. Also returns a note if the frame shows several faces or a partly covered one. `colour` is the same picture in
+/// colour, in which teeth are distinguished from a lower lip.
 ///
 /// # Errors
 /// As [`found_marks`].
@@ -216,7 +217,7 @@ pub fn found_marks_and_remark(
     })
 }
 
-/// So many of the marks of a face as make a fit; all of them where none do, so that the fit says why.
+/// As many marks of a face as can be fitted; all of them if no subset can, so that the fit reports the reason.
 pub(super) fn fitting_marks(face: &FoundFace, size: ImageSize, bench: &Workbench) -> Vec<Correspondence> {
     let all = &face.marks;
     let only = |nodes: &[u16]| -> Vec<Correspondence> {

@@ -1,4 +1,4 @@
-//! The files of groups beside each other: intervals of their dispersions, and tests between them.
+//! Writes the files that compare groups: intervals of their dispersions, and tests between them.
 
 use std::path::Path;
 
@@ -16,10 +16,10 @@ use crate::{
 const INTERVAL_COLUMNS: [&str; 9] =
     ["emotion", "subjects", "sequences", "dispersion", "low", "high", "level", "replicates", "method"];
 
-/// What [`write_groups`] writes.
+/// Files that [`write_groups`] writes.
 pub(super) const GROUP_TABLES: [&str; 4] = ["intervals.csv", "comparisons.csv", "group_tests.csv", "comparison_nodes.csv"];
 
-/// Writes [`GROUP_TABLES`] into `out`, each told to `wrote` as soon as it stands there.
+/// Writes [`GROUP_TABLES`] into `out`. Calls `wrote` after each file.
 pub(super) fn write_groups(
     out: &Path,
     classes: &[AnalyzedClass],
@@ -118,7 +118,7 @@ pub(super) fn write_groups(
     wrote("comparison_nodes.csv", write_records(&out.join("comparison_nodes.csv"), &header, rows)?)
 }
 
-/// Writes `group_tests.csv`: all groups of an emotion at once, a row per emotion; values of groups are joined by `; `.
+/// Writes `group_tests.csv`: one test over all groups of an emotion per row; group values are joined by `; `.
 fn write_omnibus(path: &Path, comparisons: &[OmnibusComparison]) -> Result<blake3::Hash, OutputError> {
     let header = [
         "emotion",

@@ -1,27 +1,27 @@
-//! What a track is made from, as a hash, with and without the frame rate that was given for it.
+//! Hash of a track's inputs, with and without a given frame rate.
 
 use crate::track::TrackInfo;
 
-/// BLAKE3 of all that the places of a track's nodes depend on. A frame rate is not among it: another one does not make another track.
+/// BLAKE3 of everything that the node positions of a track depend on. The frame rate is excluded, because it does not change positions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Inputs(blake3::Hash);
 
-/// Whose times the frames of a track have.
+/// Source of the times of a track's frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Timed {
-    /// Their own, as far as they have some.
+    /// The frames' own times, if any.
     ByThemselves,
-    /// Those of a rate that was given.
+    /// A given frame rate.
     ByRate,
 }
 
 impl Inputs {
-    /// Of the hash of all of them.
+    /// From the hash of all inputs.
     pub fn new(hash: blake3::Hash) -> Self {
         Self(hash)
     }
 
-    /// BLAKE3 of everything that a track and its times depend on: with the rate that was given, frames per second, where one was.
+    /// BLAKE3 of everything that a track and its times depend on. It includes the given rate `fps`, frames per second, if any.
     pub fn with_rate(&self, fps: Option<f64>) -> String {
         let Some(fps) = fps else { return self.0.to_hex().to_string() };
         let mut hasher = blake3::Hasher::new();
@@ -29,7 +29,7 @@ impl Inputs {
         hasher.finalize().to_hex().to_string()
     }
 
-    /// Whose times a track has that was made from these inputs; `None` where it was made from others.
+    /// The source of the times of a track made from these inputs; `None` if it was made from others.
     pub fn timing_of(&self, info: &TrackInfo) -> Option<Timed> {
         let is_with = |fps| self.with_rate(fps) == info.inputs_blake3;
         match info.fps {

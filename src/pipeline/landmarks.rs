@@ -1,4 +1,4 @@
-//! One sequence given as landmarks, from its files to its track.
+//! Processes one sequence given as landmarks: from its files to its track.
 
 use std::{collections::BTreeMap, path::PathBuf};
 
@@ -20,10 +20,10 @@ use crate::{
     units::SequenceId,
 };
 
-/// Frames and record of a sequence that was read.
+/// Frames and record of a tracked sequence.
 type Read = (Vec<TrackedFrame>, TrackInfo);
 
-/// A sequence that landmarks drive. The landmarks are read when it is its turn, so that a million sequences need no memory.
+/// A sequence that landmarks drive. The landmarks are read only when it is processed, to limit memory.
 #[derive(Clone, Debug)]
 pub(super) struct LandmarkSource {
     pub id: SequenceId,
@@ -31,11 +31,11 @@ pub(super) struct LandmarkSource {
     metadata: BTreeMap<String, String>,
     fps: Option<f64>,
     path: PathBuf,
-    /// Where images would be; they only tell which frames there are.
+    /// Where images would be; they only determine the frame numbers.
     images: PathBuf,
-    /// Which of several faces.
+    /// Id of the face, if there are several.
     face: Option<String>,
-    /// Marks of the manifest's own; the landmarks of the neutral frame serve where there are none.
+    /// Marks given in the manifest; without them, the landmarks of the neutral frame are used.
     marks: Option<Vec<Correspondence>>,
     pub marks_from: &'static str,
     first_frame: Option<u32>,
@@ -43,7 +43,7 @@ pub(super) struct LandmarkSource {
 }
 
 impl LandmarkSource {
-    /// The source of a sequence with landmarks at `path`.
+    /// Returns the source of a sequence with landmarks at `path`.
     pub(super) fn new(entry: &SequenceEntry, path: PathBuf, bench: &Workbench) -> Result<Self, SequenceFailure> {
         let marks = match entry.correspondence_source().map_err(SequenceFailure::at(Stage::Dataset))? {
             CorrespondenceSource::File(file) => {
@@ -71,12 +71,12 @@ impl LandmarkSource {
         Labels { emotion: &self.emotion, metadata: &self.metadata, marks_from: self.marks_from, fps: self.fps }
     }
 
-    /// Everything the track depends on.
+    /// Hash of everything the track depends on.
     pub(super) fn inputs(&self, bench: &Workbench) -> Result<Inputs, SequenceFailure> {
         self.inputs_beside(&self.image_numbers(), bench)
     }
 
-    /// [`LandmarkSource::inputs`] beside images of these numbers.
+    /// As [`LandmarkSource::inputs`], with images of these numbers.
     fn inputs_beside(&self, images: &[u32], bench: &Workbench) -> Result<Inputs, SequenceFailure> {
         let mut hasher = blake3::Hasher::new();
         let mut part = |bytes: &[u8]| {
@@ -114,13 +114,13 @@ impl LandmarkSource {
         Ok(Inputs::new(hasher.finalize()))
     }
 
-    /// What times the frames have of their own, read again; `inputs` is what they are known by.
+    /// Reads the frames' own times again. `inputs` identifies the files.
     pub(super) fn own_clock(&self, inputs: &Inputs, bench: &Workbench) -> Result<Clock, SequenceFailure> {
         let (read, sequence) = self.read(bench)?;
         if self.inputs(bench)? == *inputs { Ok(clock(&read, &sequence)) } else { Err(SequenceFailure::changed(&self.path)) }
     }
 
-    /// Numbers of the images from the neutral to the apex frame; none where there are no images, or a video.
+    /// Numbers of the images from the neutral to the apex frame; empty for a video or without images.
     fn image_numbers(&self) -> Vec<u32> {
         match list_frames(&self.images, self.first_frame, self.last_frame) {
             Ok(FrameSource::Images(files)) => files.iter().map(|file| file.number).collect(),
@@ -128,9 +128,9 @@ impl LandmarkSource {
         }
     }
 
-    /// [`LandmarkSource::track_read`] of files that nobody changes meanwhile; also the hash of what was read.
+    /// As [`LandmarkSource::track_read`], with a check that no file changes meanwhile. Also returns the hash of the data that were read.
     pub(super) fn track(&self, bench: &Workbench) -> (Option<String>, Result<Read, SequenceFailure>) {
-        // Images only say which frames there are: they are listed once.
+        // Images only determine the frame numbers and are listed once.
         let images = self.image_numbers();
         let before = match self.inputs_beside(&images, bench) {
             Ok(inputs) => inputs,
@@ -147,7 +147,7 @@ impl LandmarkSource {
         }
     }
 
-    /// The landmarks, and those of the wanted frames.
+    /// Reads the landmarks, and selects the requested frames.
     fn read(&self, bench: &Workbench) -> Result<(LandmarkTrack, LandmarkSequence), SequenceFailure> {
         let read = read_face(&self.path, bench.options.landmarks.least_confidence, self.face.as_deref());
         let read = read.map_err(SequenceFailure::at(Stage::Dataset))?;
@@ -162,7 +162,7 @@ impl LandmarkSource {
         let neutral = sequence.frames.first().and_then(|frame| frame.points.as_deref()).unwrap_or_default();
         let (marks, fitted) = fit_landmarks(bench, neutral, self.marks.clone())?;
         let frames = plan.track(&bench.wireframe, &fitted, &sequence).map_err(SequenceFailure::at(Stage::Track))?;
-        // A rate that somebody gave is known better.
+        // A given rate has precedence.
         let clock = self.fps.map_or_else(|| clock(&read, &sequence), |fps| Clock::even(Some(fps)));
         let info = TrackInfo {
             schema_version: TRACK_SCHEMA,
@@ -193,14 +193,14 @@ impl LandmarkSource {
     }
 }
 
-/// When the frames of a sequence are shown, by the times that its files tell.
+/// Times of a sequence's frames, from its files.
 fn clock(read: &LandmarkTrack, sequence: &LandmarkSequence) -> Clock {
     let numbers = || sequence.frames.iter().map(|frame| frame.number);
     let (Some(lowest), Some(highest)) = (numbers().min(), numbers().max()) else { return Clock::default() };
     Clock::of_times(read.times.range(lowest..=highest).map(|(&number, &seconds)| (number, seconds)))
 }
 
-/// The wireframe fitted to the neutral frame of a sequence of landmarks, and its marks: those given, or else the landmarks.
+/// Fits the wireframe to the neutral frame of a landmark sequence. Returns it with its marks: those given, or else the landmarks.
 ///
 /// # Errors
 /// [`SequenceFailure`] with the stage.
@@ -263,7 +263,7 @@ mod tests {
             said.len() == 1 && said[0].starts_with("frames 7 to 10 have an image but no landmarks, so frame 6 became the apex")
         );
         assert_eq!(notes(&format!("{header}1,6")).1, [""; 0], "it is meant");
-        // The note is a part of what is made: a track without it is not taken for the same.
+        // The note is part of the result, so the track without it does not count as the same.
         (7..=10).for_each(|k| fs::remove_file(frames.join(format!("f_{k}.png"))).unwrap());
         let (without, said) = notes(&format!("{header},"));
         assert!(said.is_empty() && without != inputs);

@@ -1,8 +1,7 @@
-//! What the runs into an output folder wrote, so that nothing else in it is ever replaced or removed.
+//! Record of the files that runs wrote into an output folder, so that no other file is replaced or removed.
 //!
-//! `run.json` lists the files of the last whole run with their hashes. While a run is on its way, `run.journal` lists the names it is
-//! going to write, on the disk before the first of them is written, and the hash of every file written since; it goes when `run.json`
-//! tells all of it.
+//! `run.json` lists the files of the last complete run with their hashes. During a run, `run.journal` lists the names to be written, on
+//! disk before the first of them is written, and the hash of every file written since. It is removed when `run.json` contains all of it.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -23,26 +22,26 @@ use crate::{
 /// Name of the journal.
 pub(super) const JOURNAL: &str = "run.journal";
 
-/// The record of a folder, as a run adds to it.
+/// The record of a folder during a run.
 pub(super) struct Ledger {
     out: PathBuf,
-    /// Names that were written here, or were about to be.
+    /// Names that were written here, or were going to be.
     known: BTreeMap<String, Known>,
     journal: Mutex<Option<fs::File>>,
     force: bool,
 }
 
-/// What is known of a name.
+/// State of a name.
 #[derive(Default)]
 struct Known {
-    /// Hashes of what was written.
+    /// Hashes of the written contents.
     hashes: BTreeSet<String>,
-    /// Whether a run that was interrupted was about to write it, and may have done so.
+    /// Whether an interrupted run was going to write it, and may have done so.
     is_open: bool,
 }
 
 impl Ledger {
-    /// What `run.json`, if there is one, and the journal say.
+    /// Reads `run.json`, if there is one, and the journal.
     pub(super) fn open(out: &Path, earlier: Option<&RunJson>, force: bool) -> Result<Self, OutputError> {
         let mut known: BTreeMap<String, Known> = BTreeMap::new();
         let path = out.join(JOURNAL);
@@ -50,7 +49,7 @@ impl Ledger {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Vec::new(),
             read => read.map_err(OutputError::at(&path))?,
         };
-        // A line that a power failure cut is no hash of anything.
+        // A line that a power failure truncated contains no valid hash.
         let journal = String::from_utf8_lossy(&journal).into_owned();
         let lines = journal.lines().filter_map(|line| line.split_once('\t'));
         let listed =
@@ -63,7 +62,7 @@ impl Ledger {
         Ok(Self { out: out.to_owned(), known, journal: Mutex::new(None), force })
     }
 
-    /// Takes names for results. What stands there and is not what this folder's runs wrote is refused, or, with `--force`, said.
+    /// Claims names for results. An existing file that this folder's runs did not write is an error or, with `--force`, a message.
     pub(super) fn claim(&self, names: &[String]) -> Result<Vec<String>, RunError> {
         let changed: Vec<&String> = names.par_iter().filter(|name| self.is_changed(name)).collect();
         let (tracks, foreign): (Vec<&String>, Vec<&String>) =
@@ -85,14 +84,14 @@ impl Ledger {
         Ok(foreign.iter().map(said).chain(edited).collect())
     }
 
-    /// Whether a file is there that is not as a run wrote it.
+    /// Whether a file exists that differs from what a run wrote.
     fn is_changed(&self, name: &str) -> bool {
         let path = self.out.join(name);
         let is_as_written = |known: &Known| known.is_open || file_blake3(&path).is_some_and(|hash| known.hashes.contains(&hash));
         fs::symlink_metadata(&path).is_ok() && !self.known.get(name).is_some_and(is_as_written)
     }
 
-    /// Enters files that were written.
+    /// Records files that were written.
     pub(super) fn wrote<'a>(&self, files: impl IntoIterator<Item = (&'a String, &'a String)>) -> Result<(), OutputError> {
         self.append(files.into_iter().map(|(name, hash)| (name.as_str(), hash.as_str())), false)
     }
@@ -113,8 +112,8 @@ impl Ledger {
         append().map_err(OutputError::at(&path))
     }
 
-    /// Removes what earlier runs wrote, whole or interrupted, and this one did not make, where it still has the bytes they wrote.
-    /// What was changed since is kept: its names with a hash that they had, and what a person should know.
+    /// Removes unchanged files of earlier runs, complete or interrupted, that this run did not make. Changed files are kept. Returns their
+    /// names with one of their recorded hashes, and a message about them.
     pub(super) fn remove_stale(&self, outputs: &BTreeMap<String, String>) -> (BTreeMap<String, String>, Vec<String>) {
         let (mut kept, mut said) = (BTreeMap::new(), Vec::new());
         for (name, Known { hashes, .. }) in self.known.iter().filter(|(name, _)| !outputs.contains_key(*name)) {
@@ -123,7 +122,7 @@ impl Ledger {
                 continue;
             }
             let is_ours = file_blake3(&path).is_some_and(|hash| hashes.contains(&hash));
-            // What cannot be removed stays known.
+            // A file that cannot be removed stays in the record.
             if !is_ours || fs::remove_file(&path).is_err() {
                 kept.insert(name.clone(), hashes.iter().next_back().cloned().unwrap_or_default());
                 said.push(format!(
@@ -134,26 +133,26 @@ impl Ledger {
         (kept, said)
     }
 
-    /// Removes the journal: `run.json` tells all of it.
+    /// Removes the journal; `run.json` contains all of it.
     pub(super) fn close(self) {
         drop(self.journal);
         remove_journal(&self.out);
     }
 }
 
-/// Removes the journal of a folder whose `run.json` is of a whole run, which tells all of it. Left behind it would only say so again.
+/// Removes the journal of a folder whose `run.json` describes a complete run and contains the same information.
 pub(super) fn remove_journal(out: &Path) {
     let _ = fs::remove_file(out.join(JOURNAL));
 }
 
-/// Whether a file is a track of ours: its `.json` says so, which also `annotate` keeps up.
+/// Whether a file is a track of this program according to its `.json`, which `annotate` also updates.
 fn is_track(name: &str, path: &Path) -> bool {
     name.starts_with("tracks/")
         && matches!(read_track_info(path), Ok(Some(info))
             if path.file_stem().is_some_and(|stem| stem.to_string_lossy() == info.id.to_string()))
 }
 
-/// Whether a file of a track of ours is its table, and not the one that its `.json` tells of.
+/// Whether a file is the table of a track and differs from the one recorded in its `.json`.
 fn is_edited_track(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension == "csv")
         && matches!(read_track_info(path), Ok(Some(info)) if file_blake3(path).is_some_and(|hash| hash != info.csv_blake3))
@@ -183,7 +182,7 @@ mod tests {
             .unwrap();
         ledger.wrote(&known(&[("models/a.csv", b"a"), ("models/b.csv", b"b"), ("models/c.csv", b"c")])).unwrap();
         drop(ledger);
-        // A process that was killed wrote no more than this journal.
+        // A killed process wrote no more than this journal.
         let ledger = Ledger::open(folder.path(), None, false).unwrap();
         assert!(!ledger.known.contains_key("../x"));
         let (kept, said) = ledger.remove_stale(&known(&[("models/c.csv", b"c")]));
@@ -204,13 +203,13 @@ mod tests {
         assert!(error.contains("joy.fap") && error.contains("--force"), "{error}");
         let forced = Ledger::open(folder.path(), None, true).unwrap().claim(&names).unwrap();
         assert!(forced.len() == 1 && forced[0].contains("fap/joy.fap"), "{forced:?}");
-        // What a run wrote and somebody changed since is theirs.
+        // A file that was changed after the run belongs to the user.
         let journal = Ledger::open(folder.path(), None, false).unwrap();
         journal.wrote(&known(&[("fap/joy.fap", b"ours")])).unwrap();
         drop(journal);
         assert!(Ledger::open(folder.path(), None, false).unwrap().claim(&names).is_err());
         Ledger::open(folder.path(), None, true).unwrap().claim(&names).unwrap();
-        // Claimed names are this folder's own from then on.
+        // Claimed names belong to this folder from then on.
         assert!(Ledger::open(folder.path(), None, false).unwrap().claim(&names).unwrap().is_empty());
     }
 }

@@ -1,4 +1,4 @@
-//! What a track says of its head and its expression: the normalized model, features, FAPs.
+//! Measurements of a track: normalized model, features, FAPs.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -20,17 +20,17 @@ use crate::{
 pub(super) struct Normalized {
     /// The normalized model.
     pub model: DynamicExpressionModel<FaceUnit>,
-    /// All frames without the head's motion, px.
+    /// All frames without head motion, px.
     pub head_free: DynamicExpressionModel<Px>,
-    /// Head and poses; `None` where the pose is not taken out and none was found.
+    /// Head and poses; `None` if normalization keeps the pose and no head was fitted.
     pub fit: Option<HeadFit>,
 }
 
 impl Normalized {
-    /// Enters what the head's pose says of a track, and the order of its frames, into its summary.
+    /// Adds the head pose and the order of the frames to the summary of a track.
     pub fn judge(&self, summary: &mut TrackSummary, frames: &[TrackedFrame], bench: &Workbench) {
         let Some(fit) = &self.fit else { return };
-        // A head that nods or turns would be explained by action units one way.
+        // Otherwise action units would explain a nodding or turning head better in one direction.
         let is_free = bench.options.normalize.pose == PoseMode::Full;
         let order = if is_free { bench.order(frames, &self.head_free).unwrap_or(0.0) } else { 0.0 };
         for warning in [turn_warning(fit, frames), pose_warning(fit, frames), order_warning(order, frames)].into_iter().flatten()
@@ -43,10 +43,10 @@ impl Normalized {
     }
 }
 
-/// The normalized model of tracked frames, with the marks of the neutral one and the frames' times as far as they are known.
+/// Normalizes tracked frames, with the known marks of the neutral frame and the known frame times.
 ///
 /// # Errors
-/// [`SequenceFailure`] when no head fits the track or its model is none that a face makes.
+/// [`SequenceFailure`] when no head fits the track, or its model is not plausible for a face.
 pub fn normalize_track(
     frames: &[TrackedFrame],
     info: Option<&TrackInfo>,
@@ -57,7 +57,7 @@ pub fn normalize_track(
     normalized(frames, &marks, times, bench).map(|normalized| normalized.model)
 }
 
-/// The normalized model of tracked frames with the marks of the neutral one; `times` by ascending number where they are not even.
+/// Normalizes tracked frames with the marks of the neutral frame. `times` are sorted by number and given if they are uneven.
 pub(super) fn normalized(
     frames: &[TrackedFrame],
     marks: &[(NodeId, Point2<f64>)],
@@ -78,7 +78,7 @@ pub(super) fn normalized(
     let normalizer = bench.normalizer().map_err(SequenceFailure::at(Stage::Normalize))?;
     let numbers = moments(frames, times);
     let model = normalizer.normalize_numbered(&head_free, &numbers).map_err(SequenceFailure::at(Stage::Normalize))?;
-    // One such model would end the statistics of all.
+    // One such model would stop the statistics of all.
     FaceSize::CANONICAL.check_model(&model).map_err(|e| {
         let reason = format!("of the frames of the normalized model, {e}");
         SequenceFailure { stage: Stage::Normalize, reason, fatal: false }
@@ -86,10 +86,10 @@ pub(super) fn normalized(
     Ok(Normalized { model, head_free, fit })
 }
 
-/// Steps per second in which times that are not even count as frame numbers do: models take their frames evenly in time.
+/// Steps per second into which uneven times are rounded, to serve in place of frame numbers: models sample their frames evenly in time.
 const STEPS: f64 = 1e4;
 
-/// When the frames of a track are shown: their numbers, or steps of time where these are not even.
+/// Times of a track's frames: their numbers, or time steps if intervals vary.
 fn moments(frames: &[TrackedFrame], times: Option<&[f64]>) -> Vec<u32> {
     let first = frames.iter().map(|frame| frame.number).min().unwrap_or_default();
     let own = times.filter(|times| times.len() == frames.len()).and_then(|times| {
@@ -99,12 +99,12 @@ fn moments(frames: &[TrackedFrame], times: Option<&[f64]>) -> Vec<u32> {
     own.unwrap_or_else(|| frames.iter().map(|frame| frame.number).collect())
 }
 
-/// Names of the files of [`write_measured`].
+/// Names of the files that [`write_measured`] writes.
 pub(super) fn measured_files(id: &SequenceId) -> [String; 3] {
     [format!("features/{id}.csv"), format!("features/{id}.json"), format!("fap/tracks/{id}.fap")]
 }
 
-/// Pose, FAPs and action units of every frame; `None` where no head was found.
+/// Pose, FAPs and action units of every frame; `None` without a fitted head.
 pub(super) fn measure(
     normalized: &Normalized,
     frames: &[TrackedFrame],
@@ -115,7 +115,7 @@ pub(super) fn measure(
     features.map(Some).map_err(|reason| SequenceFailure { stage: Stage::Normalize, reason, fatal: false })
 }
 
-/// Writes the features of a sequence and its FAPs, the head's among them; the BLAKE3 of every file by its name.
+/// Writes the features of a sequence and its FAPs, including those of the head. Returns the BLAKE3 of every file by name.
 pub(super) fn write_measured(
     features: &[FrameFeatures],
     info: &TrackInfo,

@@ -1,4 +1,4 @@
-//! The method as a whole: ours, or the paper's to the letter.
+//! Selects all options of a method together: the default, or that of the paper.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,19 +10,19 @@ use crate::{
     track::{AlignOptions, Forces, TrackOptions},
 };
 
-/// One switch for the options in which we differ from \[KP\]; `docs/method.md` has a row for each.
+/// Sets all options in which the default differs from \[KP\]. `docs/method.md` has a row for each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
     /// The default of every option.
     #[default]
     Default,
-    /// \[KP\] to the letter.
+    /// Exactly as in \[KP\].
     Kp,
 }
 
 impl Method {
-    /// Options of the fit: in \[KP\] similarity and springs, without a shape prior and by the marks alone.
+    /// Options of the fit. \[KP\]: similarity and springs, without a shape prior, by the marks alone.
     pub fn fit(self) -> FitOptions {
         match self {
             Self::Default => FitOptions::default(),
@@ -30,7 +30,7 @@ impl Method {
         }
     }
 
-    /// Options of the tracker: in \[KP\] KLT forward only, one force for all nodes, no alignment, no knowledge of lips, eyes and lids.
+    /// Options of the tracker. \[KP\]: forward KLT only, one force for all nodes, no alignment, no treatment of lips, eyes and lids.
     pub fn track(self) -> TrackOptions {
         let ours = TrackOptions::default();
         match self {
@@ -48,7 +48,7 @@ impl Method {
         }
     }
 
-    /// Options of the normalization: in \[KP\] the head's roll alone is taken out, and FAPUs are those of Candide-3's report.
+    /// Options of the normalization. \[KP\]: only the head's roll is removed, and FAPUs are those of Candide-3's report.
     pub fn normalize(self) -> NormalizeOptions {
         match self {
             Self::Default => NormalizeOptions::default(),
@@ -56,7 +56,7 @@ impl Method {
         }
     }
 
-    /// Options of the statistics: in \[KP\] every sequence counts, also several of one person.
+    /// Options of the statistics. \[KP\]: every sequence counts, including several of one person.
     pub fn statistics(self) -> StatisticsOptions {
         let ours = StatisticsOptions::default();
         match self {
@@ -67,7 +67,7 @@ impl Method {
         }
     }
 
-    /// Name of the method that options are: `default`, `kp`, or `changed` for neither.
+    /// Name of the method with these options: `default`, `kp`, or `changed` for neither.
     pub fn name_of(options: &PipelineOptions) -> &'static str {
         let is = |method: Self| {
             options.fit == method.fit()

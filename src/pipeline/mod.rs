@@ -1,4 +1,4 @@
-//! The main job, stage by stage: dataset -> tracks -> normalized models -> representatives, FAP files, report.
+//! The main job in stages: dataset, tracks, normalized models, representatives, FAP files, report.
 
 mod amplitudes;
 mod analysis;
@@ -99,7 +99,7 @@ pub use tracks::{id_of, load_tracks, load_unlabelled_tracks, results_folder, tra
 pub use unseen::{Unseen, track_unseen};
 pub use write::{ANALYSIS_TABLES, analysis_files, write_analysis};
 
-/// Options of every stage: one struct per stage.
+/// Options of all stages, one struct per stage.
 ///
 /// ```
 /// use grimace::pipeline::{PipelineOptions, Workbench};
@@ -110,7 +110,7 @@ pub use write::{ANALYSIS_TABLES, analysis_files, write_analysis};
 /// ```
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PipelineOptions {
-    /// Fit.
+    /// Fit of the wireframe.
     pub fit: FitOptions,
     /// Tracking.
     pub track: TrackOptions,
@@ -120,40 +120,39 @@ pub struct PipelineOptions {
     pub statistics: StatisticsOptions,
     /// FAP files.
     pub fap: FapOptions,
-    /// Manifest columns to group by, besides the emotion; empty for none.
+    /// Manifest columns to group by, besides the emotion; may be empty.
     pub by: Vec<String>,
-    /// Manifest columns within whose values people exchange their labels in tests between groups; empty for none.
+    /// Manifest columns that restrict the permutation tests: labels are exchanged only among people with equal values. May be empty.
     #[serde(default)]
     pub strata: Vec<String>,
-    /// Manifest columns of numbers, such as ages, with which expressions may go; empty for none.
+    /// Manifest columns of numbers, such as ages, to test for association with the expressions; may be empty.
     #[serde(default)]
     pub covariates: Vec<String>,
-    /// Which landmarks serve as correspondences where a sequence has no marks of its own.
+    /// Landmarks that become correspondences for sequences without marks.
     pub marks: LandmarkSelection,
-    /// On whom the report shows the representatives moving.
+    /// Face on which the report animates the representatives.
     #[serde(default)]
     pub report_face: ReportFace,
-    /// Wireframes only: no picture of a face in the report and beside it.
+    /// Whether to show wireframes only: no picture of a face in or beside the report.
     #[serde(default)]
     pub no_faces: bool,
-    /// Leave out to hold marks that are given against the face that is read in the neutral frame.
+    /// Whether to skip the comparison of given marks with the face in the neutral frame.
     #[serde(default)]
     pub unchecked_marks: bool,
-    /// Sequences given as landmarks.
+    /// Options for sequences given as landmarks.
     #[serde(default)]
     pub landmarks: LandmarkOptions,
-    /// Groups: intervals and tests.
+    /// Intervals and tests of groups.
     #[serde(default)]
     pub groups: GroupOptions,
-    /// Write `models.parquet`.
+    /// Whether to write `models.parquet`.
     #[cfg(feature = "columnar")]
     #[serde(default)]
     pub columnar: bool,
 }
 
 impl PipelineOptions {
-    /// Whether pictures of a sequence with these further columns may be shown: not when no face is to be, nor when its column `publish`
-    /// does not allow it.
+    /// Whether pictures of a sequence may be shown: not with `no_faces`, and not if its column `publish` forbids it.
     pub fn shows(&self, metadata: &BTreeMap<String, String>) -> bool {
         !self.no_faces && may_publish(metadata)
     }
@@ -162,9 +161,9 @@ impl PipelineOptions {
 /// Options for sequences given as landmarks.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LandmarkOptions {
-    /// Confidence under which a frame counts as lost, where a file tells one, 0 to 1.
+    /// Confidence below which a frame counts as lost, 0 to 1, for files that state one.
     pub least_confidence: f64,
-    /// Drive a sequence by its landmarks even where it has images.
+    /// Whether landmarks drive a sequence that also has images.
     pub prefer: bool,
 }
 
@@ -189,7 +188,7 @@ pub struct FapOptions {
     pub between: usize,
     /// Frames per second, at least 1.
     pub fps: u32,
-    /// Readers that the files are written for.
+    /// Players that the files are written for.
     #[serde(default)]
     pub profile: Profile,
 }
@@ -200,7 +199,7 @@ impl Default for FapOptions {
     }
 }
 
-/// A wireframe that cannot be worked with.
+/// Errors of [`Workbench::new`].
 ///
 /// ```
 /// use grimace::pipeline::{Workbench, WorkbenchError};
@@ -221,7 +220,7 @@ pub enum WorkbenchError {
     Fapus(#[from] FapusError),
 }
 
-/// A wireframe with everything that is computed once for it, and the options of every stage.
+/// A wireframe with the data computed once for it, and the options of all stages.
 ///
 /// ```
 /// use grimace::{correspondence::read_correspondences, pipeline::Workbench};
@@ -233,19 +232,19 @@ pub enum WorkbenchError {
 /// ```
 #[derive(Debug)]
 pub struct Workbench {
-    /// The wireframe and its tables. A workbench is a face: `bench.wireframe` is `bench.face.wireframe`.
+    /// The wireframe and its tables. `bench.wireframe` is short for `bench.face.wireframe`.
     pub face: Face,
     /// Options of every stage.
     pub options: PipelineOptions,
     fitter: Fitter,
     plan: TrackPlan,
-    /// Made when the first sequence is driven by landmarks.
+    /// Created for the first sequence that landmarks drive.
     landmark_plan: OnceLock<Result<LandmarkPlan, SpringError>>,
-    /// Made when the first pose is asked for.
+    /// Created for the first head pose.
     head: OnceLock<HeadFitter>,
-    /// Made when the first features are asked for.
+    /// Created for the first features.
     meter: OnceLock<Result<FeatureMeter, String>>,
-    /// BLAKE3 of the wireframe file; `None` for the embedded Candide-3, which the program's version stands for.
+    /// BLAKE3 of the wireframe file; `None` for the embedded Candide-3, which the program version identifies.
     wireframe_blake3: Option<String>,
 }
 
@@ -258,10 +257,10 @@ impl Deref for Workbench {
 }
 
 impl Workbench {
-    /// A workbench for Candide-3, or for the wireframe of a `.wfm` file with Candide-3's node numbers.
+    /// Returns a workbench for Candide-3, or for a `.wfm` file with Candide-3's node numbers.
     ///
     /// # Errors
-    /// [`WorkbenchError`] when the file does not read or has no FAPUs.
+    /// [`WorkbenchError`] when the file cannot be read or has no FAPUs.
     pub fn new(wfm: Option<&Path>, options: PipelineOptions) -> Result<Self, WorkbenchError> {
         let wireframe = wfm.map_or_else(|| Ok(Wireframe::candide3()), read_wfm)?;
         let wireframe_blake3 = match wfm {
@@ -285,31 +284,31 @@ impl Workbench {
         Ok(bench)
     }
 
-    /// Fits the wireframe.
+    /// Returns the fitter of the wireframe.
     pub fn fitter(&self) -> &Fitter {
         &self.fitter
     }
 
-    /// What the tracker knows of the wireframe.
+    /// Returns the tracker's tables for the wireframe.
     pub fn plan(&self) -> &TrackPlan {
         &self.plan
     }
 
-    /// How landmarks drive the wireframe.
+    /// Returns the tables by which landmarks drive the wireframe.
     ///
     /// # Errors
-    /// [`SpringError`] when the wireframe has no node that a landmark stands for.
+    /// [`SpringError`] when no landmark corresponds to a node of the wireframe.
     pub fn landmark_plan(&self) -> Result<&LandmarkPlan, SpringError> {
         let make = || LandmarkPlan::new(&self.wireframe, &self.tables, self.options.track.force);
         self.landmark_plan.get_or_init(make).as_ref().map_err(Clone::clone)
     }
 
-    /// Fits heads to tracks.
+    /// Returns the fitter of heads to tracks.
     pub fn head_fitter(&self) -> &HeadFitter {
         self.head.get_or_init(|| HeadFitter::new(&self.wireframe, &self.tables))
     }
 
-    /// The wireframe fitted to the marks of a neutral frame; of a head that is turned in it, unless only roll is to be taken out.
+    /// Fits the wireframe to the marks of a neutral frame. It allows for a turned head, unless normalization removes roll only.
     ///
     /// # Errors
     /// [`FitError`].
@@ -320,7 +319,7 @@ impl Workbench {
         }
     }
 
-    /// A photograph with marks as the target of clones, its wireframe fitted as [`Workbench::fit`] does it.
+    /// Returns a photograph with marks as a target for clones, its wireframe fitted with [`Workbench::fit`].
     ///
     /// # Errors
     /// As [`Target::new`].
@@ -328,7 +327,8 @@ impl Workbench {
         Target::fitted_by(|marks| self.fit(marks), name, picture, marks, self)
     }
 
-    /// [`Workbench::target`] with marks that somebody gave, fitted as [`Workbench::fit_in`] does it to the grey picture; and what it says of the marks.
+    /// As [`Workbench::target`] for marks given by the user, fitted to the grey picture with [`Workbench::fit_in`]. Also returns its
+    /// messages about the marks.
     ///
     /// # Errors
     /// As [`Target::new`].
@@ -348,7 +348,7 @@ impl Workbench {
         Ok((target, beside))
     }
 
-    /// Head, poses and expressions of a track, with the marks of its neutral frame as far as they are known.
+    /// Fits head, poses and expressions to a track; `marks` are the known marks of its neutral frame.
     ///
     /// # Errors
     /// [`PoseError`].
@@ -356,7 +356,7 @@ impl Workbench {
         self.head_fitter().fit(&self.tables, track, marks)
     }
 
-    /// The model of a track without the head's turns.
+    /// Returns the model of a track without head rotation.
     ///
     /// # Errors
     /// [`PoseError`].
@@ -364,10 +364,10 @@ impl Workbench {
         self.head_fitter().frontal((&self.wireframe, &self.tables), fit, track)
     }
 
-    /// Pose, FAPs and action units of every frame of a track whose model without the head's motion is given.
+    /// Returns pose, FAPs and action units of every frame of a track. `model` is its model without head motion.
     ///
     /// # Errors
-    /// A sentence when the track has no features.
+    /// A message when the track has no features.
     pub fn features(
         &self,
         track: &[TrackedFrame],
@@ -379,18 +379,18 @@ impl Workbench {
         })?
     }
 
-    /// How much better action units explain the way from the first to the last frame than the way back, -1 to 1, of a track whose model without
-    /// the head's motion is given ([`FeatureMeter::order`]).
+    /// Order of a track: how much better action units explain its motion from the first to the last frame than the reverse, -1 to 1
+    /// ([`FeatureMeter::order`]). `model` is the track's model without head motion.
     ///
     /// # Errors
-    /// A sentence when the track has no features.
+    /// A message when the track has no features.
     pub fn order(&self, track: &[TrackedFrame], model: &DynamicExpressionModel<Px>) -> Result<f64, String> {
         let [neutral, .., apex] = model.frames() else { return Ok(0.0) };
         let ends = DynamicExpressionModel::new(vec![neutral.clone(), apex.clone()]).map_err(|e| e.to_string())?;
         self.measured(&ends, |meter, normalizer, model| meter.order(track, model, normalizer, &self.tables))
     }
 
-    /// With a meter of features, its normalizer, and every frame of a model normalized by it.
+    /// Calls a function with the feature meter, its normalizer, and all normalized frames of a model.
     fn measured<T>(
         &self,
         model: &DynamicExpressionModel<Px>,
@@ -404,7 +404,7 @@ impl Workbench {
         Ok(measure(meter, &normalizer, &model))
     }
 
-    /// Normalizes tracked models.
+    /// Returns the normalizer of tracked models.
     ///
     /// # Errors
     /// [`FapusError`] when the wireframe has no FAPUs; never after [`Workbench::new`].

@@ -10,7 +10,7 @@ use crate::{
     units::FaceUnit,
 };
 
-/// Writes a normalized model or a representative: `frame,node,x,y`, face units, frames from 0; the BLAKE3 of the file.
+/// Writes a normalized model or a representative as `frame,node,x,y`, in face units, frames from 0. Returns the BLAKE3 of the file.
 ///
 /// ```
 /// use grimace::pipeline::{read_model, write_model};
@@ -37,7 +37,7 @@ pub fn write_model(path: &Path, model: &DynamicExpressionModel<FaceUnit>) -> Res
     })
 }
 
-/// A model file that does not read.
+/// Errors of reading a model file.
 ///
 /// ```
 /// use grimace::pipeline::{ModelFileError, read_model};
@@ -58,7 +58,7 @@ pub enum ModelFileError {
     NotFaceUnits {
         /// The file.
         path: PathBuf,
-        /// What it is instead.
+        /// The unit it has instead.
         source: NotFaceUnits,
     },
     /// It moves as no face does.

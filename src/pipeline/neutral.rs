@@ -1,12 +1,12 @@
-//! The fit of a neutral frame: by the marks that are given, and by what is read in the picture where no mark is.
+//! Fits the wireframe to a neutral frame: to the given marks, and to points read in the picture at nodes without a mark.
 //!
-//! A node without a mark follows from what faces are like; read in the picture it is nearer to its place (`docs/locate.md`). A mark is worth more: what is
-//! read bends, and is never taken for surer than a mark.
+//! A node without a mark follows from the shape prior; a point read in the picture places it more accurately (`docs/locate.md`). A mark has
+//! more weight than a point that is read.
 //!
-//! Not every face is one that the locator reads: it was learned from photographs of people and points that people set. Rendered faces are read
-//! with twice the error that the marks alone leave, and a network's landmarks have brows and chin elsewhere. The marks tell which of these they
-//! are ([`Fitter::share_by_hand`]), and how well they agree with the face that is read. Between yes and no what is read fades, so that a mark that is moved a
-//! little moves the fit a little.
+//! The locator was trained on photographs of people with hand-set points. On rendered faces its error is twice that of the marks alone, and
+//! networks place brows and chin differently. The weight of the points that are read therefore follows from two measures: the probability
+//! that the marks were set by hand on a photograph ([`Fitter::share_by_hand`]), and the agreement of marks and picture. The weight is
+//! continuous, so that moving a mark a little moves the fit a little.
 //!
 //! [`Fitter::share_by_hand`]: crate::fit::Fitter::share_by_hand
 
@@ -24,32 +24,36 @@ use crate::{
     wireframe::{LIP_TWINS, Wireframe},
 };
 
-/// What is read counts nothing up to the first probability that marks are those of a person on a photograph, and all from the second on. Of 90
-/// people, whom the prior knows, nine in ten have 0.75 and more with eleven marks, and half 0.8 and more with seven; of 12 simulated faces the most is
-/// 0.03 with eleven and 0.11 with seven.
+/// Probabilities that marks were set by hand on a photograph: up to the first, points read in the picture have no weight; from the second
+/// on, full weight.
+///
+/// Among 90 people of the prior's training data, nine in ten reach 0.75 with eleven marks, and half reach 0.8 with seven. Among 12
+/// simulated faces the maximum is 0.03 with eleven marks and 0.11 with seven.
 const BY_HAND: [f64; 2] = [0.25, 0.6];
 
-/// Fewer marks do not tell whose they are: of 30 people's landmarks as a network sets them, 11 are taken for set by hand with three, 4 to 7 with four to
-/// six, none with seven.
+/// Fewest marks from which [`by_hand`] decides. Of the landmarks that a network placed on 30 people, 11 are classified as hand-set with
+/// three marks, 4 to 7 with four to six, none with seven.
 const TELLING: usize = 7;
 
-/// What is read counts all where marks and picture agree so well, nothing where something is to be said of the marks ([`super::beside::Held::agreement`]).
+/// Agreement of marks and picture ([`super::beside::Held::agreement`]) from which points read in the picture have full weight. At 0 they
+/// have none.
 const AGREEMENT: f64 = 0.4;
 
 /// A wireframe fitted to a neutral frame.
 #[derive(Clone, Debug)]
 pub struct NeutralFit {
-    /// The wireframe.
+    /// The fitted wireframe.
     pub fitted: FittedWireframe,
-    /// What a person should know of the marks where they lie beside the face of the picture, a sentence each.
+    /// Messages about marks that do not agree with the face in the picture, one sentence each.
     pub beside: Vec<String>,
 }
 
 impl Workbench {
-    /// The wireframe fitted to marks that somebody gave for a picture, and to what is read in it at nodes that have none; by the marks alone
-    /// where [`FitOptions::read_unmarked`](crate::fit::FitOptions::read_unmarked) says so, where the picture shows no face that is trusted, where
-    /// marks and face do not agree, where they are fewer than seven, where they say that the head is turned, and where they tell expected errors of
-    /// their own.
+    /// Fits the wireframe to given marks and to points read in the picture at nodes without a mark.
+    ///
+    /// It uses the marks alone where [`FitOptions::read_unmarked`](crate::fit::FitOptions::read_unmarked) is off, where the picture shows
+    /// no trusted face, where marks and face disagree, where there are fewer than seven marks, where the marks show a turned head, or where
+    /// marks have expected errors of their own.
     ///
     /// # Errors
     /// As [`Workbench::fit`].
@@ -63,7 +67,8 @@ impl Workbench {
         Ok(fit)
     }
 
-    /// [`Workbench::fit_in`] without a word of the marks, and without a look at the picture where that serves nothing else; `find` finds all its faces.
+    /// As [`Workbench::fit_in`], without messages about the marks. It reads the picture only if the fit uses it. `find` detects all faces
+    /// in it.
     ///
     /// # Errors
     /// As [`Workbench::fit`].
@@ -76,10 +81,10 @@ impl Workbench {
         Ok(self.fit_and_hold(picture, marks, false, find)?.fitted)
     }
 
-    /// How much what is read in a picture may count beside marks, 0 to 1.
+    /// Largest weight that points read in a picture can have beside these marks, 0 to 1.
     pub(crate) fn reads_beside(&self, marks: &[Correspondence]) -> f64 {
         let by_hand = if self.options.fit.read_unmarked { by_hand(&self.fitter, &self.wireframe, marks) } else { 0.0 };
-        // What reads was learned from faces that look into the camera, and the marks of a turned one do not tell whose they are.
+        // The locator was trained on frontal faces, and the marks of a turned head do not show whether they were set by hand.
         if by_hand > 0.0 { by_hand * (1.0 - self.head_fitter().turned_share(marks)) } else { 0.0 }
     }
 
@@ -92,22 +97,24 @@ impl Workbench {
     ) -> Result<NeutralFit, FitError> {
         let fitted = self.fit(marks)?;
         let by_hand = self.reads_beside(marks);
-        // A program that was built without the model finds no faces either, and says so there.
+        // Without the shipped model no face is detected either; the error is reported there.
         let locator = Locator::shipped().ok().filter(|_| by_hand > 0.0 || is_said);
         let Some(locator) = locator else { return Ok(NeutralFit { fitted, beside: Vec::new() }) };
         Ok(fit_beside(|marks| self.fit(marks), fitted, by_hand, (locator, picture), || find(locator)))
     }
 }
 
-/// How much it counts, 0 to 1, that marks mean what people mean who mark photographs; 0 for those that tell errors of their own.
+/// Weight, 0 to 1, for marks that were placed as people place them on photographs; 0 for marks with expected errors of their own.
 pub fn by_hand(fitter: &Fitter, wireframe: &Wireframe, marks: &[Correspondence]) -> f64 {
     let may_be = marks.len() >= TELLING && marks.iter().all(|m| m.expected_error.is_none());
     let share = if may_be { fitter.share_by_hand(wireframe, marks) } else { None };
     share.map_or(0.0, |share| ((share - BY_HAND[0]) / (BY_HAND[1] - BY_HAND[0])).clamp(0.0, 1.0))
 }
 
-/// Holds a fit to marks against the face of a picture, and fits again to what is read there at the other nodes, as much as it counts: as much as marks are
-/// `by_hand`, and as well as they agree with the face. `fit` fits to marks, `find` finds all faces.
+/// Compares a fit to marks with the face in a picture, and fits again to the points read at the other nodes.
+///
+/// The weight of these points is the product of `by_hand` and the agreement of marks and face. `fit` fits to marks, `find` detects all
+/// faces.
 pub fn fit_beside(
     fit: impl Fn(&[Correspondence]) -> Result<FittedWireframe, FitError>,
     by_marks: FittedWireframe,
@@ -127,21 +134,21 @@ pub fn fit_beside(
         return NeutralFit { fitted: by_marks, beside };
     }
     let fitted = match fit(&[marks.as_slice(), &read].concat()) {
-        // Of what a person set nothing else is to be said than before.
+        // The second fit must not add warnings about the user's marks.
         Ok(fitted) if fitted.warnings.len() <= by_marks.warnings.len() => by_marks.towards(fitted.set_apart(read.len()), counts),
         _ => by_marks,
     };
     NeutralFit { fitted, beside }
 }
 
-/// The points of a face inside a picture at nodes that are not marked, nor their twins on the other lip.
+/// Points of a face inside a picture at nodes where neither the node nor its twin on the other lip is marked.
 fn read_at_free_nodes(face: &LocatedFace, marks: &[Correspondence], size: ImageSize) -> Vec<Correspondence> {
     let is_marked = |node: NodeId| marks.iter().any(|m| m.node == node);
     let twin = |node: NodeId| {
         let of = |&(a, b): &(u16, u16)| if node.0 == a { Some(NodeId(b)) } else { (node.0 == b).then_some(NodeId(a)) };
         LIP_TWINS.iter().find_map(of)
     };
-    // What covers a part shows nothing of it: what is there was guessed, and faces are known better by the marks.
+    // Points of a covered part are guesses; the prior and the marks place them more accurately.
     let is_covered = |node: NodeId| FacePart::of_node(node).is_some_and(|part| face.covered.contains(&part));
     let is_free = |node: NodeId| !is_covered(node) && !is_marked(node) && !twin(node).is_some_and(is_marked);
     let least = HAND_MARK_ERROR * face.eye_distance;
@@ -164,18 +171,18 @@ mod tests {
         Workbench::new(None, options).unwrap()
     }
 
-    /// A composite portrait in grey, and its marks.
+    /// A composite portrait in grey, with its marks.
     fn photograph(bench: &Workbench) -> (GrayImage, Vec<Correspondence>) {
         let (picture, places) = portrait(bench).unwrap();
         (image::imageops::grayscale(&picture), places)
     }
 
-    /// Those of the marks that are at these nodes.
+    /// The marks at these nodes.
     fn at(nodes: &[u16], places: &[Correspondence]) -> Vec<Correspondence> {
         places.iter().filter(|m| nodes.contains(&m.node.0)).copied().collect()
     }
 
-    /// Mean distance of the nodes that `marks` leave out from their places, px.
+    /// Mean distance of the nodes without a mark from their true positions, px.
     fn off(fitted: &FittedWireframe, places: &[Correspondence]) -> f64 {
         let left: Vec<_> = places.iter().filter(|m| !ELEVEN.contains(&m.node.0)).collect();
         left.iter().map(|m| (fitted.model.nodes()[m.node.index()] - m.position).norm()).sum::<f64>() / left.len() as f64
@@ -193,9 +200,9 @@ mod tests {
         assert!(fitted.read.len() > 40 && fitted.read.iter().all(|r| !ELEVEN.contains(&r.node.0)));
         assert_eq!((fitted.correspondences.len(), fitted.residuals.len()), (11, 11));
         assert!(off(&fitted, &places) < 0.8 * off(&alone, &places), "{} {}", off(&fitted, &places), off(&alone, &places));
-        // The marks stay where they were set.
+        // The marks keep their positions.
         assert!(fitted.residuals.iter().all(|r| *r < 0.02 * 0.613 * fitted.image_from_face.scale), "{:?}", fitted.residuals);
-        // What the page shows while marks are set is the same.
+        // The fit that the `annotate` page shows during marking is the same.
         let find = |locator: &Locator| locator.locate(&grey, &LocateOptions::default());
         assert_eq!(bench.fit_read(&grey, &marks, find).unwrap(), fitted);
     }
@@ -208,10 +215,10 @@ mod tests {
         let fit = FitOptions { read_unmarked: false, ..FitOptions::default() };
         let alone = bench(PipelineOptions { fit, ..PipelineOptions::default() });
         assert_eq!(alone.fit_in(&grey, &marks).unwrap().fitted, plain.fit(&marks).unwrap());
-        // Marks that tell errors were found or measured, and bring all that there is.
+        // Marks with expected errors were detected or measured; no point is read beside them.
         let told: Vec<_> = marks.iter().map(|m| Correspondence::found(m.node, m.position, 1.0)).collect();
         assert_eq!(plain.fit_in(&grey, &told).unwrap().fitted, plain.fit(&told).unwrap());
-        // Marks beside the face are said, and nothing is read into them.
+        // Marks that miss the face are reported, and no point is read.
         let aside: Vec<_> =
             marks.iter().map(|m| Correspondence { position: m.position + nalgebra::Vector2::new(40.0, 0.0), ..*m }).collect();
         let fit = plain.fit_in(&grey, &aside).unwrap();
@@ -237,7 +244,7 @@ mod tests {
                 |m: &Correspondence| if m.node.0 == 31 { nalgebra::Vector2::new(0.0, down) } else { nalgebra::Vector2::zeros() };
             at(&ELEVEN, &places).iter().map(|m| Correspondence { position: m.position + down(m), ..*m }).collect()
         };
-        // A mouth corner that is dragged off, px by px: no node jumps when what was read does not count any more.
+        // Moves a mouth corner px by px: no node jumps at the distance where the points read lose their weight.
         let fits: Vec<_> = (0..28).map(|k| bench.fit_in(&grey, &marks(f64::from(k))).unwrap().fitted).collect();
         assert!(!fits[0].read.is_empty() && fits[27].read.is_empty());
         for pair in fits.windows(2) {

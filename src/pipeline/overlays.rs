@@ -1,4 +1,4 @@
-//! Pictures of the wireframe on the frames of a sequence.
+//! Draws the wireframe on frames of a sequence.
 
 use std::{
     collections::BTreeSet,
@@ -19,10 +19,11 @@ use crate::{
     units::SequenceId,
 };
 
-/// Pictures of the wireframe on the wanted frames of a track, with the frame's number, and the head's axes where its poses are given.
+/// Draws the wireframe on the given frames of a track, and the head's axes if its poses are given. Returns the pictures with their frame
+/// numbers.
 ///
 /// # Errors
-/// [`SequenceFailure`] when frames do not read.
+/// [`SequenceFailure`] when frames cannot be read.
 pub fn overlay_pictures(
     source: &SequenceSource,
     (frames, poses): (&[TrackedFrame], &[HeadPose]),
@@ -47,10 +48,10 @@ pub fn overlay_pictures(
     Ok(())
 }
 
-/// Overlay pictures in a folder, with a record of what is ours there: other files of their names are not written over.
+/// Folder of overlay pictures with a record of those that this program wrote. Other files with their names are not overwritten.
 pub struct OverlayFolder {
     record: FolderRecord,
-    /// Names that files of others have.
+    /// Names of pictures that were not written because other files have them.
     taken: Mutex<BTreeSet<String>>,
 }
 
@@ -63,12 +64,12 @@ pub struct OverlayFolder {
 pub struct AmongFrames {
     /// The folder for overlay pictures.
     pub folder: PathBuf,
-    /// Whose frames it holds.
+    /// Name of the sequence whose frames it holds.
     pub whose: String,
 }
 
 impl OverlayFolder {
-    /// Refuses a folder for overlay pictures in which frames are; `sequences` are folders of frames, or videos, by names.
+    /// Returns an error if overlay pictures would go into a folder of frames. `sequences` are folders of frames or videos, by name.
     ///
     /// # Errors
     /// [`AmongFrames`].
@@ -76,7 +77,7 @@ impl OverlayFolder {
         folder: &Path,
         sequences: impl IntoIterator<Item = (impl ToString, &'a Path)>,
     ) -> Result<(), AmongFrames> {
-        // What is not there yet holds no frames.
+        // A folder that does not exist yet has no frames.
         let Ok(place) = folder.canonicalize() else { return Ok(()) };
         let holds = |frames: &Path| frames.canonicalize().is_ok_and(|frames| frames == place);
         match sequences.into_iter().find(|(_, frames)| holds(frames)) {
@@ -85,7 +86,7 @@ impl OverlayFolder {
         }
     }
 
-    /// Opens the folder, or makes it. With `force` files of others are written over.
+    /// Opens or creates the folder. With `force`, existing files of other origin are overwritten.
     ///
     /// # Errors
     /// [`OutputError`].
@@ -95,12 +96,12 @@ impl OverlayFolder {
         Ok(Self { record: FolderRecord::open(folder, NAME, force)?, taken: Mutex::default() })
     }
 
-    /// Name of an overlay picture: not that of a Cohn-Kanade frame, lest a picture replace the frame it shows.
+    /// Name of an overlay picture. It differs from Cohn-Kanade frame names, so that a picture never replaces its frame.
     fn name(id: &SequenceId, number: u32) -> String {
         format!("{id}_{number:08}{OVERLAY_SUFFIX}")
     }
 
-    /// Writes the picture of a frame, unless somebody else's file has its name.
+    /// Writes the picture of a frame, unless a file of other origin has its name.
     ///
     /// # Errors
     /// [`OutputError`].
@@ -113,8 +114,8 @@ impl OverlayFolder {
         self.record.write(&name, |out| out.write_all(png))
     }
 
-    /// Removes earlier pictures of the sequences for which `is_done`, and ends the record; those of others stay. What is to be said of
-    /// pictures that were not written.
+    /// Removes earlier pictures of the sequences for which `is_done` is true, and finishes the record. Pictures of other sequences stay.
+    /// Returns a message about pictures that were not written.
     ///
     /// # Errors
     /// [`OutputError`].
@@ -138,7 +139,7 @@ impl OverlayFolder {
 /// End of the name of an overlay picture.
 const OVERLAY_SUFFIX: &str = "_overlay.png";
 
-/// How many overlay pictures of these sequences are in a folder, which an earlier run may have put there.
+/// Number of overlay pictures of these sequences in a folder, for example from an earlier run.
 pub(super) fn overlays_of(folder: &Path, hidden: &BTreeSet<String>) -> usize {
     let Ok(entries) = std::fs::read_dir(folder) else { return 0 };
     let is_theirs = |name: &str| {

@@ -1,7 +1,7 @@
-//! What the statistics make of one emotion, and a file of it: so that emotions can be worked on by different machines.
+//! Statistics of one emotion and their file, so that different machines can compute different emotions.
 //!
-//! A part is known by the content of everything it was computed from. `run` uses a part that is there and fits, and computes it where
-//! not: the results are the same to the bit.
+//! A part is identified by the content of everything it was computed from. `run` uses a matching part and computes a missing one; the
+//! results are bitwise equal.
 
 use std::{
     collections::BTreeSet,
@@ -21,7 +21,7 @@ use crate::{
     },
 };
 
-/// Folder of the parts in the output folder, while a run is divided.
+/// Folder of the parts in the output folder of a divided run.
 pub(super) const PARTS_FOLDER: &str = "parts";
 
 /// One class of an emotion.
@@ -32,17 +32,17 @@ pub(super) struct ClassPart {
     pub interval: Option<DispersionInterval>,
 }
 
-/// Everything of one emotion.
+/// Statistics of one emotion.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct EmotionPart {
-    /// BLAKE3 of what it was computed from; empty until it is written.
+    /// BLAKE3 of its inputs; empty until it is written.
     inputs_blake3: String,
     pub classes: Vec<ClassPart>,
-    /// Not yet corrected for the number of tests.
+    /// Comparisons without correction for the number of tests.
     pub comparisons: Comparisons,
 }
 
-/// The classes of one emotion, the whole of it first.
+/// Classes of one emotion, all its people first.
 type Groups<'a> = [(ClassLabel, Vec<&'a SequenceModel>)];
 
 impl EmotionPart {
@@ -92,7 +92,7 @@ impl EmotionPart {
         write_hashed(&part_path(out, emotion), |writer| json_into(writer, &self))
     }
 
-    /// The part that was written of exactly these models and options, if it is there.
+    /// Reads the part of exactly these models and options, if it exists.
     pub fn read(out: &Path, emotion: &str, groups: &Groups<'_>, bench: &Workbench, strata: Option<&Strata>) -> Option<Self> {
         let bytes = crate::input::read(&part_path(out, emotion)).ok()?;
         let part: Self = serde_json::from_slice(&bytes).ok()?;
@@ -100,7 +100,7 @@ impl EmotionPart {
     }
 }
 
-/// Name of a part's file in the output folder. Emotions are checked to be file names when the dataset is read.
+/// Name of a part's file in the output folder. Reading the dataset ensures that emotions are valid file names.
 pub(super) fn part_name(emotion: &str) -> String {
     format!("{PARTS_FOLDER}/{emotion}.json")
 }

@@ -1,4 +1,4 @@
-//! Pictures to look for faces in: files, folders, datasets.
+//! Lists pictures for face detection: from files, folders and datasets.
 
 use std::{
     collections::BTreeMap,
@@ -15,24 +15,24 @@ use crate::{
     sequence::{Frame, Portrait, SequenceError, read_first_in_colour},
 };
 
-/// A picture to look for faces in.
+/// A picture for face detection.
 #[derive(Clone, Debug)]
 pub struct PictureSource {
-    /// What the picture is called in the table of points.
+    /// Name of the picture in the table of points.
     pub name: String,
-    /// Whether it may be shown to others: a dataset's column `publish` may forbid it.
+    /// Whether it may be shown to others. A dataset's column `publish` can forbid it.
     pub may_publish: bool,
     frames: Frames,
 }
 
-/// A picture to look for faces in, decoded.
+/// A decoded picture for face detection.
 #[derive(Clone, Debug)]
 pub struct ReadPicture {
-    /// In the grey in which faces are read: of a file as it is seen on white, of a sequence as it is tracked.
+    /// The grey picture in which faces are read: a file on a white background, a sequence as it is tracked.
     pub frame: Frame,
-    /// In colour, which the first frame of a video has not.
+    /// The picture in colour; `None` for the first frame of a video.
     pub colour: Option<RgbImage>,
-    /// What a person should know of it.
+    /// Message to the user about the picture.
     pub remark: Option<String>,
 }
 
@@ -42,7 +42,7 @@ enum Frames {
     First(FrameSource),
 }
 
-/// Pictures that cannot be listed.
+/// Why pictures cannot be listed.
 #[derive(Debug, thiserror::Error)]
 pub enum BatchError {
     /// Neither a file nor a folder.
@@ -74,7 +74,7 @@ impl PictureSource {
     /// Decodes the picture.
     ///
     /// # Errors
-    /// [`SequenceError`] when it does not read.
+    /// [`SequenceError`] when it cannot be read.
     pub fn read(&self) -> Result<ReadPicture, SequenceError> {
         match &self.frames {
             Frames::File(path) => {
@@ -90,9 +90,10 @@ impl PictureSource {
     }
 }
 
-/// The pictures of a path: one file; the neutral frames of a dataset (a manifest, a folder with one, or in the layout of Cohn-Kanade); or all
-/// pictures of a folder and the folders in it, in order of their names. With them, the sequences of a dataset that have no frames, and
-/// why.
+/// Lists the pictures of a path, and the sequences without frames with the reason.
+///
+/// The path is one file; a dataset (a manifest, a folder with one, or the Cohn-Kanade layout), which gives its neutral frames; or a folder,
+/// which gives all pictures in it and its subfolders, sorted by name.
 ///
 /// # Errors
 /// [`BatchError`].
@@ -118,7 +119,7 @@ pub fn pictures_of(path: &Path) -> Result<(Vec<PictureSource>, Vec<String>), Bat
     Ok((files.iter().map(|f| file(f)).collect(), Vec::new()))
 }
 
-/// Whether the manifest of a folder, if it has one, is meant to be one of ours: others keep lists of that name, too.
+/// Whether the folder's manifest, if any, has grimace's format. Other programs use the same file name.
 fn is_dataset(folder: &Path) -> bool {
     let path = folder.join(MANIFEST_NAME);
     let csv = path.exists().then(|| CsvFile::open(&path)?.or_semicolons(&MANIFEST_COLUMNS));
@@ -141,7 +142,7 @@ fn neutral_frames(dataset: &Dataset) -> (Vec<PictureSource>, Vec<String>) {
             Err(error) => failures.push(format!("{}: {error}", entry.id)),
         }
     }
-    // Sequences of one video are told apart by their neutral frames.
+    // Sequences of one video are distinguished by their neutral frames.
     let mut times: BTreeMap<String, usize> = BTreeMap::new();
     pictures.iter().for_each(|picture| *times.entry(picture.name.clone()).or_default() += 1);
     for picture in &mut pictures {
@@ -176,7 +177,7 @@ mod tests {
         std::fs::write(folder.path().join("a.png"), "").unwrap();
         std::fs::write(folder.path().join(MANIFEST_NAME), "file,licence\na.png,CC0\n").unwrap();
         assert_eq!(pictures_of(folder.path()).unwrap().0.len(), 1);
-        // One that lacks a column is damaged, and said to be.
+        // A manifest that lacks a column is reported as damaged.
         std::fs::write(folder.path().join(MANIFEST_NAME), "subject,emotion\nS001,anger\n").unwrap();
         assert!(pictures_of(folder.path()).is_err());
     }

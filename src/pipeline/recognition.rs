@@ -1,4 +1,4 @@
-//! `recognition.csv`: what every sequence is recognized as when its person is left out.
+//! `recognition.csv`: the emotion recognized for every sequence, with its person left out of the training data.
 
 use std::path::Path;
 
@@ -12,38 +12,38 @@ use crate::{
     units::SequenceId,
 };
 
-/// Typicality under which a sequence is none of the labels.
+/// Typicality below which a sequence has none of the labels.
 pub const NONE_LEVEL: f64 = 0.02;
 
-/// Sequences above which none is recognized: the time grows with the cube of their number.
+/// Largest number of sequences for which recognition runs; time is proportional to the cube of the number.
 const MOST_SEQUENCES: usize = 2048;
 
-/// Word for a sequence that is none of the labels.
+/// Text for a sequence with none of the labels.
 pub const NONE_OF_THESE: &str = "none of these";
 
-/// One sequence recognized.
+/// Recognition of one sequence.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecognizedRow {
     /// The sequence.
     pub id: SequenceId,
-    /// Its own label, where known.
+    /// Its own label, if known.
     pub emotion: String,
-    /// What it was recognized as.
+    /// The recognition result.
     pub recognized: Recognized,
 }
 
-/// All sequences recognized.
+/// Recognition of all sequences.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecognitionResults {
     /// Labels in the order of the probabilities.
     pub labels: Vec<String>,
     /// By sequence.
     pub rows: Vec<RecognizedRow>,
-    /// Labels that one person shows: nobody else's sequences say what they look like.
+    /// Labels that only one person shows: without that person no training data remains.
     pub left_out: Vec<String>,
 }
 
-/// What is said of labels that are left out.
+/// Message about labels that are left out.
 pub fn left_out_said(labels: &[String]) -> Option<String> {
     let (are, ones) = if labels.len() == 1 { ("is", "a label") } else { ("are", "labels") };
     (!labels.is_empty())
@@ -53,7 +53,7 @@ pub fn left_out_said(labels: &[String]) -> Option<String> {
 /// Recognizes every model with its person left out.
 ///
 /// # Errors
-/// The reason why that is not possible, in words.
+/// The reason why it is not possible, as text.
 pub(super) fn recognize_left_out(models: &[LabelledModel], bench: &Workbench) -> Result<RecognitionResults, String> {
     if models.len() > MOST_SEQUENCES {
         return Err(format!(

@@ -1,8 +1,8 @@
-//! `run`: every stage over a dataset, parallel over sequences, resumable.
+//! `run`: all stages over a dataset, parallel over sequences, resumable.
 //!
-//! A run into a folder that holds an earlier run of the same dataset with the same options brings it up to date: a sequence whose
-//! inputs are unchanged, by content, is not tracked again, and when nothing at all changed nothing is written. One bad sequence costs
-//! that sequence. Results are collected in the order of the sequences, so that the number of threads changes no byte.
+//! A run into the folder of an earlier run of the same dataset with the same options updates it. A sequence whose inputs have unchanged
+//! content is not tracked again; if nothing changed at all, nothing is written. A sequence that fails does not stop the others. Results are
+//! collected in the order of the sequences, so that the number of threads does not change the output.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -35,7 +35,7 @@ use crate::{
     units::SequenceId,
 };
 
-/// What happens during a run, for a progress bar.
+/// Progress of a run.
 ///
 /// ```
 /// # use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -77,18 +77,18 @@ pub enum Event {
     Frame,
     /// A sequence is done.
     Finished {
-        /// Which.
+        /// Its id.
         id: SequenceId,
-        /// Frames that were read from an unchanged track instead of tracked.
+        /// Whether its frames were read from an unchanged track instead of tracked.
         reused: bool,
-        /// Why it failed, if it did.
+        /// Reason of its failure, if it failed.
         failure: Option<String>,
     },
     /// All sequences are done; statistics and files follow.
     Analyzing,
 }
 
-/// What a run did.
+/// Result of a run.
 ///
 /// ```
 /// # use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -120,15 +120,15 @@ pub struct RunSummary {
     pub tracked: usize,
     /// Unchanged since an earlier run.
     pub reused: usize,
-    /// Failed, as in `failures.csv`.
+    /// Failed sequences, as in `failures.csv`.
     pub failures: Vec<Failure>,
-    /// Left out on purpose, with the reason.
+    /// Sequences left out on purpose, with the reason.
     pub skipped: Vec<(String, String)>,
-    /// Labels and number of sequences of the representatives.
+    /// Label and number of sequences of every representative.
     pub representatives: Vec<(String, usize)>,
-    /// Warnings that a person should read.
+    /// Warnings to the user.
     pub warnings: Vec<String>,
-    /// Nothing had changed: nothing was written.
+    /// Whether nothing had changed, so that nothing was written.
     pub unchanged: bool,
 }
 
@@ -200,7 +200,7 @@ pub enum RunError {
     Foreign {
         /// The first such file.
         path: PathBuf,
-        /// How many more.
+        /// Text about the number of others.
         more: String,
     },
     /// A file cannot be written.
@@ -250,9 +250,9 @@ pub enum RunError {
     Interrupted,
 }
 
-/// Runs every stage over a dataset into the folder `out`.
+/// Runs all stages over a dataset and writes the results into the folder `out`.
 ///
-/// `event` is called from many threads. `stop` ends the run at the next frame, leaving whole files only.
+/// `event` is called from many threads. `stop` ends the run at the next frame and leaves complete files only.
 ///
 /// ```
 /// # use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -276,7 +276,7 @@ pub enum RunError {
 /// ```
 ///
 /// # Errors
-/// [`RunError`]; single sequences that fail are not errors but rows of [`RunSummary::failures`].
+/// [`RunError`]. Sequences that fail are not errors but rows of [`RunSummary::failures`].
 pub fn run(
     dataset: &Path,
     out: &Path,
@@ -314,7 +314,7 @@ pub fn run(
         && overlay.is_none()
         && is_unchanged(earlier, &planned, &skipped, out)
     {
-        // A run that was killed between its record and this.
+        // A run that was killed after writing its record leaves the journal.
         remove_journal(out);
         return Ok(summary_of(earlier));
     }
@@ -333,7 +333,7 @@ pub fn run(
     if let Some(pictures) = pictures {
         said.extend(pictures.close(|id| planned.iter().any(|p| p.id.to_string() == id))?);
     }
-    // Those that this run had made before are gone by now.
+    // This run has already removed its own earlier pictures.
     let hidden = planned.iter().filter(|p| !bench.options.shows(&p.metadata())).map(|p| p.id.to_string()).collect();
     for folder in [overlay.map(Path::to_owned), Some(out.join("overlays"))].into_iter().flatten().collect::<BTreeSet<_>>() {
         let left = overlays_of(&folder, &hidden);
@@ -372,7 +372,7 @@ pub fn run(
     if stop.load(Ordering::Relaxed) {
         return Err(RunError::Interrupted);
     }
-    // What was claimed at the start has been said.
+    // Conflicts with claims were reported at the start.
     let claimed = ledger.claim(&analysis_files(&analysis, bench))?;
     said.extend(claimed.into_iter().filter(|one| !said.contains(one)).collect::<Vec<_>>());
     let mut written = BTreeMap::new();
@@ -382,7 +382,7 @@ pub fn run(
     })?;
     ledger.wrote(&written)?;
     outputs.extend(written);
-    // All results are on the disk before the record says so.
+    // All results must be on disk before the record names them.
     output::sync_written()?;
     let (kept, changed) = ledger.remove_stale(&outputs);
     said.extend(changed);
@@ -392,12 +392,12 @@ pub fn run(
     record.complete = true;
     output::write_json_durably(&out.join(RUN_JSON), &record)?;
     ledger.close();
-    // Whatever was computed apart is part of the results now. The folder goes when nothing else is in it.
+    // The results now contain the separately computed parts. The folder is removed if it is empty.
     let _ = fs::remove_dir(out.join(PARTS_FOLDER));
     Ok(RunSummary { tracked, reused, unchanged: false, ..summary_of(&record) })
 }
 
-/// Whether an earlier run was made of the very same sequences and all its files are still as it wrote them.
+/// Whether an earlier run had the same sequences, and all its files are unchanged.
 fn is_unchanged(earlier: &RunJson, planned: &[Planned<'_>], skipped: &[(String, String)], out: &Path) -> bool {
     let same_sequence = |(record, item): (&SequenceRecord, &Planned<'_>)| {
         record.id == item.id
@@ -409,7 +409,7 @@ fn is_unchanged(earlier: &RunJson, planned: &[Planned<'_>], skipped: &[(String, 
                 Err(failure) => record.failure.as_ref() == Some(&(failure.stage, failure.reason.clone())),
             }
     };
-    // A version before may not have made all tables that there are now.
+    // An earlier version may not have written all present tables.
     let numbers = COVARIATE_TABLES.iter().filter(|_| !earlier.options.covariates.is_empty());
     earlier.complete
         && ANALYSIS_TABLES.iter().chain(numbers).all(|table| earlier.outputs.contains_key(*table))

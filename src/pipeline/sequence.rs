@@ -1,4 +1,4 @@
-//! One sequence from its frames to its track and normalized model.
+//! Processes one sequence: from its frames to its track and normalized model.
 
 use std::{
     collections::BTreeMap,
@@ -27,28 +27,27 @@ use crate::{
     units::SequenceId,
 };
 
-/// Where marks came from that were found in the picture.
+/// Value of `marks_from` for marks that were found in the picture.
 pub(super) const FOUND: &str = "found";
 
-/// A sequence that cannot be processed, and where it failed.
+/// Why a sequence cannot be processed, and the stage.
 #[derive(Clone, Debug)]
 pub struct SequenceFailure {
     /// The stage.
     pub stage: Stage,
-    /// The error in full.
+    /// Full error message.
     pub reason: String,
-    /// Not the sequence's fault: the run was interrupted, the disk is full, or the machine failed to read.
+    /// Whether the cause is not the sequence: interrupted run, full disk, or a read failure of the machine.
     pub fatal: bool,
 }
 
-/// How the reason of a failure begins that is the machine's.
+/// Start of the reason for failures of the machine.
 pub(super) const MACHINE: &str = "the computer failed, not the sequence";
 
-/// Whether a file could not be read for a reason that lies in the machine and not in the file: too many open files, no memory, a
-/// failing disk or server.
+/// Whether a read error is caused by the machine and not by the file: too many open files, no memory, a failing disk or server.
 fn is_machines_fault(error: &(dyn std::error::Error + 'static)) -> bool {
     use std::io::{Error, ErrorKind};
-    // Numbers of Linux and the BSDs: EIO 5, ENFILE 23, EMFILE 24; the others have a kind.
+    // Error numbers of Linux and the BSDs: EIO 5, ENFILE 23, EMFILE 24. Other errors have an `ErrorKind`.
     let of = |e: &Error| {
         matches!(e.kind(), ErrorKind::OutOfMemory | ErrorKind::StaleNetworkFileHandle | ErrorKind::TimedOut)
             || (cfg!(unix) && matches!(e.raw_os_error(), Some(5 | 23 | 24)))
@@ -60,7 +59,7 @@ fn is_machines_fault(error: &(dyn std::error::Error + 'static)) -> bool {
 }
 
 impl SequenceFailure {
-    /// A failure of a stage, from the error with its causes.
+    /// Converts an error with its causes into a failure of a stage.
     pub fn at<E: std::error::Error + 'static>(stage: Stage) -> impl Fn(E) -> Self {
         move |error| {
             let mut reason = error.to_string();
@@ -68,7 +67,7 @@ impl SequenceFailure {
             let mut cause = error.source();
             while let Some(inner) = cause {
                 machine |= is_machines_fault(inner);
-                // Errors of this crate include their cause in their own text.
+                // Errors of this crate already contain the text of their cause.
                 let text = inner.to_string();
                 if !reason.contains(&text) {
                     reason = format!("{reason}: {text}");
@@ -83,19 +82,19 @@ impl SequenceFailure {
         }
     }
 
-    /// The run was asked to stop.
+    /// Failure because the run was asked to stop.
     pub(super) fn interrupted(stage: Stage) -> Self {
         Self { stage, reason: "interrupted".to_owned(), fatal: true }
     }
 
-    /// A file that is not what it was when its sequence was begun.
+    /// Failure because a file changed after processing of its sequence began.
     pub(super) fn changed(path: &Path) -> Self {
         let reason = format!("{}: the file changed while it was read; run again when it is complete", path.display());
         Self { stage: Stage::Dataset, reason, fatal: false }
     }
 }
 
-/// Everything that one track is made from.
+/// The inputs of one track.
 #[derive(Clone, Debug)]
 pub struct SequenceSource {
     /// Subject and sequence.
@@ -108,22 +107,22 @@ pub struct SequenceSource {
     pub frames: FrameSource,
     /// Marks on the neutral frame.
     pub marks: Vec<Correspondence>,
-    /// Where the marks came from: `file`, `landmarks`, `command line`, `found`.
+    /// Source of the marks: `file`, `landmarks`, `command line`, `found`.
     pub marks_from: String,
-    /// Parts of the face that are covered where marks were found.
+    /// Covered parts of a face whose marks were found.
     pub covered: Vec<FacePart>,
-    /// Frames per second where somebody says so; the frames of a video tell by themselves.
+    /// Frames per second, if given. Frames of a video have their own times.
     pub fps: Option<f64>,
 }
 
 impl SequenceSource {
-    /// What the track is labelled with.
+    /// Labels of the track.
     pub(super) fn labels(&self) -> Labels<'_> {
         Labels { emotion: &self.emotion, metadata: &self.metadata, marks_from: &self.marks_from, fps: self.fps }
     }
 
-    /// Everything the track depends on: program version, options, wireframe, marks, and name and content of every frame.
-    /// Emotion and further columns are not among it: a new label does not make a new track.
+    /// Hash of everything the track depends on: program version, options, wireframe, marks, and name and content of every frame. Emotion
+    /// and further columns are excluded, so that a new label does not cause new tracking.
     ///
     /// # Errors
     /// [`SequenceFailure`] when a frame cannot be read.
@@ -132,7 +131,7 @@ impl SequenceSource {
         Ok(self.inputs_with(content, bench))
     }
 
-    /// Fits the wireframe to the marks in the neutral frame, and holds marks that were given against its face.
+    /// Fits the wireframe to the marks in the neutral frame, and compares given marks with the face in it.
     ///
     /// # Errors
     /// [`SequenceFailure`] of [`Stage::Fit`].
@@ -147,15 +146,15 @@ impl SequenceSource {
         fit.map_err(SequenceFailure::at(Stage::Fit))
     }
 
-    /// BLAKE3 of the inputs with the rate that was given, of frames whose names and bytes have the hash `content`.
+    /// BLAKE3 of the inputs including the given frame rate. `content` is the hash of the names and bytes of the frames.
     pub(super) fn inputs_blake3(&self, content: blake3::Hash, bench: &Workbench) -> String {
         self.inputs_with(content, bench).with_rate(self.fps)
     }
 
-    /// What times the frames have of their own, read again from a video; `inputs` is what they are known by.
+    /// Reads the frames' own times again from a video. `inputs` identifies the frames.
     ///
     /// # Errors
-    /// [`SequenceFailure`] when they do not read, are not the same any more, or `goes_on` says no.
+    /// [`SequenceFailure`] when the frames cannot be read, have changed, or `goes_on` returns false.
     pub(super) fn own_clock(
         &self,
         inputs: &Inputs,
@@ -175,7 +174,7 @@ impl SequenceSource {
         if self.inputs_with(content, bench) == *inputs { Ok(clock) } else { Err(SequenceFailure::changed(path)) }
     }
 
-    /// [`SequenceSource::inputs`] of frames whose names and bytes have the hash `content`.
+    /// As [`SequenceSource::inputs`], for frames whose names and bytes have the hash `content`.
     fn inputs_with(&self, content: blake3::Hash, bench: &Workbench) -> Inputs {
         let mut hasher = blake3::Hasher::new();
         let mut part = |bytes: &[u8]| {
@@ -184,7 +183,7 @@ impl SequenceSource {
         };
         part(MADE_BY.as_bytes());
         let options = &bench.options;
-        // By the pose that is taken out a head that is turned in the neutral frame is fitted, too.
+        // The pose option also affects the fit, which allows for a turned head in the neutral frame.
         let depends = (TRACK_SCHEMA, &options.fit, &options.track, options.normalize.pose, &bench.wireframe_blake3);
         let options = serde_json::to_vec(&depends);
         part(&options.unwrap_or_default());
@@ -211,7 +210,7 @@ pub(super) fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
-/// Fits and tracks one sequence. What the track was made from is hashed from the very bytes that were decoded.
+/// Fits and tracks one sequence. The hash of its inputs is computed from the bytes that were decoded.
 ///
 /// # Errors
 /// [`SequenceFailure`] with the stage.
@@ -226,7 +225,7 @@ pub fn track_one(
     Ok((track, info))
 }
 
-/// [`track_one`], with the hash of what was read also for a sequence that fails.
+/// As [`track_one`]. Also returns the hash of the inputs for a sequence that fails.
 pub(super) fn track_recorded(
     source: &SequenceSource,
     bench: &Workbench,
@@ -241,7 +240,7 @@ pub(super) fn track_recorded(
     };
     let mut tracked = track_frames(source, bench, &mut reader, tick);
     if let Ok((_, info)) = &mut tracked {
-        // Only frames that were read tell their times; a rate that somebody gave is known better.
+        // Own times are known only after reading; a given rate has precedence.
         let clock = source.fps.map_or_else(|| reader.clock(), |fps| Clock::even(Some(fps)));
         (info.fps, info.times) = (clock.fps, clock.times);
         info.notes.extend(reader.remark().into_iter().chain(unread_beside(&source.frames)));
@@ -253,8 +252,8 @@ pub(super) fn track_recorded(
     (content.map(|content| source.inputs_blake3(content, bench)), tracked)
 }
 
-/// [`track_one`] for frames that are in memory, in order, the neutral one first; `source` names no files. What the track was made from
-/// is hashed from the pixels.
+/// As [`track_one`] for frames in memory, in order, the neutral one first. `source` names no files. The hash of the inputs is computed from
+/// the pixels.
 ///
 /// # Errors
 /// [`SequenceFailure`] with the stage.
@@ -331,7 +330,7 @@ fn track_frames(
     Ok((track, info))
 }
 
-/// What a track is labelled with; none of it makes another track.
+/// Labels of a track. Changing them does not require new tracking.
 pub(super) struct Labels<'a> {
     pub emotion: &'a str,
     pub metadata: &'a BTreeMap<String, String>,
@@ -339,17 +338,17 @@ pub(super) struct Labels<'a> {
     pub fps: Option<f64>,
 }
 
-/// A track as a run goes on with it.
+/// A track for the next steps of a run.
 pub(super) struct RunTrack {
     pub frames: Vec<TrackedFrame>,
     pub info: TrackInfo,
-    /// It was there already.
+    /// Whether an unchanged track was reused.
     pub reused: bool,
     pub hashes: TrackHashes,
 }
 
-/// The track of a sequence: read where an unchanged one is there, made by `make` and written where not. Corrections by hand are put
-/// into it by `correct`. `own_clock` says what times the frames have of their own, where a rate was given that no longer is.
+/// Returns the track of a sequence: reads an unchanged one, or creates it with `make` and writes it. `correct` applies manual corrections.
+/// `own_clock` returns the frames' own times, for a track whose given rate was removed.
 pub(super) fn track_or_reuse(
     labels: &Labels<'_>,
     inputs: Option<&Inputs>,
@@ -362,7 +361,7 @@ pub(super) fn track_or_reuse(
     let json = crate::input::read(&csv_path.with_extension("json")).unwrap_or_default();
     let earlier = match parse_track_info(csv_path, &json) {
         Ok(info) => Some(info),
-        // What a later version made is not written over as if it were nothing.
+        // A file of a later version must not be overwritten.
         Err(newer @ TrackFileError::Newer { .. }) => return Err(SequenceFailure::at(Stage::Dataset)(newer)),
         Err(_) => None,
     };
@@ -378,7 +377,7 @@ pub(super) fn track_or_reuse(
         let frames = neutral_first(frames, info.neutral_frame);
         let json = blake3::hash(&json).to_hex().to_string();
         let hashes = TrackHashes { csv: info.csv_blake3.clone(), json };
-        // A rate that somebody gives is known better.
+        // A given rate has precedence.
         let clock = match (labels.fps, timed) {
             (Some(fps), _) => Clock::even(Some(fps)),
             (None, Timed::ByThemselves) => info.clock(),
@@ -393,13 +392,13 @@ pub(super) fn track_or_reuse(
         apply(saved, earlier.as_ref(), &mut frames, &mut info, bench, |frames, fit| correct(frames, fit, &inputs))?;
     }
     let hashes = write_track(csv_path, &frames, &mut info).map_err(SequenceFailure::at(Stage::Write))?;
-    // What is used is what is in the file, so that a resumed run gives the same bytes.
+    // Uses the values in the file, so that a resumed run gives identical bytes.
     let frames = parse_track(csv_path, &track_csv(&frames)).map_err(SequenceFailure::at(Stage::Write))?;
     let frames = neutral_first(frames, info.neutral_frame);
     Ok(RunTrack { frames, info, reused: false, hashes })
 }
 
-/// Brings the labels and times beside an unchanged track up to date, and the options of the tracker, of which landmarks use few.
+/// Updates the labels and times beside an unchanged track, and the tracker options, few of which affect landmarks.
 fn relabel(
     labels: &Labels<'_>,
     (clock, inputs_blake3): (Clock, String),
@@ -460,7 +459,7 @@ mod tests {
             let unread = SequenceError::Decode { path: "a.png".into(), source: DecodeError::Io(Error::from_raw_os_error(code)) };
             track_frames(&source, &bench, &mut [Ok(first.clone()), Err(unread)].into_iter(), |_| true).unwrap_err()
         };
-        // EIO, and ENOENT: a file that is not there is the sequence's own.
+        // EIO is the machine's fault; ENOENT, a missing file, is the sequence's.
         assert!(track(5).fatal && track(5).reason.starts_with(MACHINE));
         assert!(!track(2).fatal);
     }

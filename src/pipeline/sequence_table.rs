@@ -1,4 +1,4 @@
-//! `sequences.csv`: a row for every sequence that was normalized, with all that is known of it at its apex, for statistics elsewhere.
+//! `sequences.csv`: one row per normalized sequence with its measurements at the apex, for statistics in other programs.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -16,7 +16,7 @@ use crate::{
     wireframe::Fapus,
 };
 
-/// What is known of one sequence at its apex.
+/// Measurements of one sequence at its apex.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SequenceRow {
     /// The sequence.
@@ -25,12 +25,13 @@ pub struct SequenceRow {
     pub emotion: String,
     /// Further columns of the manifest.
     pub metadata: BTreeMap<String, String>,
-    /// FAPs of the normalized model, neither cut nor rounded, in the units of the standard; none of a wireframe without Candide-3's nodes.
+    /// FAPs of the normalized model, neither clamped nor rounded, in the units of the standard; empty for a wireframe without Candide-3's
+    /// nodes.
     pub faps: BTreeMap<FapNumber, f64>,
 }
 
 impl SequenceRow {
-    /// The row of a model.
+    /// Returns the row of a model.
     pub(super) fn of(model: &AnalyzedModel, fapus: &Fapus) -> Self {
         let frames = measure_faps(&model.model.model, fapus, FapCatalog::mpeg4()).unwrap_or_default();
         let value = |number: FapNumber| Some((number, frames.last()?.value(number)?));
@@ -43,7 +44,7 @@ impl SequenceRow {
     }
 }
 
-/// Columns before and, but for action units and FAPs, behind the manifest's.
+/// Columns before the manifest's, and those after it except action units and FAPs.
 const BEFORE: [&str; 3] = ["subject", "sequence", "emotion"];
 const AFTER: [&str; 12] = [
     "id",
@@ -60,7 +61,7 @@ const AFTER: [&str; 12] = [
     "pose_roll",
 ];
 
-/// Writes `sequences.csv`, rows by subject and sequence.
+/// Writes `sequences.csv`, sorted by subject and sequence.
 pub(super) fn write_sequences(
     path: &Path,
     rows: &[SequenceRow],

@@ -1,4 +1,4 @@
-//! The representatives on one face, moving, for the report.
+//! Animates the representatives on one face for the report.
 
 use std::path::{Path, PathBuf};
 
@@ -20,11 +20,11 @@ use crate::{
     warp::NODE_COUNT,
 };
 
-/// On whom the report shows the representatives.
+/// Face on which the report shows the representatives.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ReportFace {
-    /// The portrait that is shipped.
+    /// The shipped portrait.
     #[default]
     #[serde(alias = "simulated")]
     Composite,
@@ -32,15 +32,15 @@ pub enum ReportFace {
     Photograph {
         /// The photograph.
         image: PathBuf,
-        /// Its marks; found in it if there are none.
+        /// Its marks; `None` to find them in the photograph.
         correspondences: Option<PathBuf>,
-        /// BLAKE3 of both, so that another picture under the same name is another option.
+        /// BLAKE3 of both files, so that changed files count as a changed option.
         blake3: [Option<String>; 2],
     },
 }
 
 impl ReportFace {
-    /// A photograph and its marks.
+    /// Returns the option for a photograph and its marks.
     pub fn photograph(image: &Path, correspondences: Option<&Path>) -> Self {
         let blake3 = [file_blake3(image), correspondences.and_then(file_blake3)];
         Self::Photograph { image: image.to_owned(), correspondences: correspondences.map(Path::to_owned), blake3 }
@@ -51,19 +51,19 @@ impl ReportFace {
 const HEIGHT: u32 = 480;
 /// Height of a thumbnail, px.
 const THUMBNAIL_HEIGHT: u32 = 150;
-/// Largest thumbnail, bytes, and the qualities of its JPEG that are tried, best first.
+/// Largest size of a thumbnail, bytes. The qualities below are tried in descending order.
 const MOST_BYTES: usize = 6000;
 const THUMBNAIL_QUALITIES: [u8; 5] = [82, 70, 55, 35, 15];
-/// A composite portrait, the average of five people, and its marks: `fixtures/portraits/P09`, which says whose photographs it is made of.
+/// A composite portrait, the average of five people, and its marks: `fixtures/portraits/P09`, which names the source photographs.
 const PORTRAIT: &[u8] = include_bytes!("assets/portrait.jpg");
 const PORTRAIT_MARKS: &[u8] = include_bytes!("assets/portrait_marks.csv");
-/// What it is called.
+/// Name of the portrait.
 pub const PORTRAIT_NAME: &str = "a composite portrait";
 
-/// The face that the report shows the representatives on.
+/// Returns the face on which the report shows the representatives.
 ///
 /// # Errors
-/// [`CloneError`] for a photograph or marks that do not serve.
+/// [`CloneError`] for an unusable photograph or unusable marks.
 pub fn showcase_target(bench: &Workbench) -> Result<Target, CloneError> {
     match &bench.options.report_face {
         ReportFace::Photograph { image, correspondences, .. } => Ok(photograph(image, correspondences.as_deref(), bench)?.0),
@@ -74,7 +74,7 @@ pub fn showcase_target(bench: &Workbench) -> Result<Target, CloneError> {
     }
 }
 
-/// The composite portrait that is shipped, and its marks.
+/// The shipped composite portrait with its marks.
 pub(super) fn portrait(bench: &Workbench) -> Result<(RgbImage, Vec<Correspondence>), CloneError> {
     let unusable = |e: &dyn std::error::Error| CloneError::Showcase(e.to_string());
     let picture = image::load_from_memory(PORTRAIT).map_err(|e| unusable(&e))?.into_rgb8();
@@ -83,7 +83,7 @@ pub(super) fn portrait(bench: &Workbench) -> Result<(RgbImage, Vec<Correspondenc
     Ok((picture, marks))
 }
 
-/// A photograph, ready to be moved, and what is said of it and of the marks that were given for it.
+/// Prepares a photograph for animation. Returns it with messages about it and its marks.
 fn photograph(image: &Path, correspondences: Option<&Path>, bench: &Workbench) -> Result<(Target, Vec<String>), CloneError> {
     let portrait = Portrait::read(image)?;
     let mut said: Vec<String> = portrait.remark().into_iter().collect();
@@ -100,21 +100,20 @@ fn photograph(image: &Path, correspondences: Option<&Path>, bench: &Workbench) -
     Ok((bench.target(&name, picture, &marks)?, said))
 }
 
-/// What a person should know of a photograph that the report shows the representatives on: that it is transparent, and where the marks that
-/// were given for it lie beside its face.
+/// Messages about the report's photograph: that it is transparent, and where given marks miss its face.
 ///
 /// # Errors
-/// [`CloneError`] for a photograph or marks that do not serve.
+/// [`CloneError`] for an unusable photograph or unusable marks.
 pub fn showcase_remarks(bench: &Workbench) -> Result<Vec<String>, CloneError> {
     let ReportFace::Photograph { image, correspondences, .. } = &bench.options.report_face else { return Ok(Vec::new()) };
     Ok(photograph(image, correspondences.as_deref(), bench)?.1)
 }
 
-/// The player of all representatives, with the skin of their class or else the folds of their form, on the face of the report; `None` for a
-/// wireframe that the warp does not know, and where no face is to be shown.
+/// Player data of all representatives on the report's face, each with the skin of its class, or else folds computed from its shape. `None`
+/// for a wireframe that the warp does not support, and if no face may be shown.
 ///
 /// # Errors
-/// [`CloneError`] for a face that does not serve.
+/// [`CloneError`] for an unusable face.
 pub(super) fn player(classes: &[AnalyzedClass], bench: &Workbench) -> Result<Option<serde_json::Value>, CloneError> {
     let options = &bench.options;
     if bench.wireframe.node_count() != NODE_COUNT || classes.is_empty() || options.no_faces {
@@ -123,7 +122,7 @@ pub(super) fn player(classes: &[AnalyzedClass], bench: &Workbench) -> Result<Opt
     let target = showcase_target(bench)?;
     let label = |r: &Representative| {
         let group: Vec<String> = r.label.group.iter().map(|(column, value)| format!("{column} {value}")).collect();
-        // As in the tables of the report.
+        // The same form as in the tables of the report.
         [vec![r.label.emotion.clone()], group].concat().join(", ").replace('_', " ")
     };
     let labels: Vec<String> = classes.iter().map(|c| label(&c.representative)).collect();
@@ -140,7 +139,7 @@ pub(super) fn player(classes: &[AnalyzedClass], bench: &Workbench) -> Result<Opt
     })
 }
 
-/// What the face of the report is called.
+/// Name of the report's face.
 pub(super) fn face_name(bench: &Workbench) -> String {
     match &bench.options.report_face {
         ReportFace::Composite => PORTRAIT_NAME.to_owned(),
@@ -148,11 +147,12 @@ pub(super) fn face_name(bench: &Workbench) -> String {
     }
 }
 
-/// JPEG files of the wireframe on the neutral and on the apex frame, [`MOST_BYTES`] each at most; `None` for a picture that does not get so
-/// small.
+/// Returns JPEG files of the wireframe on the neutral and on the apex frame, at most [`MOST_BYTES`] each; `None` for a picture that cannot
+/// be made so small.
 ///
 /// # Errors
-/// [`SequenceFailure`] when a frame does not read, which it did for tracking: a report without pictures would not be the same again.
+/// [`SequenceFailure`] when a frame cannot be read that was readable for tracking. Without its pictures the report would not be
+/// reproducible.
 pub(super) fn thumbnails(
     source: &SequenceSource,
     frames: &[TrackedFrame],

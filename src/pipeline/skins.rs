@@ -1,4 +1,4 @@
-//! The mean expression ratio image of every class, from the neutral and the apex pictures of its people.
+//! Computes the mean expression ratio image of every class from the neutral and apex pictures of its people.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -21,12 +21,12 @@ use crate::{
 /// Most classes that a warning names.
 const MOST_NAMED: usize = 6;
 
-/// What sequences have pictures.
+/// Which sequences have pictures.
 #[derive(Default)]
 pub(super) struct Pictures {
-    /// Frames of those whose pictures may be shown: a mean of faces is a picture of faces.
+    /// Frames of sequences whose pictures may be shown. A mean of faces is also a picture of faces.
     shown: BTreeMap<SequenceId, FrameSource>,
-    /// Those whose pictures may not be shown.
+    /// Sequences whose pictures may not be shown.
     hidden: BTreeSet<SequenceId>,
 }
 
@@ -43,7 +43,7 @@ pub(super) fn picture_sources(planned: &[Planned<'_>], bench: &Workbench) -> Pic
     pictures
 }
 
-/// Why a class of which `found` people have pictures that may be shown has no skin, where these are too few.
+/// The reason why a class has no skin when only `found` of its people have pictures that may be shown.
 fn too_few(sequences: &[SequenceId], found: usize, pictures: &Pictures) -> NoSkin {
     if found > 0 {
         return NoSkin::TooFewPeople { found };
@@ -52,10 +52,10 @@ fn too_few(sequences: &[SequenceId], found: usize, pictures: &Pictures) -> NoSki
     NoSkin::NoPictures { landmarks: sequences.len() - hidden, hidden }
 }
 
-/// Gives every class its skin, or the reason why it has none; returns what a person should know.
+/// Sets the skin of every class, or the reason why it has none. Returns messages to the user.
 ///
-/// One sequence of each person is read, of [`MOST_SKIN_PEOPLE`] people of a class at most, so that time and memory are bounded however many
-/// there are. A picture that does not read any more leaves its person out.
+/// It reads one sequence per person, and at most [`MOST_SKIN_PEOPLE`] people per class, which limits time and memory. A person whose
+/// picture can no longer be read is left out.
 pub(super) fn collect_skins(analysis: &mut Analysis, pictures: &Pictures, out: &Path, stop: &AtomicBool) -> Vec<String> {
     let sources = &pictures.shown;
     let chosen: Vec<Vec<SequenceId>> = analysis.classes.iter().map(|class| one_of_each(class, sources)).collect();
@@ -68,7 +68,7 @@ pub(super) fn collect_skins(analysis: &mut Analysis, pictures: &Pictures, out: &
     let mut flat = Vec::new();
     let mut from = 0;
     while from < analysis.classes.len() {
-        // The classes of one emotion are of the same sequences.
+        // The classes of one emotion share its sequences.
         let emotion = analysis.classes[from].representative.label.emotion.clone();
         let count = analysis.classes[from..].iter().take_while(|c| c.representative.label.emotion == emotion).count();
         let needed = chosen[from..from + count].iter().filter(|ids| ids.len() >= LEAST_SKIN_PEOPLE).flatten();
@@ -80,7 +80,7 @@ pub(super) fn collect_skins(analysis: &mut Analysis, pictures: &Pictures, out: &
         let samples: BTreeMap<SequenceId, SkinSample> = ids.par_iter().filter_map(measure).collect();
         for (class, ids) in analysis.classes[from..from + count].iter_mut().zip(&chosen[from..]) {
             let own: Vec<&SkinSample> = ids.iter().filter_map(|id| samples.get(id)).collect();
-            // Of a smaller class nobody was measured.
+            // No person of a smaller class was measured.
             class.skin = if ids.len() < LEAST_SKIN_PEOPLE {
                 Err(too_few(&class.representative.sequences, ids.len(), pictures))
             } else {
@@ -111,7 +111,7 @@ fn one_of_each(class: &AnalyzedClass, sources: &BTreeMap<SequenceId, FrameSource
     first.into_values().take(MOST_SKIN_PEOPLE).cloned().collect()
 }
 
-/// What the skin of one sequence does.
+/// Ratio image of one sequence.
 fn measured(layout: &SkinLayout, source: &FrameSource, out: &Path, id: &SequenceId) -> Option<SkinSample> {
     let path = out.join(format!("tracks/{id}.csv"));
     let frames = neutral_first(read_track(&path).ok()?, read_track_info(&path).ok()?.and_then(|info| info.neutral_frame));

@@ -1,4 +1,4 @@
-//! Tracks already there as input of the statistics.
+//! Reads existing tracks as input of the statistics.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -19,22 +19,22 @@ use crate::{
     units::SequenceId,
 };
 
-/// The folder of the tracks in a folder of results, or the folder itself.
+/// Returns the folder of the tracks in a results folder, or the folder itself.
 pub fn tracks_folder(folder: &Path) -> PathBuf {
     Some(folder.join("tracks")).filter(|tracks| tracks.is_dir()).unwrap_or_else(|| folder.to_owned())
 }
 
-/// The folder of results that a folder of tracks is in, or the folder itself: `tracks_folder` the other way round.
+/// Returns the results folder that contains a folder of tracks, or the folder itself; the inverse of `tracks_folder`.
 pub fn results_folder(folder: &Path) -> PathBuf {
     let is_tracks = folder.file_name().is_some_and(|name| name == "tracks") && !folder.join("tracks").is_dir();
     folder.parent().filter(|_| is_tracks).unwrap_or(folder).to_owned()
 }
 
-/// Track files named by the user: files as they are, folders (see `tracks_folder`) by the `.csv` files in them, sorted by path, each
-/// once.
+/// Lists the track files that the user named, sorted by path, without duplicates. A folder (see `tracks_folder`) stands for its `.csv`
+/// files.
 ///
 /// # Errors
-/// [`std::io::Error`] when a folder cannot be read or a file is not there, with its path.
+/// [`std::io::Error`] with the path when a folder cannot be read or a file does not exist.
 pub fn track_files(paths: &[PathBuf]) -> std::io::Result<Vec<PathBuf>> {
     let with_path = |path: &Path| {
         let path = path.display().to_string();
@@ -59,13 +59,13 @@ pub fn track_files(paths: &[PathBuf]) -> std::io::Result<Vec<PathBuf>> {
     Ok(files)
 }
 
-/// Reads and normalizes tracks. Emotion and metadata come from the dataset where given and known there, else from the `.json` beside
-/// the track. Whatever fails costs that track only; rows of the dataset that are damaged are failures, too.
+/// Reads and normalizes tracks. Emotion and metadata come from the dataset if it has the sequence, else from the `.json` beside the track.
+/// A track that fails does not stop the others. Damaged rows of the dataset are failures, too.
 pub fn load_tracks(files: &[PathBuf], dataset: Option<&Dataset>, bench: &Workbench) -> (Vec<AnalyzedModel>, Vec<Failure>) {
     load_all(files, dataset, bench, false)
 }
 
-/// [`load_tracks`] for tracks that may have no emotion, which is empty then.
+/// As [`load_tracks`] for tracks without a required emotion; a missing one is an empty string.
 pub fn load_unlabelled_tracks(files: &[PathBuf], bench: &Workbench) -> (Vec<AnalyzedModel>, Vec<Failure>) {
     load_all(files, None, bench, true)
 }
@@ -94,7 +94,7 @@ fn load_all(
             Err(failure) => fail(id, failure.stage, failure.reason),
         }
     }
-    // Damaged rows that no track was refused for: doubles, and those whose names do not read.
+    // Damaged rows that did not cause the rejection of a track: doubles, and those with unreadable names.
     for row in dataset.iter().flat_map(|d| &d.failures) {
         let reason = row.reason();
         if !failures.iter().any(|f| f.stage == Stage::Dataset && f.reason == reason) {
@@ -109,7 +109,7 @@ fn load_all(
     (models, failures)
 }
 
-/// Subject and sequence from a file name such as `S005_001.csv`: the sequence stands behind the last underscore.
+/// Subject and sequence from a file name such as `S005_001.csv`: the sequence follows the last underscore.
 pub fn id_of(path: &Path) -> SequenceId {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     match stem.rsplit_once('_') {
@@ -138,10 +138,10 @@ fn load(
         && let Some(row) =
             dataset.and_then(|d| d.failures.iter().find(|row| (&row.subject, &row.sequence) == (&id.subject, &id.sequence)))
     {
-        // What a damaged row meant is not what an earlier one said.
+        // The content of a damaged row may differ from the one recorded beside the track.
         return Err(SequenceFailure { stage: Stage::Dataset, reason: row.reason(), fatal: false });
     }
-    // Without the file beside it, only the manifest knows that a sequence goes back in time.
+    // Without the `.json`, only the manifest shows that a sequence is in reverse order.
     let frames = match listed.and_then(|entry| entry.first_frame) {
         Some(neutral) if info.is_none() => neutral_first(frames, Some(neutral)),
         _ => frames,

@@ -1,4 +1,4 @@
-//! `units.json`: the unit of every column of every table, for programs.
+//! `units.json`: the units of all table columns, in machine-readable form.
 
 use std::collections::BTreeMap;
 
@@ -11,9 +11,9 @@ use super::{MADE_BY, SCHEMA_VERSION};
 pub(super) struct UnitsJson {
     schema_version: u32,
     made_by: &'static str,
-    /// What the words for units mean.
+    /// Definitions of the unit names.
     units: BTreeMap<&'static str, &'static str>,
-    /// Unit by column, by file; columns that are text, counts or the manifest's own are not listed.
+    /// Unit by column, by file. Columns with text, counts, or manifest values are not listed.
     files: BTreeMap<&'static str, BTreeMap<&'static str, &'static str>>,
 }
 
@@ -32,7 +32,7 @@ const OF_COLUMN: &str = "as in the column";
 const SLOPES: &str = "times the median, by 1 of the column";
 const FRAME: &str = "frame from 0";
 
-/// Words for units.
+/// Unit names.
 const UNITS: [(&str, &str); 17] = [
     (DEGREES, "positive: to the subject's left, down, towards the subject's right shoulder"),
     (INTENSITY, "of an action unit, 0 to 5"),
@@ -101,7 +101,7 @@ const FILES: &[(&str, &[(&str, &str)])] = &[
             ("p", PROBABILITY),
             ("p_holm", PROBABILITY),
             ("least_p", PROBABILITY),
-            ("least_p_either_holm", PROBABILITY),
+            ("least_p_holm", PROBABILITY),
             ("p_max_node", PROBABILITY),
             ("p_either", PROBABILITY),
             ("p_either_holm", PROBABILITY),
@@ -155,7 +155,7 @@ const FILES: &[(&str, &[(&str, &str)])] = &[
             ("p_max_node", PROBABILITY),
             ("p_either", PROBABILITY),
             ("p_either_holm", PROBABILITY),
-            ("least_p_holm", PROBABILITY),
+            ("least_p_either_holm", PROBABILITY),
         ],
     ),
     ("covariate_nodes.csv", &[("share", RATIO), ("p", PROBABILITY)]),
@@ -208,7 +208,7 @@ const FILES: &[(&str, &[(&str, &str)])] = &[
     ),
 ];
 
-/// Units of every table that `run` and `analyze` write.
+/// Units of all tables that `run` and `analyze` write.
 pub(super) fn units_json() -> UnitsJson {
     let columns = |(file, columns): &(&'static str, &[(&'static str, &'static str)])| (*file, columns.iter().copied().collect());
     UnitsJson {

@@ -1,4 +1,4 @@
-//! Sequences that are to be recognized: tracks that are there, and pictures that are tracked first, in memory.
+//! Sequences to recognize: existing tracks, and pictures that are first tracked in memory.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -26,16 +26,16 @@ use crate::{
     units::SequenceId,
 };
 
-/// What a person wants to have recognized, by the paths that were given.
+/// Inputs to recognize, collected from the given paths.
 #[derive(Debug, Default)]
 pub struct Unseen {
     /// Tracks.
     pub tracks: Vec<PathBuf>,
-    /// Sequences to be tracked first, and what of the datasets is none.
+    /// Sequences to track first, and the failures of their datasets.
     pub pictures: Dataset,
 }
 
-/// Why nothing can be recognized in what was given.
+/// Why the given paths contain nothing to recognize.
 #[derive(Debug, thiserror::Error)]
 pub enum UnseenError {
     /// One picture.
@@ -52,7 +52,7 @@ pub enum UnseenError {
     Neither {
         /// The folder.
         path: PathBuf,
-        /// Why it is no dataset.
+        /// Why it is not a dataset.
         source: Box<DatasetError>,
     },
     /// A dataset that does not read.
@@ -64,8 +64,8 @@ pub enum UnseenError {
 }
 
 impl Unseen {
-    /// What is at the paths, each once: tracks or folders of them, datasets, folders of the frames of one sequence, videos. Of results in the
-    /// folder of a dataset the tracks are taken, with what was corrected in them by hand.
+    /// Collects the inputs at the paths, without duplicates: tracks or folders of them, datasets, folders with the frames of one sequence,
+    /// videos. From a results folder inside a dataset it takes the tracks, with their manual corrections.
     ///
     /// # Errors
     /// [`UnseenError`].
@@ -93,7 +93,7 @@ impl Unseen {
             }
         }
         all.tracks = track_files(&tracks)?;
-        // Before recordings are cut: what is found in them is filed by their names.
+        // Checked before recordings are segmented: their results are stored by name.
         let said = |double: &SequenceEntry, first: &SequenceEntry| {
             format!("{} is given twice, also in {}; rename one of them", double.id, first.frames_path.display())
         };
@@ -103,7 +103,7 @@ impl Unseen {
 
     fn add(&mut self, dataset: Dataset) {
         self.pictures.sequences.extend(dataset.sequences.into_iter().map(|mut entry| {
-            // What `segment` writes where nobody says an emotion.
+            // The label that `segment` writes without a given emotion.
             if entry.emotion == UNLABELLED {
                 entry.emotion.clear();
             }
@@ -113,13 +113,15 @@ impl Unseen {
     }
 }
 
-/// Whether there is a track in a folder, or in its folder `tracks`.
+/// Whether a folder, or its subfolder `tracks`, contains a track.
 fn has_tracks(folder: &Path) -> io::Result<bool> {
     Ok(track_files(&[folder.to_owned()])?.iter().any(|path| has_columns(path, &["frame", "node"])))
 }
 
-/// A folder of frames, or a video, as a sequence of its own: `S005_001` and `S005/001` are sequence 001 of S005, and so is `S005/001.mp4`; `anna.mp4`
-/// is of Anna, for videos of several people lie side by side.
+/// The manifest entry of a folder of frames, or of a video.
+///
+/// `S005_001`, `S005/001` and `S005/001.mp4` are sequence 001 of S005. `anna.mp4` belongs to Anna, since videos of several people may be in
+/// one folder.
 fn entry_of(path: &Path) -> SequenceEntry {
     let full = path.canonicalize().unwrap_or_else(|_| path.to_owned());
     let is_folder = full.is_dir();
@@ -129,7 +131,7 @@ fn entry_of(path: &Path) -> SequenceEntry {
     let above = full.parent().and_then(Path::file_name).map(|above| above.to_string_lossy().into_owned());
     let id = match above {
         Some(subject) if is_part => SequenceId { subject, sequence: name },
-        // What is no ending stays in the name of a folder.
+        // The name of a folder keeps a dot that is not an extension.
         _ => id_of(Path::new(&format!("{name}.csv"))),
     };
     SequenceEntry {
@@ -146,24 +148,24 @@ fn entry_of(path: &Path) -> SequenceEntry {
     }
 }
 
-/// What became of sequences that were tracked.
+/// Result of tracking.
 #[derive(Debug, Default)]
 pub struct TrackedUnseen {
-    /// Normalized, by id.
+    /// Normalized models, by id.
     pub models: Vec<AnalyzedModel>,
-    /// What failed, be it the machine's fault: the others are recognized all the same.
+    /// Failures, including those of the machine; the other sequences are still recognized.
     pub failures: Vec<Failure>,
-    /// Why a track deserves a look, a text for each that does.
+    /// Reasons to review a track, one text per track.
     pub reasons: Vec<(SequenceId, String)>,
-    /// What a person should know.
+    /// Notes to the user.
     pub notes: Vec<(SequenceId, String)>,
 }
 
-/// Tracks and normalizes sequences as a run does, and keeps nothing of them but their models. Whole recordings are cut first; what is found in
-/// them goes into the folder `scratch`. `event` is called from many threads; that a sequence failed is in the answer alone.
+/// Tracks and normalizes sequences as a run does, and keeps only their models. Whole recordings are segmented first, with results in the
+/// folder `scratch`. `event` is called from many threads. Failed sequences are listed only in the result.
 ///
 /// # Errors
-/// [`RunError::Interrupted`] where `stop` says so, and [`RunError::Output`] where `scratch` cannot be written to.
+/// [`RunError::Interrupted`] when `stop` is set, and [`RunError::Output`] when `scratch` is not writable.
 pub fn track_unseen(
     mut pictures: Dataset,
     scratch: &Path,
@@ -204,12 +206,12 @@ fn failed(SequenceId { subject, sequence }: SequenceId, SequenceFailure { stage,
     Failure { subject, sequence, stage, reason }
 }
 
-/// What is kept of one sequence.
+/// Results kept for one sequence.
 struct Tracked {
     model: AnalyzedModel,
-    /// Why the track deserves a look.
+    /// Reasons to review the track.
     reasons: Vec<String>,
-    /// What a person should know.
+    /// Notes to the user.
     notes: Vec<String>,
 }
 
@@ -230,7 +232,7 @@ fn track(
         goes_on()
     };
     let (frames, info) = driven.track(&mut None, bench, tick).map_err(|failure| name_marks(failure, Some(entry)))?;
-    // What is used is what a file would hold: a track of the same frames is recognized as the same.
+    // Uses the values that a file would have, so that tracks of the same frames give the same recognition.
     let neutral = frames.first().map(|frame| frame.number);
     let frames = parse_track(&entry.frames_path, &track_csv(&frames)).map_err(SequenceFailure::at(Stage::Track))?;
     let frames = neutral_first(frames, neutral);
@@ -259,7 +261,7 @@ mod tests {
         }
     }
 
-    /// Names of tracks, ids of sequences, and what failed, of what is at some paths in a folder.
+    /// Names of tracks, ids of sequences, and failures collected from paths in a folder.
     fn found(folder: &Path, paths: &[&str]) -> (Vec<String>, Vec<String>, Vec<String>) {
         let all = Unseen::of(&paths.iter().map(|path| folder.join(path)).collect::<Vec<_>>()).unwrap();
         let name = |path: &PathBuf| path.file_name().unwrap().to_string_lossy().into_owned();
@@ -279,7 +281,7 @@ mod tests {
     fn what_is_given_is_told_by_what_is_in_it() {
         let folder = tempfile::tempdir().unwrap();
         let at = folder.path();
-        // Results in the folder of a dataset, with a picture and tables beside them.
+        // A results folder inside a dataset's folder, together with a picture and tables.
         write(at, &["R/tracks/S1_1.csv", "loose/S2_1.csv"], "frame,node,x,y\n");
         write(at, &["R/manifest.csv", "ck/people.csv", "list.csv"], "subject,sequence\nS1,1\n");
         write(at, &["R/logo.png", "S3/5/1.png", "S3/5/2.png", "anna.mp4", "S4/001.mp4", "S5_2.avi"], "");
@@ -290,7 +292,7 @@ mod tests {
             found(at, &["S3/5", "anna.mp4", "S4/001.mp4", "S5_2.avi", "list.csv"]),
             (none.clone(), sequences, none.clone())
         );
-        // Cohn-Kanade, without labels and with one of two.
+        // Cohn-Kanade layout: once without labels, once with labels for one of two sequences.
         let images = ["ck/cohn-kanade-images/S6/1/a_1.png", "ck/cohn-kanade-images/S6/2/a_1.png"];
         write(at, &images, "");
         assert_eq!(found(at, &["ck"]), (none.clone(), names(&["S6_1", "S6_2"]), none.clone()));
@@ -298,7 +300,7 @@ mod tests {
         let emotions = Unseen::of(&[at.join("ck")]).unwrap().pictures.sequences.into_iter().map(|entry| entry.emotion);
         assert_eq!(emotions.collect::<Vec<_>>(), ["disgust", ""]);
         assert!(matches!(Dataset::open(&at.join("ck")), Ok(dataset) if dataset.skipped.len() == 1));
-        // A table of something else is neither.
+        // A table of other content is neither.
         write(at, &["other/people.csv"], "subject,age\n");
         assert!(matches!(Unseen::of(&[at.join("other")]), Err(UnseenError::Neither { .. })));
     }
@@ -307,14 +309,14 @@ mod tests {
     fn the_same_is_taken_once_and_the_same_name_of_another_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let at = folder.path();
-        // Whole recordings are filed by their names, so that doubles are found before anything is cut.
+        // Recordings are stored by name, so doubles are found before segmentation.
         let rows = "subject,sequence,emotion,frames,segment\nS1,talk,unlabelled,talk,auto\n";
         write(at, &["a/manifest.csv", "b/manifest.csv"], rows);
         let (_, ids, failed) = found(at, &["a", "a/../a", "b"]);
         assert_eq!((ids, failed.len()), (names(&["S1_talk"]), 1));
         let said = format!("S1_talk is given twice, also in {}; rename one of them", at.join("a/talk").display());
         assert!(failed[0].ends_with(&said), "{failed:?}");
-        // What `segment` writes for an emotion that nobody said is none.
+        // The placeholder that `segment` writes without an emotion is not a label.
         assert_eq!(Unseen::of(&[at.join("a")]).unwrap().pictures.sequences[0].emotion, "");
     }
 }

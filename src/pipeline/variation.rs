@@ -1,4 +1,4 @@
-//! How the people of each emotion differ, and its files: components, scores, bands, and models to look at.
+//! Variation among the people of each emotion, and its files: components, scores, bands, and models.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -14,16 +14,16 @@ use crate::{
     wireframe::Fapus,
 };
 
-/// Components of which models are written and shown, -2 and +2 standard deviations from the mean.
+/// Number of components whose models, at -2 and +2 standard deviations from the mean, are written and shown.
 pub const SHOWN_COMPONENTS: usize = 3;
 
-/// How far from the mean these are, standard deviations.
+/// Distance of these models from the mean, standard deviations.
 pub const SHOWN_DEVIATIONS: f64 = 2.0;
 
-/// What a curve is of.
+/// Quantity of a curve.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Curve {
-    /// Neutral offset of a node along x (`x`) or y (`y`), face units.
+    /// Offset of a node from neutral along x (`x`) or y (`y`), face units.
     Node(u16, char),
     /// Value of a FAP, in its unit.
     Fap(u8),
@@ -36,14 +36,14 @@ pub struct EmotionVariation {
     pub emotion: String,
     /// Stem of the emotion's files.
     pub stem: String,
-    /// Mean, components and scores, or why there are none.
+    /// Mean, components and scores, or the reason why there are none.
     pub outcome: Result<Variation, String>,
-    /// Bands of every curve by frame, with the value of the representative; empty for a single sequence, and for more than components
-    /// are taken of.
+    /// Bands of every curve by frame, with the representative's value; empty for a single sequence, and for more sequences than components
+    /// are computed of.
     pub bands: BTreeMap<Curve, Vec<(f64, Band)>>,
 }
 
-/// The variation of every emotion, over all its people.
+/// Computes the variation of every emotion over all its people.
 pub(super) fn variations(
     emotions: &EmotionGroups<'_>,
     classes: &[AnalyzedClass],
@@ -114,9 +114,9 @@ fn bands(
     curves(&class.representative.model, fapus, bench).into_iter().map(of_curve).collect()
 }
 
-/// Curves that the report shows: those of the FAPs that move most, the largest first.
+/// Curves for the report: the FAPs that move most, in descending order.
 pub(super) fn shown_bands(of: &EmotionVariation) -> Vec<BandCurve> {
-    /// So many fill a menu.
+    /// Largest useful number of menu entries.
     const MOST: usize = 24;
     let catalog = FapCatalog::mpeg4();
     let mut curves: Vec<(f64, BandCurve)> = Vec::new();
@@ -130,13 +130,13 @@ pub(super) fn shown_bands(of: &EmotionVariation) -> Vec<BandCurve> {
     curves.into_iter().take(MOST).map(|(_, curve)| curve).collect()
 }
 
-/// Names of the models of an emotion's components: the mean, and -2 and +2 standard deviations of each.
+/// Names of the component models of an emotion: the mean, and -2 and +2 standard deviations of each component.
 pub(super) fn model_names(stem: &str) -> Vec<String> {
     let of_component = |k: usize| ["minus", "plus"].map(|sign| format!("variation/{stem}_pc{k}_{sign}.csv"));
     [format!("variation/{stem}_mean.csv")].into_iter().chain((1..=SHOWN_COMPONENTS).flat_map(of_component)).collect()
 }
 
-/// Writes `variation.csv`, `variation_scores.csv`, `bands.csv` and the models of `variation/`, each told to `wrote` as soon as it stands there.
+/// Writes `variation.csv`, `variation_scores.csv`, `bands.csv` and the models of `variation/`. Calls `wrote` after each file.
 pub(super) fn write_variations(
     out: &Path,
     variations: &[EmotionVariation],

@@ -1,4 +1,4 @@
-//! The sequences of a run: planned, worked on in parallel, collected in order.
+//! Plans the sequences of a run, processes them in parallel, and collects the results in order.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -32,30 +32,29 @@ use crate::{
     units::SequenceId,
 };
 
-/// A sequence on its way through the run.
+/// A planned sequence of a run.
 pub(super) struct Planned<'a> {
     pub id: SequenceId,
     pub emotion: String,
-    /// What the manifest says; `None` for a row that is damaged.
+    /// Its manifest entry; `None` for a damaged row.
     pub entry: Option<&'a SequenceEntry>,
-    /// What drives it, or why it cannot be worked on.
+    /// Its source, or the reason why it cannot be processed.
     pub source: Result<Driven, SequenceFailure>,
 }
 
-/// What drives a sequence, and what is known of that.
+/// Source of a sequence, with information about it.
 pub(super) struct Driven {
     pub source: Source,
-    /// What the track is made from. It is only read where something may be there that was made from the same: else it is while the
-    /// frames are decoded.
+    /// Hash of the track's inputs. It is computed in advance only if an existing track may have the same inputs; otherwise during decoding.
     inputs: Option<Inputs>,
-    /// What a person should know of the marks that were found.
+    /// Note to the user about marks that were found.
     pub remark: Option<String>,
-    /// Median expected error of marks that were found, over the eye distance.
+    /// Median expected error of found marks, in eye distances.
     pub found_error: Option<f64>,
 }
 
 impl Driven {
-    /// What the track is labelled with.
+    /// Labels of the track.
     fn labels(&self) -> Labels<'_> {
         match &self.source {
             Source::Images(source) => source.labels(),
@@ -63,7 +62,7 @@ impl Driven {
         }
     }
 
-    /// Tracks it; `inputs` becomes the hash of what was read for it.
+    /// Tracks it, and sets `inputs` to the hash of the data that were read.
     pub fn track(
         &self,
         inputs: &mut Option<String>,
@@ -86,13 +85,13 @@ impl Driven {
         }
     }
 
-    /// BLAKE3 of its inputs with the rate that is given for it, where they were read.
+    /// BLAKE3 of its inputs with the given frame rate, if they were read.
     pub fn inputs_blake3(&self) -> Option<String> {
         self.inputs.map(|inputs| inputs.with_rate(self.labels().fps))
     }
 }
 
-/// Where and with what sequences are worked on.
+/// Settings for processing sequences.
 pub(super) struct Worked<'a> {
     pub out: &'a Path,
     pub ledger: &'a Ledger,
@@ -118,7 +117,7 @@ pub(super) enum Source {
 }
 
 impl Planned<'_> {
-    /// A row of the manifest that is damaged.
+    /// The plan for a damaged row of the manifest.
     pub fn damaged(row: &FailedEntry) -> Self {
         Self {
             id: SequenceId { subject: row.subject.clone(), sequence: row.sequence.clone() },
@@ -133,7 +132,7 @@ impl Planned<'_> {
         self.entry.map(|e| e.metadata.clone()).unwrap_or_default()
     }
 
-    /// Its images, if it is driven by such.
+    /// Its images, if images drive it.
     pub fn images(&self) -> Option<&SequenceSource> {
         match &self.source {
             Ok(Driven { source: Source::Images(source), .. }) => Some(source),
@@ -148,17 +147,17 @@ pub(super) struct Done {
     reused: bool,
     outputs: BTreeMap<String, String>,
     corrections_blake3: Option<String>,
-    /// What a person should know.
+    /// Notes to the user.
     notes: Vec<String>,
 }
 
-/// What became of a sequence, and the hash of what it was made from; empty where it is not known.
+/// Result of a sequence, and the hash of its inputs; empty if unknown.
 pub(super) struct Processed {
     inputs_blake3: String,
     result: Result<Done, SequenceFailure>,
 }
 
-/// Finds what drives the sequences, in parallel.
+/// Determines the sources of all sequences in parallel.
 pub(super) fn plan_all<'a>(
     chosen: &[&'a SequenceEntry],
     out: &Path,
@@ -180,14 +179,14 @@ pub(super) fn plan_all<'a>(
     chosen.par_iter().map(one).collect()
 }
 
-/// Works on all planned sequences in parallel.
+/// Processes all planned sequences in parallel.
 pub(super) fn process_all(
     planned: &[Planned<'_>],
     worked: &Worked<'_>,
     event: &(impl Fn(Event) + Sync),
 ) -> Result<Vec<Processed>, RunError> {
     let stop = worked.stop;
-    // Set by the first failure that is not a sequence's own fault, such as a full disk: the others need not try.
+    // Set by the first failure that is not a sequence's fault, such as a full disk, to stop the others.
     let abort = AtomicBool::new(false);
     let halt = || stop.load(Ordering::Relaxed) || abort.load(Ordering::Relaxed);
     let one = |item: &Planned<'_>| {
@@ -207,25 +206,25 @@ pub(super) fn process_all(
     if stop.load(Ordering::Relaxed) { Err(RunError::Interrupted) } else { Ok(results) }
 }
 
-/// What the sequences gave, in order.
+/// Results of all sequences, in order.
 #[derive(Default)]
 pub(super) struct Collected {
     pub models: Vec<AnalyzedModel>,
     pub failures: Vec<Failure>,
     pub tracked: usize,
     pub reused: usize,
-    /// BLAKE3 of the files of sequences, by their names.
+    /// BLAKE3 of the sequences' files, by name.
     pub outputs: BTreeMap<String, String>,
-    /// What a person should know.
+    /// Notes to the user.
     pub notes: Vec<String>,
 }
 
-/// BLAKE3 of the corrections by hand of a sequence, if there are any.
+/// BLAKE3 of a sequence's manual corrections, if any.
 pub(super) fn corrections_hash(out: &Path, id: &SequenceId) -> Option<String> {
     file_blake3(&corrections_path(&out.join(format!("tracks/{id}.csv"))))
 }
 
-/// Sorts the results of the sequences into models and failures and enters them in the record.
+/// Sorts the results into models and failures, and enters them in the record.
 pub(super) fn collect(
     planned: Vec<Planned<'_>>,
     results: Vec<Processed>,
@@ -253,7 +252,7 @@ pub(super) fn collect(
             Err(SequenceFailure { stage, reason, .. }) => {
                 let SequenceId { subject, sequence } = item.id.clone();
                 all.failures.push(Failure { subject, sequence, stage, reason: reason.clone() });
-                // Corrections that do not read are mended without anything else being changed.
+                // Unreadable corrections may be repaired without any other change, so their hash is recorded, too.
                 (Some((stage, reason)), corrections_hash(out, &item.id))
             }
         };
@@ -264,7 +263,7 @@ pub(super) fn collect(
     Ok(all)
 }
 
-/// What drives a sequence, with the hash of its inputs where that is wanted.
+/// Determines the source of a sequence, with the hash of its inputs if `hashed`.
 pub(super) fn plan(entry: &SequenceEntry, hashed: bool, bench: &Workbench) -> Result<Driven, SequenceFailure> {
     if let Some(path) = entry.driving_landmarks(bench.options.landmarks.prefer).map_err(SequenceFailure::at(Stage::Dataset))? {
         let source = LandmarkSource::new(entry, path, bench)?;
@@ -286,12 +285,12 @@ pub(super) fn plan(entry: &SequenceEntry, hashed: bool, bench: &Workbench) -> Re
         covered,
         fps: entry.fps,
     };
-    // Frames that do not read fail where they are decoded, in the first run as in any other.
+    // Unreadable frames fail during decoding, in the first run as in later ones.
     let inputs = hashed.then(|| source.inputs(bench)).and_then(Result::ok);
     Ok(Driven { source: Source::Images(source), inputs, remark, found_error })
 }
 
-/// The marks of a sequence, where they come from (its own, landmarks, or found in its neutral frame), and what is to be said of them.
+/// Returns the marks of a sequence (its own, from landmarks, or found in its neutral frame) and the notes on them.
 fn marks_of(
     entry: &SequenceEntry,
     frames: &FrameSource,
@@ -318,7 +317,7 @@ fn marks_of(
     Ok((FoundMarks { marks, ..FoundMarks::default() }, marks_from))
 }
 
-/// Works on one sequence. `inputs` becomes the hash of what was read for it.
+/// Processes one sequence, and sets `inputs` to the hash of the data that were read.
 fn process(
     item: &Planned<'_>,
     worked: &Worked<'_>,
@@ -391,7 +390,7 @@ fn process(
     Ok(Done { model, reused, outputs, corrections_blake3: info.corrections.map(|c| c.blake3), notes })
 }
 
-/// Puts the file that the marks came from in front of a failure of the fit.
+/// Prepends the file of the marks to a failure of the fit.
 pub(super) fn name_marks(failure: SequenceFailure, entry: Option<&SequenceEntry>) -> SequenceFailure {
     match entry.map(SequenceEntry::correspondence_source) {
         Some(Ok(CorrespondenceSource::File(path) | CorrespondenceSource::Landmarks(path))) if failure.stage == Stage::Fit => {

@@ -1,4 +1,4 @@
-//! The files of an analysis: representatives, FAP files, tables and the report.
+//! Writes the files of an analysis: representatives, FAP files, tables and the report.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -51,12 +51,12 @@ struct RepresentativeJson<'a> {
     trim: statistics::TrimLevel,
     distances: BTreeMap<String, Option<f64>>,
     node_dispersion: &'a [f64],
-    /// Values that the standard's ranges changed in the FAP file.
+    /// Values that were clamped to the standard's ranges in the FAP file.
     clamped: Vec<ClampedValue>,
-    /// People whose skin the picture beside it is the mean of.
+    /// Number of people whose skin is averaged in the picture beside it.
     #[serde(skip_serializing_if = "Option::is_none")]
     skin_people: Option<usize>,
-    /// Why there is no such picture.
+    /// The reason why there is no such picture.
     #[serde(skip_serializing_if = "Option::is_none")]
     no_skin: Option<String>,
 }
@@ -76,14 +76,14 @@ struct Trimmed {
     distance: f64,
 }
 
-/// Is told the name of a file, relative to the folder of results, and its BLAKE3 as soon as it stands there.
+/// Callback with the name of a file, relative to the results folder, and its BLAKE3, called after the file is written.
 pub(super) type Wrote<'a> = dyn FnMut(&str, blake3::Hash) -> Result<(), OutputError> + 'a;
 
-/// Writes `representatives/`, `fap/`, the tables, `units.json` and `report.html`; `wrote` is told the path of every file relative to `out` and its
-/// BLAKE3 as soon as it stands there.
+/// Writes `representatives/`, `fap/`, the tables, `units.json` and `report.html`. Calls `wrote` with the path of every file, relative to
+/// `out`, and its BLAKE3 after writing it.
 ///
 /// # Errors
-/// `AnalysisError` when a file cannot be written, and what `wrote` fails with.
+/// `AnalysisError` when a file cannot be written, and the errors of `wrote`.
 pub fn write_analysis(
     analysis: &Analysis,
     out: &Path,
@@ -132,7 +132,7 @@ pub fn write_analysis(
     Ok(())
 }
 
-/// What [`write_analysis`] writes of every analysis.
+/// Files that [`write_analysis`] writes for every analysis.
 pub const ANALYSIS_TABLES: [&str; 11] = [
     "sequences.csv",
     "statistics.csv",
@@ -147,11 +147,11 @@ pub const ANALYSIS_TABLES: [&str; 11] = [
     "bands.csv",
 ];
 
-/// Names of the files that [`write_analysis`] will write, by which a caller looks first whether they are free.
+/// Names of the files that [`write_analysis`] will write. The caller checks first that they are free.
 pub fn analysis_files(analysis: &Analysis, bench: &Workbench) -> Vec<String> {
     let of_class = |class: &AnalyzedClass| {
         let files = class_files(&class.stem);
-        // The skin is the last of them.
+        // The skin is the last file.
         let count = files.len() - usize::from(class.skin.is_err());
         files.into_iter().take(count)
     };
@@ -167,14 +167,14 @@ pub fn analysis_files(analysis: &Analysis, bench: &Workbench) -> Vec<String> {
     of_classes.chain(along).chain(analysis.variations.iter().flat_map(of_emotion)).chain(tables).collect()
 }
 
-/// Names of what [`write_analysis`] writes beside the tables of [`table_names`].
+/// Names of a class's files that [`write_analysis`] writes besides the tables of [`table_names`].
 pub(super) fn class_files(stem: &str) -> [String; 5] {
     let (model, about) = (format!("representatives/{stem}.csv"), format!("representatives/{stem}.json"));
     let skin = format!("representatives/{stem}{SKIN_SUFFIX}");
     [model, about, format!("fap/{stem}.fap"), format!("features/{stem}.svg"), skin]
 }
 
-/// Names of the tables and the report, of all that there may be.
+/// Names of all possible tables and of the report.
 pub(super) fn table_names() -> impl Iterator<Item = &'static str> {
     ANALYSIS_TABLES.into_iter().chain(GROUP_TABLES).chain(COVARIATE_TABLES).chain([
         "models.parquet",
@@ -212,12 +212,12 @@ fn representative_json<'a>(class: &'a AnalyzedClass, bench: &Workbench) -> Repre
             .map(|c| ClampedValue { fap: c.fap.get(), key_frame: c.frame, measured: c.value, written: c.limit })
             .collect(),
         skin_people: class.skin.as_ref().ok().map(|skin| skin.people),
-        // Who analyzes tracks has no pictures to say anything of.
+        // `analyze` has no pictures, so the reason would be meaningless.
         no_skin: class.skin.as_ref().err().filter(|why| **why != NoSkin::NotCollected).map(ToString::to_string),
     }
 }
 
-/// A CSV whose header ends with the columns grouped by.
+/// Writes a CSV file whose last columns are those grouped by.
 fn write_table(
     path: &Path,
     header: &[&str],
@@ -228,7 +228,7 @@ fn write_table(
     write_records(path, header.iter().map(|&name| name.to_owned()).chain(grouped), rows)
 }
 
-/// Values of the columns grouped by; empty for a class over all people.
+/// Values of the columns grouped by; empty for a class of all people.
 fn group_values(class: &AnalyzedClass, by: &[String]) -> impl Iterator<Item = String> {
     by.iter().map(|column| class.representative.label.group.get(column).cloned().unwrap_or_default())
 }
@@ -302,7 +302,7 @@ fn write_trimming(path: &Path, analysis: &Analysis, bench: &Workbench) -> Result
     write_table(path, &["emotion", "frame", "sequence", "distance", "dropped", "id", "subject"], by, rows)
 }
 
-/// Writes `failures.csv`; the header stands there even without failures.
+/// Writes `failures.csv`, with its header even if there are no failures.
 ///
 /// # Errors
 /// [`OutputError`].
@@ -314,7 +314,7 @@ pub(super) fn write_failures(path: &Path, failures: &[Failure]) -> Result<blake3
     write_table(path, &["subject", "sequence", "stage", "reason", "id"], &[], rows)
 }
 
-/// Writes `verdicts.csv`: a row for every tracked sequence.
+/// Writes `verdicts.csv`: one row per tracked sequence.
 fn write_verdicts(path: &Path, tracks: &[TrackQuality]) -> Result<blake3::Hash, OutputError> {
     let rows = tracks.iter().map(|t| {
         let s = &t.summary;
@@ -397,14 +397,14 @@ fn report_html(analysis: &Analysis, title: &str, bench: &Workbench) -> Result<St
     Ok(html)
 }
 
-/// What the report shows of how the people of a whole emotion differ.
+/// Report data on the variation among the people of a whole emotion.
 fn variation_data<'a>(analysis: &'a Analysis, class: &AnalyzedClass) -> Option<VariationData<'a>> {
     let label = &class.representative.label;
     let of = analysis.variations.iter().find(|v| label.group.is_empty() && v.emotion == label.emotion)?;
     Some(VariationData { variation: of.outcome.as_ref().ok(), bands: shown_bands(of) })
 }
 
-/// The options as a reader of the report wants them; those of fit and tracker only when the sequences were tracked with them.
+/// The options as shown in the report; those of fit and tracker only if the sequences were tracked in this run.
 fn option_rows(bench: &Workbench, tracked_here: bool) -> Vec<(String, String)> {
     let o = &bench.options;
     let word = |value: serde_json::Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);

@@ -1,4 +1,4 @@
-//! A dense head in the page: its mesh, the members of its bank, and how much of each a motion takes.
+//! The data of a dense head in the page: its mesh, the members of its bank, and the weights of each motion.
 
 use nalgebra::Vector3;
 use serde_json::{Value, json};
@@ -16,35 +16,35 @@ use crate::{
 
 /// Size of the picture, px.
 const SIZE: (u32, u32) = (480, 600);
-/// Share of the picture that the head takes.
+/// Fraction of the picture that the head fills.
 const FILLING: f64 = 0.92;
-/// Most vertices: indices of 16 bits reach no further, and pages get too large.
+/// Largest number of vertices: indices have 16 bits, and pages would get too large.
 const MOST_VERTICES: usize = 65_535;
 
-/// A dense head to play on.
+/// A dense head to show motions on.
 #[derive(Debug)]
 pub struct Head<'a> {
-    /// What people call it.
+    /// Label of the head.
     pub label: &'a str,
-    /// Its bank.
+    /// Its bank of expression meshes.
     pub bank: &'a Bank,
-    /// The motions of the page (same order) of the bank's feature points.
+    /// The page's motions, in the same order, as motions of the bank's feature points.
     pub motions: Vec<Motion>,
 }
 
 impl Head<'_> {
-    /// What finds the weights of a motion.
+    /// The solver for the weights of a motion.
     fn synthesizer(&self, kind: MotionKind) -> Result<Synthesizer<'_>, PlayerError> {
-        // Key frames are too few to be smoothed in time.
+        // Key frames are too few for smoothing in time.
         let smoothing_frames = if kind == MotionKind::Model { 0.0 } else { SMOOTHING_FRAMES };
         let options = SynthesisOptions { solver: Solver::Nnls, bound_starts: 0, smoothing_frames, ..SynthesisOptions::default() };
         Synthesizer::new(self.bank, options).map_err(|e| PlayerError::Head { name: self.label.to_owned(), reason: e.to_string() })
     }
 
-    /// Of every motion what the head does not show.
+    /// For each motion, what the head does not show.
     ///
     /// # Errors
-    /// [`PlayerError::Head`] where weights cannot be found.
+    /// [`PlayerError::Head`] if the weights cannot be computed.
     pub(crate) fn unshown(&self) -> Result<Vec<Option<Unshown>>, PlayerError> {
         let of = |motion: &Motion| {
             let motion = motion.as_animated(Some(0), None);
@@ -55,7 +55,7 @@ impl Head<'_> {
     }
 }
 
-/// From the bank's unit, y up, to px, y down, depth towards the viewer.
+/// Maps the bank's unit (y up) to px (y down), with depth towards the viewer.
 struct Camera {
     middle: [f64; 3],
     scale: f64,
@@ -81,10 +81,10 @@ impl Camera {
     }
 }
 
-/// The data of a head.
+/// Builds the data of a head.
 ///
 /// # Errors
-/// [`PlayerError::Head`] for a bank of too many vertices, and where its weights cannot be found.
+/// [`PlayerError::Head`] for a bank with too many vertices, or if its weights cannot be computed.
 pub(super) fn payload(head: &Head, shown: &[Shown]) -> Result<Value, PlayerError> {
     let bank = head.bank;
     let failed = |reason: String| PlayerError::Head { name: head.label.to_owned(), reason };
@@ -123,7 +123,7 @@ pub(super) fn payload(head: &Head, shown: &[Shown]) -> Result<Value, PlayerError
         "height": SIZE.1,
         "positions": positions(bank.mesh().positions()),
         "triangles": pack::whole(bank.mesh().triangles().iter().flatten().copied()),
-        // Colours of the vertices, sRGB; null where all is skin.
+        // Colours of the vertices, sRGB; null if all is skin.
         "colours": scene.colours().map(|colours| pack::bytes(colours.as_flattened())),
         "eyes": eyes.collect::<Vec<_>>(),
         "openings": scene.openings().iter().map(|walk| pack::whole(walk.iter().copied())).collect::<Vec<_>>(),
@@ -133,9 +133,9 @@ pub(super) fn payload(head: &Head, shown: &[Shown]) -> Result<Value, PlayerError
     }))
 }
 
-/// What a FAP of 1 does to the head: its feature points go its way and the others rest; the skin between is interpolated. Its number, its
-/// axis, and the offsets along it; what no member moves (eyeballs, upper teeth) rests. `None` for angles, for depth, and for what
-/// the bank has no feature point of.
+/// Effect of a FAP of 1 on the head: its feature points move and the others rest; the skin between is interpolated. Returns its number, its
+/// axis, and the offsets along it. Vertices that no member moves (eyeballs, upper teeth) rest. `None` for angles, for depth, and for FAPs
+/// without a feature point in the bank.
 fn fap(row: &FapRow, bank: &Bank, camera: &Camera, rests: &[bool]) -> Option<Value> {
     let axis = row.motion.filter(|motion| !motion.is_angle()).and_then(FapMotion::frontal_axis)?;
     let unit = row.sign * fapu_length(bank, row.fapu?)? / FAP_UNITS_PER_FAPU;

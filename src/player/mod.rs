@@ -1,9 +1,8 @@
 //! The player: motions on faces, on one self-contained page.
 //!
-//! A page holds motions ([`SourceMotion`]: representatives, tracks, FAP files) and faces ([`PlayerFace`]) and moves the one by the other
-//! while it is looked at: the nodes as `clone` places them, the mesh of [`crate::warp`] with its weights, drawn by WebGL, or triangle by
-//! triangle on a canvas. What the page holds is numbers and pictures (`payload`); its scripts (`assets/`) are those of the report,
-//! too.
+//! A page holds motions ([`SourceMotion`]: representatives, tracks, FAP files) and faces ([`PlayerFace`]), and applies a motion to a face in the
+//! browser. It places the nodes as `clone` does and moves the mesh of [`crate::warp`] with its weights, drawn with WebGL, or triangle by
+//! triangle on a canvas. The page holds numbers and pictures (`payload`); the report uses the same scripts (`assets/`).
 
 mod head;
 mod names;
@@ -26,11 +25,11 @@ use crate::{
 };
 
 const TEMPLATE: &str = include_str!("assets/player.html");
-/// Style sheet of the player itself, for any page that holds one.
+/// Style sheet of the player, for any page that contains one.
 pub const STYLE: &str = include_str!("assets/player.css");
 const PAGE_STYLE: &str = include_str!("assets/page.css");
 const PAGE_SCRIPT: &str = include_str!("assets/page.js");
-/// The player's script, in parts that build on each other.
+/// The parts of the player's script, in the order of their dependencies.
 const SCRIPTS: [&str; 10] = [
     include_str!("assets/motion.js"),
     include_str!("assets/rig.js"),
@@ -44,10 +43,10 @@ const SCRIPTS: [&str; 10] = [
     include_str!("assets/player.js"),
 ];
 
-/// A motion and what people call it.
+/// A motion with its label.
 #[derive(Clone, Copy, Debug)]
 pub struct Shown<'a> {
-    /// Its label, such as `happiness, sex = f`.
+    /// Label, such as `happiness, sex = f`.
     pub label: &'a str,
     /// The motion.
     pub motion: &'a SourceMotion,
@@ -61,7 +60,7 @@ struct View<'a> {
     version: &'static str,
 }
 
-/// The page, on faces and on dense heads.
+/// Renders the page with faces and dense heads.
 ///
 /// Every text is escaped; the data is embedded as JSON in which `<` is written `\u003c`. The same input gives the same bytes.
 ///
@@ -96,7 +95,7 @@ pub fn page(
     render().map_err(|e| PlayerError::Page(e.to_string()))
 }
 
-/// The player's script, for any page that holds one: it defines `GrimacePlayer` and nothing else.
+/// The player's script, for any page that contains a player; it defines only `GrimacePlayer`.
 pub fn script() -> String {
     format!(
         "const GrimacePlayer = (() => {{\n{}\nreturn {{ mount: mountPlayer, Shelf, FacePlayer }};\n}})();\n",
@@ -104,7 +103,7 @@ pub fn script() -> String {
     )
 }
 
-/// JSON that is safe inside a script element: `<` occurs inside strings only, where JSON allows the escape.
+/// Serializes JSON for a script element: `<` occurs inside strings only, where JSON allows the escape.
 pub fn script_json(value: &serde_json::Value) -> String {
     value.to_string().replace('<', "\\u003c")
 }

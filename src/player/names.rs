@@ -1,6 +1,6 @@
-//! FAPs in words.
+//! Names of FAPs in plain words.
 
-/// What the parts of a FAP's name mean. `_o` at the end is the outer contour of the lips; elsewhere it is the outer part.
+/// Meanings of the parts of a FAP's name. A final `_o` means the outer contour of the lips; elsewhere `o` means the outer part.
 const WORDS: [(&str, &str); 13] = [
     ("l", "left"),
     ("r", "right"),
@@ -17,7 +17,7 @@ const WORDS: [(&str, &str); 13] = [
     ("eyelid", "lid"),
 ];
 
-/// FAPs whose names do not tell where a positive value goes, or tell the contrary, as MPEG-4's 18 does.
+/// FAPs whose names do not tell the direction of a positive value, or tell the wrong one, like MPEG-4's FAP 18.
 const DIRECTIONS: [(&str, &str); 13] = [
     ("depress_chin", "push chin up"),
     ("shift_jaw", "shift jaw to the right"),
@@ -34,7 +34,7 @@ const DIRECTIONS: [(&str, &str); 13] = [
     ("head_roll", "tilt head to the right"),
 ];
 
-/// The name of a FAP as people would say it, a positive value going the way it says: `raise_l_i_eyebrow` is `raise left inner brow`.
+/// Name of a FAP in plain words, for a positive value: `raise_l_i_eyebrow` becomes `raise left inner brow`.
 /// Left and right are the subject's.
 pub fn fap_in_words(name: &str) -> String {
     if let Some((_, words)) = DIRECTIONS.iter().find(|(known, _)| *known == name) {
@@ -52,7 +52,7 @@ pub fn fap_in_words(name: &str) -> String {
     text
 }
 
-/// Where on the face a FAP acts.
+/// Region of the face on which a FAP acts.
 pub(super) fn part_of(number: u8) -> &'static str {
     match number {
         3 | 14 | 15 | 18 => "Jaw",
@@ -78,7 +78,7 @@ mod tests {
         assert_eq!(fap_in_words("stretch_r_cornerlip_o"), "stretch right corner of the mouth (outer edge)");
         assert_eq!(fap_in_words("lower_t_lip_lm"), "lower upper lip left of the middle (inner edge)");
         assert_eq!(fap_in_words("open_jaw"), "open jaw");
-        // MPEG-4 calls it `depress_chin`, and a positive value goes up.
+        // MPEG-4 calls it `depress_chin`, but a positive value moves up.
         assert_eq!(fap_in_words("depress_chin"), "push chin up");
     }
 

@@ -1,9 +1,9 @@
-//! Numbers as Base64 of little-endian bytes, which a page turns into typed arrays.
+//! Packs numbers as Base64 of little-endian bytes, which the page turns into typed arrays.
 
 use base64::{Engine, prelude::BASE64_STANDARD};
 use serde_json::{Value, json};
 
-/// Whole numbers up to 65535.
+/// Integers up to 65535, in 16 bits; larger ones become 65535.
 pub fn whole(values: impl IntoIterator<Item = u32>) -> Value {
     let bytes: Vec<u8> = values.into_iter().flat_map(|v| (v.min(u32::from(u16::MAX)) as u16).to_le_bytes()).collect();
     json!(BASE64_STANDARD.encode(bytes))
@@ -14,16 +14,16 @@ pub fn bytes(values: &[u8]) -> Value {
     json!(BASE64_STANDARD.encode(values))
 }
 
-/// Numbers at 16 bits: `{scale, values}`, the value being the whole number times the scale.
+/// Numbers in 16 bits as `{scale, values}`: a value is its integer times the scale.
 pub fn scaled(values: &[f64]) -> Value {
     let most = values.iter().fold(0.0_f64, |most, v| if v.is_finite() { most.max(v.abs()) } else { most });
     let scale = if most > 0.0 { most / f64::from(i16::MAX) } else { 1.0 };
-    // What is not finite becomes 0: the conversion of NaN.
+    // NaN becomes 0 by the conversion; infinities become the largest integer of their sign.
     let bytes: Vec<u8> = values.iter().flat_map(|v| ((v / scale).round() as i16).to_le_bytes()).collect();
     json!({ "scale": scale, "values": BASE64_STANDARD.encode(bytes) })
 }
 
-/// Numbers at 8 bits, as [`scaled`]: for what is small beside what else moves.
+/// Numbers in 8 bits, as [`scaled`], for values that are small next to other motion.
 pub fn small(values: &[f64]) -> Value {
     let most = values.iter().fold(0.0_f64, |most, v| if v.is_finite() { most.max(v.abs()) } else { most });
     let scale = if most > 0.0 { most / f64::from(i8::MAX) } else { 1.0 };
@@ -31,7 +31,7 @@ pub fn small(values: &[f64]) -> Value {
     json!({ "scale": scale, "values": BASE64_STANDARD.encode(bytes) })
 }
 
-/// Numbers at 32 bits.
+/// Numbers in single precision (32 bits).
 pub fn single(values: impl IntoIterator<Item = f64>) -> Value {
     let bytes: Vec<u8> = values.into_iter().flat_map(|v| (v as f32).to_le_bytes()).collect();
     json!(BASE64_STANDARD.encode(bytes))

@@ -1,4 +1,4 @@
-//! What a page with a player holds: motions, faces, FAPs.
+//! The data of a player's page: motions, faces and FAPs as JSON.
 
 use image::{RgbImage, codecs::jpeg::JpegEncoder};
 use nalgebra::Point2;
@@ -32,11 +32,11 @@ use crate::{
 
 /// Quality of the JPEG of a face, 1 to 100.
 const QUALITY: u8 = 88;
-/// Largest slider of a FAP, either way: one FAPU for lengths, and for angles (1e-5 rad) about 23 degrees.
+/// Largest value of a FAP's slider in either direction: one FAPU for lengths, about 23 degrees for angles (in 1e-5 rad).
 const MOST_LENGTH: i32 = 1024;
 const MOST_ANGLE: i32 = 40_000;
 
-/// Why there is no player.
+/// Why a player cannot be made.
 #[derive(Debug, thiserror::Error)]
 pub enum PlayerError {
     /// A motion or a face.
@@ -71,21 +71,21 @@ pub enum PlayerError {
     Page(String),
 }
 
-/// A face to play on.
+/// A face to show motions on.
 #[derive(Clone, Copy, Debug)]
 pub struct Face<'a> {
-    /// What people call it.
+    /// Label of the face.
     pub label: &'a str,
     /// The photograph and the wireframe on it.
     pub target: &'a Target,
-    /// Height of the picture in the page, px; a smaller face is not enlarged.
+    /// Height of the picture in the page, px; a smaller picture is not enlarged.
     pub height: u32,
 }
 
-/// The data of a player.
+/// Builds the data of a player.
 ///
 /// # Errors
-/// [`PlayerError`] for a motion that has no FAPs, or a picture that cannot be encoded.
+/// [`PlayerError`] for a motion without FAPs, or a picture that cannot be encoded.
 pub fn payload(motions: &[Shown], faces: &[Face], wire: &Wire) -> Result<Value, PlayerError> {
     let normalizer = Normalizer::new(&wire.wireframe, &wire.tables, NormalizeOptions::default())
         .map_err(|source| CloneError::Fapus { what: "the wireframe", source })?;
@@ -96,16 +96,16 @@ pub fn payload(motions: &[Shown], faces: &[Face], wire: &Wire) -> Result<Value, 
         "motions": motions,
         "faces": faces.iter().map(face).collect::<Result<Vec<_>, _>>()?,
         "faps": faps(wire)?,
-        // FAPUs along x and y of every node, as places in the list of lengths.
+        // FAPUs along x and y of every node, as indices in the list of lengths.
         "nodeFapus": (0..wire.wireframe.node_count())
             .map(|n| wire.tables.node_fapus(NodeId(n as u16)))
             .flat_map(|(x, y)| [x, y].map(place_of))
             .collect::<Vec<_>>(),
         "canonical": { "fapus": lengths(&canonical.fapus), "lids": crate::clone::canonical_lid_gaps(canonical) },
         "lidPairs": LID_PAIRS,
-        // What the levels of a skin mean, and how much of it is shown at most.
+        // Meaning of the levels of a skin change, and its greatest strength.
         "folds": { "none": NO_CHANGE, "limit": SKIN_LOG_LIMIT, "most": MOST_SKIN, "unit": place_of(Fapu::Es) },
-        // What the skin of a shutting lid goes by, on every face.
+        // Constants of the skin of a shutting lid, the same for every face.
         "lidSkin": {
             "shut": lid_skin::SHUT,
             "leastBand": lid_skin::LEAST_BAND,
@@ -114,13 +114,13 @@ pub fn payload(motions: &[Shown], faces: &[Face], wire: &Wire) -> Result<Value, 
             "strips": lid_skin::STRIPS,
             "grain": lid_skin::GRAIN,
             "clear": lid_skin::CLEAR,
-            // And lashes below a brow that rises.
+            // Those of lashes below a rising brow.
             "drawnOut": lashes::DRAWN_OUT,
             "darkest": lashes::DARKEST,
             "floor": lashes::FLOOR,
             "beyond": lashes::BEYOND,
         },
-        // The form and the grain of one that shuts, and the line of lashes where lids meet.
+        // Those of the form and grain of a shut lid, and of the line of lashes where lids meet.
         "shutLid": {
             "zone": shut_lid::ZONE,
             "leastWay": shut_lid::LEAST_WAY,
@@ -141,7 +141,7 @@ pub fn payload(motions: &[Shown], faces: &[Face], wire: &Wire) -> Result<Value, 
             "lean": lash_line::LEAN,
             "apart": lash_line::APART,
         },
-        // What shade leaves when brows rise, and what furrows deepen by.
+        // Those of the shade that fades and the furrows that deepen as brows rise.
         "hollow": {
             "columns": hollow::COLUMNS,
             "rows": hollow::ROWS,
@@ -163,9 +163,9 @@ fn lengths(fapus: &Fapus) -> Vec<f64> {
     Fapu::LENGTHS.iter().map(|&f| fapus.length(f).unwrap_or(fapus.es)).collect()
 }
 
-/// A motion: offsets of all nodes, its time, and its FAPs.
+/// A motion: offsets of all nodes, its timing, and its FAPs.
 fn motion(shown: &Shown, neutral: &FrameExpressionModel<FaceUnit>, canonical: &Fapus, wire: &Wire) -> Result<Value, PlayerError> {
-    // The page shows frames evenly.
+    // The page shows evenly spaced frames.
     let motion = &shown.motion.evenly()?;
     let flat: Vec<f64> = motion.offsets.iter().flatten().flat_map(|o| [o.x, o.y]).collect();
     Ok(json!({
@@ -183,14 +183,14 @@ fn motion(shown: &Shown, neutral: &FrameExpressionModel<FaceUnit>, canonical: &F
     }))
 }
 
-/// The folds that grow with a motion: levels on the layout of skins, which its faces place their vertices on.
+/// The folds that grow with a motion: levels on the layout of skin changes, on which the faces place their vertices.
 fn folds(name: &str, skin: &Skin) -> Result<Value, PlayerError> {
     let mut bytes = Vec::new();
     skin.write_in_face(&mut bytes).map_err(|e| PlayerError::Picture { name: name.to_owned(), reason: e.to_string() })?;
     Ok(json!({ "picture": pack::data_url("image/png", &bytes), "lighter": skin.lighter() }))
 }
 
-/// The FAPs that move, of a FAP file those that it sets: number, and its value in every frame.
+/// The FAPs that move (for a FAP file, those that it sets): number, and value in every frame.
 fn curves(
     motion: &SourceMotion,
     neutral: &FrameExpressionModel<FaceUnit>,
@@ -212,7 +212,7 @@ fn curves(
         let moved = neutral.nodes().iter().zip(offsets).zip(&scales);
         FrameExpressionModel::new(moved.map(|((p, o), s)| Point2::new(p.x + o.x * s.0, p.y + o.y * s.1)).collect())
     };
-    // FAPs are offsets from neutral, which a FAP file need not begin with.
+    // FAPs are offsets from neutral, and a FAP file need not begin with neutral.
     let frames = std::iter::once(neutral.clone()).chain(motion.offsets.iter().map(frame));
     let model = DynamicExpressionModel::new(frames.collect()).map_err(|e| failed(e.to_string()))?;
     let (sequence, _) =
@@ -223,7 +223,7 @@ fn curves(
     Ok(moving.map(|fap| (fap.get(), pack::scaled(&values(fap).collect::<Vec<_>>()))).collect())
 }
 
-/// The FAPs that show from the front: their words, their range on a slider, and the offsets of all nodes at one unit, face units.
+/// The FAPs that show from the front: description, range of the slider, and the offsets of all nodes at one unit, in face units.
 fn faps(wire: &Wire) -> Result<Vec<Value>, PlayerError> {
     let shows = |row: &&FapRow| {
         row.fapu.is_some()
@@ -239,7 +239,7 @@ fn fap(row: &FapRow, wire: &Wire) -> Result<Value, PlayerError> {
     let most = if is_angle { MOST_ANGLE } else { MOST_LENGTH };
     let (least, greatest) = row.range.unwrap_or((-most, most));
     let mut frame = FapFrame::default();
-    // The springs are linear: any value tells the share of one unit.
+    // The springs are linear, so any value gives the offsets of one unit.
     let probe = if is_angle { 10_000.0 } else { 100.0 };
     frame.set_value(row.number, Some(probe));
     let sequence = FapSequence { version: "2.1".to_owned(), name: row.name.clone(), fps: 25.0, frames: vec![frame] };
@@ -259,20 +259,20 @@ fn fap(row: &FapRow, wire: &Wire) -> Result<Value, PlayerError> {
     }))
 }
 
-/// The step of a slider: 0 has to lie on its grid, which begins at its least value.
+/// Step of a slider: 0 must lie on its grid, which begins at the least value.
 fn step(is_angle: bool, least: i32, greatest: i32) -> i32 {
     let steps = if is_angle { [400, 200, 100] } else { [8, 4, 2] };
     steps.into_iter().find(|step| least % step == 0 && greatest % step == 0).unwrap_or(1)
 }
 
-/// A face: its picture, cropped, and everything that moves it, in pixels of that picture.
+/// A face: its cropped picture, and everything that moves it, in pixels of that picture.
 fn face(face: &Face) -> Result<Value, PlayerError> {
     let target = face.target;
     let (left, top, width, height) = target.surroundings();
     let crop = image::imageops::crop_imm(&target.picture, left, top, width, height).to_image();
     let picture = at_height(&crop, face.height.min(height));
     let scale = f64::from(picture.height()) / f64::from(height.max(1));
-    // Pixel centres are whole numbers before and after.
+    // Pixel centres have integer coordinates both before and after scaling.
     let place = |p: &Point2<f64>| {
         let shift = |v: f64, origin: u32| (v - f64::from(origin) + 0.5) * scale - 0.5;
         [shift(p.x, left), shift(p.y, top)]
@@ -318,7 +318,7 @@ fn face(face: &Face) -> Result<Value, PlayerError> {
     }))
 }
 
-/// The skin of an upper lid; lengths in pixels of the face's picture, in which the outer corner of the eye is at `from`.
+/// The skin of an upper lid. Lengths are in pixels of the face's picture, in which the outer corner of the eye lies at `from`.
 fn lid_skin(lid: &LidSkin, from: [f64; 2], scale: f64) -> Value {
     let lengths = |list: &[f64]| pack::single(list.iter().map(|v| v * scale));
     json!({
@@ -340,7 +340,7 @@ fn hollow_of(hollow: &Hollow, scale: f64) -> Value {
     })
 }
 
-/// The furrows of a forehead, whose picture begins at a place of the face's.
+/// The furrows of a forehead; `from` is the position of their picture in the face's.
 fn furrows_of(name: &str, furrows: &Furrows, from: [f64; 2], scale: f64) -> Result<Value, PlayerError> {
     let bytes = png_bytes(&furrows.picture).map_err(|e| PlayerError::Picture { name: name.to_owned(), reason: e.to_string() })?;
     Ok(json!({
@@ -351,7 +351,7 @@ fn furrows_of(name: &str, furrows: &Furrows, from: [f64; 2], scale: f64) -> Resu
     }))
 }
 
-/// An opening, of an eye with the skin of its upper lid; `place` and `scale` lead to the face's picture.
+/// An opening; for an eye, with the skin of its upper lid. `place` and `scale` map to the face's picture.
 fn opening(opening: &RigOpening, place: impl Fn(&Point2<f64>) -> [f64; 2], scale: f64) -> Value {
     json!({
         "kind": match opening.opening { Opening::Mouth => "mouth", Opening::LeftEye => "left eye", Opening::RightEye => "right eye" },
@@ -393,7 +393,7 @@ mod tests {
             let bytes = BASE64_STANDARD.decode(packed.as_str().unwrap()).unwrap();
             bytes.chunks_exact(4).map(|four| f64::from(f32::from_le_bytes(four.try_into().unwrap()))).collect()
         };
-        // As large as it is, and half as large.
+        // At its own size, and at half of it.
         for (most, scale) in [(height, 1.0), (height / 2, f64::from(height / 2) / f64::from(height))] {
             let shown = face(&Face { label: "P01", target: &target, height: most }).unwrap();
             assert!(shown["openings"][0]["lid"].is_null(), "a mouth has no lid");

@@ -1,17 +1,17 @@
-//! The camera: from face space to the image and back.
+//! The camera: projection from face space to the image and back.
 
 use nalgebra::{Matrix2x3, Matrix3, Point2, Point3, Rotation3, Vector2, Vector3};
 
-/// Distance of the camera from the head that is most probable before anything is seen, in eye distances: about 0.9 m.
+/// Prior mean of the camera's distance from the head, in eye distances: about 0.9 m.
 pub const CAMERA_DISTANCE: f64 = 14.0;
 
 /// Eye distance ES0 of the model, model units.
 pub const HEAD_ES: f64 = 0.613;
 
-/// Least distance of a point from the camera, share of the head's distance: nothing of a head comes nearer.
+/// Smallest distance of a point from the camera, as a share of the head's distance: no part of a head comes nearer.
 const NEAREST: f64 = 0.3;
 
-/// Where a head is and how it is turned.
+/// Position and rotation of a head.
 ///
 /// ```
 /// use grimace::pose::HeadPose;
@@ -25,76 +25,77 @@ const NEAREST: f64 = 0.3;
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeadPose {
-    /// Camera axes from face axes.
+    /// Rotation from face axes to camera axes.
     pub rotation: Rotation3<f64>,
-    /// Image pixels of a model unit at the middle of the head.
+    /// Image scale at the middle of the head, px per model unit.
     pub scale: f64,
-    /// Where the middle of the head is seen, px.
+    /// Image position of the middle of the head, px.
     pub position: Point2<f64>,
     /// Distance of the camera from the middle of the head, model units.
     pub distance: f64,
 }
 
 impl HeadPose {
-    /// Yaw, pitch and roll, degrees.
+    /// Returns yaw, pitch and roll, degrees.
     pub fn degrees(&self) -> [f64; 3] {
-        // R = Rz Ry Rx: the angles of Tait and Bryan, as nalgebra has them (roll about x, pitch about y, yaw about z).
+        // R = Rz Ry Rx: Tait-Bryan angles as in nalgebra (roll about x, pitch about y, yaw about z).
         let (about_x, about_y, about_z) = self.rotation.euler_angles();
         [about_y.to_degrees(), about_x.to_degrees(), about_z.to_degrees()]
     }
 
-    /// The rotation of yaw, pitch and roll in degrees.
+    /// Returns the rotation of yaw, pitch and roll in degrees.
     pub fn rotation_of(yaw: f64, pitch: f64, roll: f64) -> Rotation3<f64> {
         Rotation3::from_euler_angles(pitch.to_radians(), yaw.to_radians(), roll.to_radians())
     }
 
-    /// A point, model units from the middle of the head in camera axes.
+    /// Returns a point in camera axes, model units from the middle of the head.
     pub(super) fn turned(&self, point: &Vector3<f64>) -> Vector3<f64> {
         self.rotation * point
     }
 
-    /// Magnification of a depth.
+    /// Returns the magnification at a depth.
     fn magnification(&self, depth: f64) -> f64 {
         self.distance / (self.distance - depth).max(NEAREST * self.distance)
     }
 
-    /// Image place of a point in camera axes, px.
+    /// Returns the image position of a point in camera axes, px.
     pub(super) fn image_of(&self, turned: &Vector3<f64>) -> Point2<f64> {
         let m = self.scale * self.magnification(turned.z);
         self.position + Vector2::new(turned.x * m, -turned.y * m)
     }
 
-    /// Image place of a point (model units from the middle of the head, face axes), px.
+    /// Returns the image position of a point (model units from the middle of the head, face axes), px.
     pub fn project(&self, point: &Point3<f64>) -> Point2<f64> {
         self.image_of(&self.turned(&point.coords))
     }
 
-    /// The point at an image place and at a depth in camera axes; face axes, from the middle of the head.
+    /// Returns the point at an image position and a depth in camera axes; face axes, from the middle of the head.
     pub(super) fn back(&self, seen: &Point2<f64>, depth: f64) -> Point3<f64> {
         let m = self.scale * self.magnification(depth);
         let from = (seen - self.position) / m;
         Point3::from(self.rotation.inverse() * Vector3::new(from.x, -from.y, depth))
     }
 
-    /// How the image place of a point in camera axes changes with that point.
+    /// Returns the derivative of the image position with respect to a point in camera axes.
     pub(super) fn slope(&self, turned: &Vector3<f64>) -> Matrix2x3<f64> {
         let w = self.magnification(turned.z);
         let (s, depth) = (self.scale * w, self.scale * w * w / self.distance);
         Matrix2x3::new(s, 0.0, turned.x * depth, 0.0, -s, -turned.y * depth)
     }
 
-    /// How the image place of a point in camera axes changes with the logarithm of the camera's distance.
+    /// Returns the derivative of the image position with respect to the logarithm of the camera's distance.
     pub(super) fn distance_slope(&self, turned: &Vector3<f64>) -> Vector2<f64> {
         let w = self.magnification(turned.z);
         Vector2::new(turned.x, -turned.y) * (-self.scale * w * w * turned.z / self.distance)
     }
 
-    /// How a point in camera axes changes with a small rotation vector in camera axes.
+    /// Returns the derivative of a point in camera axes with respect to a small rotation vector in camera axes.
     pub(super) fn rotation_slope(turned: &Vector3<f64>) -> Matrix3<f64> {
         -turned.cross_matrix()
     }
 
-    /// The pose changed by a small rotation vector (camera axes, radians), a change of the logarithm of the size, and a shift in px.
+    /// Returns the pose changed by a small rotation vector (camera axes, radians), a change of the logarithm of the size, and a shift in
+    /// px.
     pub(super) fn moved(&self, turn: Vector3<f64>, log_scale: f64, shift: Vector2<f64>) -> Self {
         let mut rotation = Rotation3::new(turn) * self.rotation;
         rotation.renormalize();

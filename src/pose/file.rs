@@ -1,4 +1,4 @@
-//! Head model files: JSON with the mean head, the modes of identity, and the expression shapes over the nodes.
+//! Head model files: JSON with the mean head, the modes of identity, and the expression shapes, as node positions and offsets.
 
 use std::path::Path;
 
@@ -11,26 +11,26 @@ use crate::output::{OutputError, write_atomic};
 /// Version of the schema of a head model file.
 pub const HEAD_SCHEMA: u32 = 1;
 
-/// Decimals of a length: 1e-5 model units are 0.002 % of the eye distance.
+/// Rounding of a length: 1e-5 model units are 0.002 % of the eye distance.
 const DECIMALS: f64 = 1e5;
 
 const UNITS: &str = "Candide-3 model unit in face space: x to the subject's left, y up, z out of the face, eye distance 0.613";
 
-/// The head that comes with the program.
+/// The head model embedded in the program.
 const EMBEDDED: &str = include_str!("../../candide/head_model.json");
 
-/// Where a head model comes from.
+/// Origin of a head model.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct HeadOrigin {
-    /// Program and version.
+    /// Program name and version.
     pub made_by: String,
     /// The command, with file names instead of paths.
     pub command: String,
-    /// Identity modes that were learned from, counted from the first.
+    /// Number of identity modes of the source that were used, counted from the first.
     pub identity_modes: usize,
-    /// BLAKE3 of the arrays that it was learned from, in hexadecimal.
+    /// BLAKE3 of the source arrays, in hexadecimal.
     pub blake3: String,
-    /// Who is to be credited for the heads, and the licence.
+    /// Credit and licence of the heads.
     pub credit: String,
 }
 
@@ -62,7 +62,7 @@ pub enum HeadFileError {
     Content(String),
 }
 
-/// Writes a head model, lengths rounded to 5 decimals, one shape a line.
+/// Writes a head model, with lengths rounded to 5 decimals and one shape per line.
 ///
 /// # Errors
 /// [`OutputError`] when the file cannot be written.
@@ -118,7 +118,7 @@ fn parse(text: &str) -> Result<LearnedHead, HeadFileError> {
     })
 }
 
-/// The head that comes with the program.
+/// Returns the head model embedded in the program.
 pub(super) fn embedded() -> LearnedHead {
     parse(EMBEDDED).unwrap_or_else(|error| unreachable!("candide/head_model.json: {error}"))
 }

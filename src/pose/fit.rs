@@ -1,10 +1,10 @@
-//! The person's neutral head, and pose and expression in every frame, all together.
+//! Fits the person's neutral head, and pose and expression in every frame, together.
 //!
-//! The unknowns are those of [`HeadModel`]: coefficients of identity and the person's own offset of every node, and in every frame
-//! a pose and coefficients of expression; the neutral frame has no expression. What is seen is every node that the tracker placed, with
-//! a standard deviation by its state. The neutral frame gives a first head; then every turn is one Gauss-Newton step with robust
-//! weights of the frames given the head, of the head given the frames, and of the camera's distance given both, so that frames
-//! seen from other sides improve the depth. A mixture of the last turns ([`Mixture`]) starts the next one.
+//! The unknowns are those of [`HeadModel`]: coefficients of identity and the person's own offset of every node, and a pose and coefficients
+//! of expression in every frame; the neutral frame has no expression. The observations are all nodes that the tracker placed, with a
+//! standard deviation by state. The neutral frame gives a first head. Then every iteration is one Gauss-Newton step with robust weights: of
+//! the frames given the head, of the head given the frames, and of the camera's distance given both. Frames seen from other sides thus
+//! improve the depth. A mixture of the last iterations ([`Mixture`]) starts the next one.
 
 use nalgebra::{DVector, Point2, Rotation3, Vector2, Vector3};
 
@@ -25,28 +25,28 @@ use crate::{
     wireframe::Tables,
 };
 
-/// Frames, evenly spread, that the head is learned from.
+/// Number of evenly spread frames that the head is fitted to.
 const HEAD_FRAMES: usize = 9;
-/// Most turns of frames, head and camera.
+/// Largest number of iterations over frames, head and camera.
 const TURNS: usize = 120;
-/// A turn that changes everything by less is the last: standard deviations, and [`POSE_UNIT`] of the rest.
+/// Iterations end when all changes are below this: in standard deviations, and in units of [`POSE_UNIT`] for poses.
 const AT_REST: f64 = 0.003;
-/// What counts as one in poses: radians, logarithms of sizes, and distances in the image over the size.
+/// Unit of changes of a pose: radians, logarithms of sizes, and image distances over the size.
 const POSE_UNIT: f64 = 0.01;
-/// The same of the logarithm of the camera's distance.
+/// Unit of changes of the logarithm of the camera's distance.
 const LOG_DISTANCE_UNIT: f64 = 0.1;
-/// The last step of a frame once the head is known: radians, logarithms, standard deviations.
+/// Steps of a frame end below this change once the head is known: radians, logarithms, standard deviations.
 const FRAME_AT_REST: f64 = 1e-5;
-/// Steps of a frame at most, once the head is known.
+/// Largest number of steps of a frame once the head is known.
 const FRAME_STEPS: usize = 20;
-/// Distances of the camera that a face may be seen from, eye distances.
+/// Bounds of the camera's distance, eye distances.
 const DISTANCES: [f64; 2] = [4.0, 60.0];
-/// Visibility below which a node does not serve.
+/// Visibility below which a node is not used.
 const HIDDEN: f64 = 0.05;
-/// Median distance between seen and explained nodes, over the eye distance, beyond which no head explains them.
+/// Median distance between observed and explained nodes, over the eye distance, beyond which the fit is rejected.
 const UNEXPLAINED: f64 = 0.1;
 
-/// Why a track has no pose.
+/// Reason why a track has no pose.
 ///
 /// ```
 /// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
@@ -114,32 +114,32 @@ pub enum PoseError {
 pub struct HeadFit {
     /// The neutral head, N nodes, model units, face axes, from the middle of the head.
     pub neutral: Vec<Vector3<f64>>,
-    /// Pose in every frame; of a frame of [`HeadFit::failures`] the last one before it.
+    /// Pose in every frame; for a frame of [`HeadFit::failures`], the last pose before it.
     pub poses: Vec<HeadPose>,
-    /// The head with its expression in every frame.
+    /// Head with its expression in every frame.
     pub shapes: Vec<Vec<Vector3<f64>>>,
-    /// Median distance between seen and explained nodes in every frame, px.
+    /// Median distance between observed and explained nodes in every frame, px.
     pub residuals: Vec<f64>,
-    /// Why a frame has no pose; `None` for a frame that has one. The neutral frame always has.
+    /// Reason why a frame has no pose; `None` for a frame with a pose. The neutral frame always has one.
     pub failures: Vec<Option<PoseError>>,
-    /// From every node to where its mark would be, px, frame by frame.
+    /// Offset from every node to the position of its mark, px, frame by frame.
     pub(super) mark_shifts: Vec<Vec<Vector2<f64>>>,
 }
 
 impl HeadFit {
-    /// From a node to where its mark would be, px, in the frame of an index; zero for nodes without a mark.
+    /// Returns the offset from a node to the position of its mark, px, in the frame of an index; zero for nodes without a mark.
     pub fn mark_shift(&self, frame: usize, node: usize) -> Vector2<f64> {
         self.mark_shifts.get(frame).and_then(|shifts| shifts.get(node)).copied().unwrap_or_else(Vector2::zeros)
     }
 }
 
-/// Fits a head to tracked frames, the neutral one first. `marks` are those of the neutral frame: where they lie beside their nodes, they
-/// and not the nodes say where the head is.
+/// Fits a head to tracked frames, the neutral one first. `marks` are those of the neutral frame: where a mark differs from its node, the
+/// mark determines the head.
 ///
-/// A later frame without a pose fails for itself alone: [`HeadFit::failures`] says why.
+/// A later frame without a pose does not fail the fit: [`HeadFit::failures`] gives the reason.
 ///
 /// # Errors
-/// [`PoseError`] for another wireframe, and for a neutral frame with too few nodes or nodes that no head explains.
+/// [`PoseError`] for another wireframe, and for a neutral frame with too few nodes or with nodes that no head explains.
 pub fn fit_head(
     model: &HeadModel,
     tables: &Tables,
@@ -156,7 +156,7 @@ pub fn fit_head(
     for (frame, shifts) in track.iter().zip(&shifts).skip(1) {
         frames.push(observe(model, frame, shifts, Some(start.scale))?);
     }
-    // A node that no later frame sees says only where the fit expects it from the front.
+    // A node that no later frame shows only carries the fit's assumption of a frontal face.
     let is_followed: Vec<bool> =
         (0..model.node_count()).map(|k| frames[1..].iter().any(|f| f.seen.iter().any(|s| s.node == k))).collect();
     let is_marked = |k: usize| matches!(neutral.nodes[k].state, NodeState::Marked | NodeState::Corrected);
@@ -175,8 +175,8 @@ pub fn fit_head(
     Sequence { start: pose, ..sequence }.every_frame(found.head.shape(model), pose, shifts)
 }
 
-/// Pose and expression of further frames of a head that is known: `track` is the neutral frame that `known` was fitted with, and
-/// the frames. The first of them is looked for from the pose `from`.
+/// Returns pose and expression of further frames of a known head. `track` is the neutral frame that `known` was fitted with, followed by
+/// the frames. The search in the first of them starts at the pose `from`.
 ///
 /// # Errors
 /// [`PoseError::NodeCount`] for another wireframe.
@@ -204,19 +204,19 @@ pub fn follow_head(
     sequence.every_frame(known.neutral.clone(), neutral_pose, shifts)
 }
 
-/// What is known of a sequence before its head is.
+/// Inputs of a fit of one sequence.
 struct Sequence<'a> {
     model: &'a HeadModel,
     frames: &'a [Frame],
     own: &'a [Own],
-    /// Where the head, or what is followed of it, is looked for first.
+    /// Pose at which the search for the head starts.
     start: HeadPose,
     expression: Directions,
     identity: Directions,
 }
 
-/// All that is sought at once: the head, its pose in the neutral frame, pose and expression of the frames that it is learned from. All
-/// poses have the same distance of the camera.
+/// All unknowns: the head, its pose in the neutral frame, and pose and expression of the frames that it is fitted to. All poses have the
+/// same camera distance.
 #[derive(Clone)]
 struct Found {
     head: Head,
@@ -225,11 +225,12 @@ struct Found {
 }
 
 impl Sequence<'_> {
-    /// The most probable head: one step of every frame given head and camera, of the head given the frames, of the camera given both,
-    /// again and again.
+    /// Returns the most probable head by alternating steps: every frame given head and camera, the head given the frames, the camera given
+    /// both.
     ///
-    /// That comes to rest slowly, for each can take over from the others, as the depth of a nose from a turn; so each turn begins with a
-    /// mixture of the last ones ([`Mixture`]). Frames that the head does not explain in the end are left out, and it is sought again.
+    /// Plain alternation converges slowly, because the unknowns can compensate each other, such as the depth of a nose and a turn. Each
+    /// iteration therefore starts from a mixture of the last ones ([`Mixture`]). Frames that the head does not explain in the end are left
+    /// out, and the fit is repeated.
     fn head(&self) -> Result<Found, PoseError> {
         let Some((first, rest)) = self.frames.split_first() else { return Err(PoseError::NoHead { frame: 0 }) };
         let usable: Vec<&Frame> = rest.iter().filter(|frame| frame.is_seen()).collect();
@@ -254,7 +255,7 @@ impl Sequence<'_> {
         }
     }
 
-    /// The head of the neutral frame and the chosen ones; frames that no pose explains from the start are no longer chosen.
+    /// Returns the head of the neutral frame and the chosen frames; removes frames that no pose explains from `chosen`.
     fn head_of(&self, first: &Frame, chosen: &mut Vec<&Frame>) -> Result<Found, PoseError> {
         let mut found = self.first_head(first, chosen)?;
         let mut mixture = Mixture::default();
@@ -271,8 +272,8 @@ impl Sequence<'_> {
         Ok(found)
     }
 
-    /// A first head from the neutral frame, where the person's own offsets count as noise, and first frames from the ones before them.
-    /// Frames that no pose explains are no longer chosen.
+    /// Returns a first head from the neutral frame, with the person's own offsets treated as noise, and first frames from the previous
+    /// ones. Removes frames that no pose explains from `chosen`.
     fn first_head(&self, first: &Frame, chosen: &mut Vec<&Frame>) -> Result<Found, PoseError> {
         let noisy = |s: &Seen| Seen { deviation: s.deviation.hypot(self.own[s.node].deviation), ..*s };
         let seen: Vec<Seen> = first.seen.iter().map(noisy).collect();
@@ -295,7 +296,7 @@ impl Sequence<'_> {
         Ok(Found { head, neutral_pose: solved.pose, frames })
     }
 
-    /// One step of the frames, then one of the head, then one of the camera's distance.
+    /// Makes one step of the frames, then one of the head, then one of the camera's distance.
     fn turn(&self, found: &mut Found, first: &Frame, chosen: &[&Frame], matrices: &mut [Matrix]) -> Result<(), PoseError> {
         let model = self.model;
         let limit = Limit { steps: 1, at_rest: 0.0 };
@@ -306,7 +307,7 @@ impl Sequence<'_> {
         let nothing = vec![Vector3::zeros(); model.node_count()];
         let mut views = vec![View { seen: &first.seen, pose: found.neutral_pose, offsets: None }];
         for ((frame, solved), matrix) in chosen.iter().zip(&mut found.frames).zip(matrices) {
-            // A frame that no pose explains any more says nothing in this turn.
+            // A frame that no pose explains is ignored in this iteration.
             let Some(stepped) = self.solve_frame(&shape, frame, solved.clone(), limit, matrix) else { continue };
             *solved = stepped;
             let offsets = shape_with(&nothing, &model.expression, &solved.coefficients);
@@ -318,7 +319,7 @@ impl Sequence<'_> {
         Ok(())
     }
 
-    /// All that is sought as numbers of like size.
+    /// Returns all unknowns as numbers of similar size.
     fn numbers(&self, found: &Found) -> DVector<f64> {
         let mut numbers = found.head.in_deviations(self.own);
         numbers.push(found.neutral_pose.distance.ln() / LOG_DISTANCE_UNIT);
@@ -368,7 +369,7 @@ impl Sequence<'_> {
         solve(shape, &self.expression, &seen, start, limit, matrix)
     }
 
-    /// Pose and expression of every frame.
+    /// Returns pose and expression of every frame.
     fn every_frame(
         &self,
         neutral: Vec<Vector3<f64>>,
@@ -405,7 +406,7 @@ impl Sequence<'_> {
             } else {
                 None
             };
-            // A frame that is not explained says nothing of the next one either.
+            // A frame that is not explained is no starting point for the next one.
             if let (Some(solved), None) = (solved, &failure) {
                 before = solved;
             }
@@ -418,7 +419,7 @@ impl Sequence<'_> {
     }
 }
 
-/// Whether a head does not explain nodes from which it lies `residual` px on the median.
+/// Whether a head with a median residual in px does not explain the nodes.
 fn is_unexplained(residual: f64, pose: &HeadPose) -> bool {
     residual > UNEXPLAINED * HEAD_ES * pose.scale
 }
@@ -428,7 +429,7 @@ fn no_expression(model: &HeadModel, pose: HeadPose) -> Solved {
 }
 
 impl Found {
-    /// Moves the camera of all frames, within [`DISTANCES`].
+    /// Sets the camera's distance of all frames, within [`DISTANCES`].
     fn set_log_distance(&mut self, log_distance: f64) {
         let [nearest, farthest] = DISTANCES.map(|distance| distance * HEAD_ES);
         let distance = log_distance.exp().clamp(nearest, farthest);
@@ -451,7 +452,7 @@ fn set_pose(pose: &mut HeadPose, numbers: &mut impl Iterator<Item = f64>) {
     pose.position = Point2::new(next(), next()) * pose.scale;
 }
 
-/// `count` of `of` frames, evenly spread, the last among them.
+/// Returns the indices of `count` of `of` frames, evenly spread, including the last.
 fn spread(of: usize, count: usize) -> Vec<usize> {
     if of <= count { (0..of).collect() } else { (1..=count).map(|k| k * of / count - 1).collect() }
 }

@@ -1,4 +1,4 @@
-//! Everything that pose needs of a wireframe, computed once.
+//! Everything that head pose needs of a wireframe, computed once.
 
 use nalgebra::Point2;
 
@@ -11,7 +11,7 @@ use crate::{
     wireframe::{Tables, Wireframe},
 };
 
-/// Fits heads to tracks and takes their motion out.
+/// Fits heads to tracks and removes their motion.
 ///
 /// ```
 /// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
@@ -33,22 +33,22 @@ pub struct HeadFitter {
 }
 
 impl HeadFitter {
-    /// A fitter for a wireframe with the head model that comes with the program.
+    /// Creates a fitter for a wireframe with the embedded head model.
     pub fn new(wireframe: &Wireframe, tables: &Tables) -> Self {
         Self::with_model(HeadModel::shipped(wireframe, tables), wireframe)
     }
 
-    /// A fitter with a head model over the wireframe's nodes.
+    /// Creates a fitter with a head model over the wireframe's nodes.
     pub fn with_model(model: HeadModel, wireframe: &Wireframe) -> Self {
         Self { model, springs: Springs::new(wireframe) }
     }
 
-    /// The head model.
+    /// Returns the head model.
     pub fn model(&self) -> &HeadModel {
         &self.model
     }
 
-    /// The wireframe fitted to the marks of a face that may be turned: `fit_turned`.
+    /// Fits the wireframe to the marks of a face that may be turned; see `fit_turned`.
     ///
     /// # Errors
     /// [`FitError`].
@@ -61,12 +61,12 @@ impl HeadFitter {
         fit_turned(&self.model, fitter, wireframe, marks)
     }
 
-    /// How far marks say that a head is turned to one side, 0 to 1: `turned_share`.
+    /// Returns how clearly the marks show a head turned to one side, 0 to 1; see `turned_share`.
     pub fn turned_share(&self, marks: &[Correspondence]) -> f64 {
         turned_share(&self.model, marks)
     }
 
-    /// Head, poses and expressions of tracked frames, the neutral one first, with the marks on it.
+    /// Fits head, poses and expressions to tracked frames, the neutral one first, with its marks.
     ///
     /// # Errors
     /// [`PoseError`].
@@ -74,7 +74,7 @@ impl HeadFitter {
         fit_head(&self.model, tables, track, marks)
     }
 
-    /// Pose and expression of further frames of a known head: `follow_head`.
+    /// Returns pose and expression of further frames of a known head; see `follow_head`.
     ///
     /// # Errors
     /// [`PoseError`].
@@ -88,7 +88,7 @@ impl HeadFitter {
         follow_head(&self.model, tables, known, track, marks)
     }
 
-    /// The track as the head would show it looking into the camera all the time, px.
+    /// Returns the track as if the head looked into the camera all the time, px.
     ///
     /// # Errors
     /// [`PoseError`] when the springs have no equilibrium or the frames make no model.

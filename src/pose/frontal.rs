@@ -1,4 +1,4 @@
-//! Tracked nodes carried back to the head that looks into the camera.
+//! Carries tracked nodes back to a head that looks into the camera.
 
 use nalgebra::{Point2, Point3, Rotation3, Vector2, Vector3};
 
@@ -11,26 +11,26 @@ use crate::{
     wireframe::{Tables, Wireframe},
 };
 
-/// Cosine between normal and line of sight below which a node counts less, and the range over which it ceases to count.
+/// Cosine between normal and line of sight at which the visibility of a node falls, and the range over which it falls to 0.
 const EDGE_ON: f64 = 0.2;
 const FADING: f64 = 0.3;
-/// Gain of the pull on a node that is seen, over the stiffness of a spring.
+/// Gain of the pull on a visible node, over the stiffness of a spring.
 const FORCE: f64 = 150.0;
 /// Standard deviation of the yaw and pitch of a neutral head, degrees.
 const ABSOLUTE: f64 = 4.0;
-/// Standard deviation of a turn against the neutral frame, degrees.
+/// Standard deviation of a turn relative to the neutral frame, degrees.
 const SMALL_TURN: f64 = 0.5;
-/// Visibility from which a node keeps its own place.
+/// Visibility from which a node keeps its own position.
 const SEEN: f64 = 0.98;
-/// Error in the image, model units, from a depth that is not known, at which a node's own place counts half.
+/// Error in the image, model units, due to unknown depth, at which a node's own position has weight one half.
 const HALF_CARRIED: f64 = 0.001;
-/// Cosine between normal and line of sight below which the skin counts as no steeper.
+/// Lower bound of the cosine between normal and line of sight: steeper skin is treated as this steep.
 const STEEPEST: f64 = 0.2;
 
-/// How well every node is seen in a pose, 0 (behind the head) to 1.
+/// Returns the visibility of every node in a pose, 0 (hidden by the head) to 1.
 ///
-/// By the angle between its normal and the line of sight; nodes at the outline, which are edge-on from the front already, count from
-/// where they are from the front.
+/// It depends on the angle between the node's normal and the line of sight. For nodes at the outline, which are edge-on even from the
+/// front, the angle is measured from their frontal one.
 pub fn visibility(model: &HeadModel, shape: &[Vector3<f64>], pose: &HeadPose) -> Vec<f64> {
     let seen = |normal: &Vector3<f64>| {
         let length = normal.norm();
@@ -44,7 +44,7 @@ pub fn visibility(model: &HeadModel, shape: &[Vector3<f64>], pose: &HeadPose) ->
     normals(model, shape).iter().map(seen).collect()
 }
 
-/// Normals of the nodes of a head, of any length, out of it; zero for a node in no triangle.
+/// Returns the outward normals of the nodes of a head, of any length; zero for a node in no triangle.
 pub(super) fn normals(model: &HeadModel, shape: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
     let mut normals = vec![Vector3::zeros(); shape.len()];
     for &[a, b, c] in &model.triangles {
@@ -55,25 +55,26 @@ pub(super) fn normals(model: &HeadModel, shape: &[Vector3<f64>]) -> Vec<Vector3<
     normals
 }
 
-/// The part of the neutral frame's yaw and pitch that is left in the models.
+/// Returns the part of the neutral frame's yaw and pitch that stays in the models.
 ///
-/// How a neutral head is turned is known from its shape alone, to some [`ABSOLUTE`] degrees, and neutral frames are frontal as a rule:
-/// of an angle `a` the share `a^2 / (a^2 + ABSOLUTE^2)` is taken out, most of a large one, little of one that may be an error.
-/// Turns against the neutral frame, which are known much better, are taken out whole.
+/// The turn of a neutral head is known from its shape alone, to [`ABSOLUTE`] degrees, and neutral frames are usually frontal. Of an angle
+/// `a` the share `a^2 / (a^2 + ABSOLUTE^2)` is removed: most of a large angle, little of one that may be an error. Turns relative to the
+/// neutral frame are known much better and are removed entirely.
 fn untrusted_turn(neutral: &HeadPose) -> Rotation3<f64> {
     let [yaw, pitch, _] = neutral.degrees();
     let share = ABSOLUTE * ABSOLUTE / (yaw * yaw + pitch * pitch + ABSOLUTE * ABSOLUTE);
     HeadPose::rotation_of(yaw * share, pitch * share, 0.0)
 }
 
-/// The angle between the directions of two heads, roll left out, degrees.
+/// Returns the angle between the directions of two heads without roll, degrees.
 fn turn_degrees(a: &HeadPose, b: &HeadPose) -> f64 {
     let direction = |pose: &HeadPose| pose.rotation * Vector3::z();
     direction(a).angle(&direction(b)).to_degrees()
 }
 
-/// How far the depth of every node may be off, a standard deviation in model units, for the fit may have put it on another place of
-/// the skin: what it may be off there in the neutral frame times the slope of the skin, the tangent between normal and line of sight.
+/// Returns the uncertainty of the depth of every node, as standard deviations in model units, because the fit may have put it on another
+/// part of the skin. It is the node's expected error in the neutral frame times the slope of the skin, the tangent between normal and line
+/// of sight.
 fn open_depths(normals: &[Vector3<f64>], neutral: &TrackedFrame, pose: &HeadPose) -> Vec<f64> {
     let open = |(normal, node): (&Vector3<f64>, &TrackedNode)| {
         let length = normal.norm();
@@ -84,8 +85,8 @@ fn open_depths(normals: &[Vector3<f64>], neutral: &TrackedFrame, pose: &HeadPose
     normals.iter().zip(&neutral.nodes).map(open).collect()
 }
 
-/// How much the own place of a node counts, 0 to 1, on a head turned by so many degrees: a turn `t` moves a node whose depth is off by
-/// `d` by `d sin t` in the image. Nodes that landmarks or a hand placed tell no error, and count whole.
+/// Returns the weight of a node's own position, 0 to 1, on a head turned by `turn` degrees: a turn `t` moves a node whose depth is off by
+/// `d` by `d sin t` in the image. Nodes placed by landmarks or by hand have no expected error, and full weight.
 fn own_share(node: &TrackedNode, open_depth: f64, turn: f64) -> f64 {
     if node.expected_error.is_none() || node.state == NodeState::Corrected {
         return 1.0;
@@ -93,14 +94,14 @@ fn own_share(node: &TrackedNode, open_depth: f64, turn: f64) -> f64 {
     1.0 / (1.0 + (open_depth * turn.to_radians().sin() / HALF_CARRIED).powi(2))
 }
 
-/// The nodes of all frames as the same head would show them looking into the same camera: px of the size of the neutral frame, y
+/// Returns the nodes of all frames as the same head would show them looking into the same camera: px at the size of the neutral frame, y
 /// down.
 ///
-/// Turns below `SMALL_TURN` cannot be told from none: a frame counts as turned by the share `t^2 / (t^2 + SMALL_TURN^2)` of its turn t
-/// against the neutral frame. A node that was tracked goes back along its line of sight to the depth of the fitted head. Nodes that
-/// were not seen (no landmark stands for them, or the head hides them) take their offset from neutral from those around them by the
-/// springs; so do, the more the head turns, nodes on steep skin whose place in the neutral frame is not well known. In a picture the
-/// springs are at rest where the fitted expression has the nodes.
+/// Turns below `SMALL_TURN` cannot be distinguished from none: of a turn t relative to the neutral frame, the share `t^2 / (t^2 +
+/// SMALL_TURN^2)` is removed. A tracked node goes back along its line of sight to the depth of the fitted head. Nodes that were not
+/// observed (without a landmark, or hidden by the head) get their offset from neutral from their neighbours by the springs. The same holds,
+/// increasingly with the turn, for nodes on steep skin with an uncertain position in the neutral frame. For a track from pictures the rest
+/// positions of the springs are those of the fitted expression.
 ///
 /// # Errors
 /// [`SpringError`] when the springs have no equilibrium.
@@ -119,14 +120,14 @@ pub fn frontalized(
     let open_depths =
         track.first().map(|frame| open_depths(&normals(model, &fit.neutral), frame, neutral_pose)).unwrap_or_default();
     let mut neutral: Vec<Point2<f64>> = Vec::new();
-    // Marks and not nodes are followed, and what they moved moves the nodes: see `mark_shifts`.
+    // Marks are followed instead of nodes, and their motion moves the nodes: see `mark_shifts`.
     let mut from_mark: Vec<Vector2<f64>> = Vec::new();
     let mut out = Vec::with_capacity(track.len());
     for (m, frame) in track.iter().enumerate() {
         let (pose, shape) = (&fit.poses[m], &fit.shapes[m]);
         let turn = turn_degrees(neutral_pose, pose);
         let turned_share = turn * turn / (turn * turn + SMALL_TURN * SMALL_TURN);
-        // Without a turn of the head a similarity takes the frame onto the neutral one.
+        // Without a turn of the head, a similarity maps the frame onto the neutral one.
         let still = corners.similarity(&seen_in(frame), &seen_neutral).unwrap_or_else(|_| Similarity::identity());
         let carried = |k: usize, seen: Point2<f64>| {
             let turned = front.project(&pose.back(&seen, pose.turned(&shape[k]).z));
@@ -202,7 +203,7 @@ mod tests {
         let nodes = vec![node(Some(2.0)), node(Some(2.0)), node(Some(2.0)), node(None)];
         let normals = [Vector3::z(), Vector3::new(-3.0, 0.0, 3.0), Vector3::x(), Vector3::x()];
         let open = open_depths(&normals, &TrackedFrame { number: 1, nodes }, &pose);
-        // Flat, 45 degrees (a slope of 1), edge-on (a slope of sqrt(1 / 0.04 - 1) at most), and one of which no error is known.
+        // Flat, 45 degrees (slope 1), edge-on (slope at most sqrt(1 / 0.04 - 1)), and one without expected error.
         let expected = [0.0, 0.02, 0.02 * 24.0_f64.sqrt(), 0.0];
         assert!(open.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{open:?}");
     }
@@ -214,7 +215,7 @@ mod tests {
         assert_eq!((share(0.02, 0.0), share(0.0, 20.0)), (1.0, 1.0));
         // 0.002 sin 30 = 0.001 halves it, 0.006 sin 30 = 0.003 leaves a tenth.
         assert!((share(0.002, 30.0) - 0.5).abs() < 1e-12 && (share(0.006, 30.0) - 0.1).abs() < 1e-12);
-        // What landmarks say, and what a hand corrected, is taken as it is.
+        // Positions from landmarks and hand-set corrections are kept.
         let landmark = TrackedNode { expected_error: None, ..tracked };
         let corrected = TrackedNode { state: NodeState::Corrected, ..tracked };
         assert_eq!([landmark, corrected].map(|node| own_share(&node, 0.02, 20.0)), [1.0; 2]);

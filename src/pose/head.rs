@@ -1,4 +1,4 @@
-//! What heads look like in three dimensions, and how expressions move their nodes.
+//! Linear model of heads in three dimensions and of how expressions move their nodes.
 
 use std::sync::LazyLock;
 
@@ -12,17 +12,17 @@ use crate::{
 
 /// Standard deviation of Candide's shape units among people.
 const SHAPE_UNIT_DEVIATION: f64 = 0.15;
-/// Standard deviation of the share of Candide's own neutral in a head.
+/// Standard deviation of the weight of Candide's own neutral in a head.
 const CANDIDE_DEVIATION: f64 = 0.2;
-/// Standard deviation of an expression shape that both sides show alike, and of the difference of its sides.
+/// Standard deviation of the strength of an expression shape common to both sides, and of the difference between the sides.
 const EXPRESSION_DEVIATION: f64 = 0.4;
 const ONE_SIDED_DEVIATION: f64 = 0.15;
 /// Standard deviation of Candide's action units.
 const ACTION_UNIT_DEVIATION: f64 = 0.3;
-/// Share of the variance of expressions that the directions leave out.
+/// Share of the variance of expressions that the kept directions may omit.
 const LEFT_OUT: f64 = 2e-3;
 
-/// Offsets of all nodes with a name, model units.
+/// Offsets of all nodes for a named shape, model units.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NamedOffsets {
     /// Name of the shape.
@@ -33,8 +33,8 @@ pub struct NamedOffsets {
 
 /// A linear model of heads over the N nodes of a wireframe, model units, face space, origin in the middle of the head.
 ///
-/// A neutral head is `mean + sum_j a_j identity_j + r`, an expression adds `sum_k e_k expression_k`; `a` and `e` are independent with
-/// mean 0 and standard deviation 1, `r` is each person's own.
+/// A neutral head is `mean + sum_j a_j identity_j + r`; an expression adds `sum_k e_k expression_k`. `a` and `e` are independent with mean
+/// 0 and standard deviation 1; `r` is the person's own offset.
 ///
 /// ```
 /// use grimace::{pose::HeadModel, wireframe::Face};
@@ -48,33 +48,33 @@ pub struct NamedOffsets {
 pub struct HeadModel {
     /// Mean head.
     pub mean: Vec<Vector3<f64>>,
-    /// How heads differ, each at one standard deviation.
+    /// Modes of identity, each at one standard deviation.
     pub identity: Vec<Vec<Vector3<f64>>>,
-    /// How expressions move the nodes, each at one standard deviation.
+    /// Directions of expression, each at one standard deviation.
     pub expression: Vec<Vec<Vector3<f64>>>,
-    /// The named shapes that the expressions were made from.
+    /// Named shapes from which the expression directions were computed.
     pub shapes: Vec<NamedOffsets>,
     /// Middle of the head, the mean of the 68 landmarks, in the wireframe's own face space: the optical axis goes through it.
     pub middle: Point3<f64>,
-    /// Nodes of the irises, which landmarks and expressions say nothing of.
+    /// Nodes of the irises, which landmarks and expressions do not determine.
     pub irises: [Vec<NodeId>; 2],
     pub(super) triangles: Vec<[NodeId; 3]>,
     pub(super) live: Vec<NodeId>,
 }
 
-/// The learned head that comes with the program.
+/// The learned head embedded in the program.
 static SHIPPED: LazyLock<LearnedHead> = LazyLock::new(file::embedded);
 
 impl HeadModel {
-    /// The model that comes with the program (`candide/head_model.json`) over the nodes of a wireframe.
+    /// Returns the embedded model (`candide/head_model.json`) over the nodes of a wireframe.
     ///
-    /// Of a wireframe with more nodes than Candide-3 the further ones have the wireframe's own place and do not move.
+    /// If the wireframe has more nodes than Candide-3, the additional nodes keep the wireframe's position and do not move.
     pub fn shipped(wireframe: &Wireframe, tables: &Tables) -> Self {
         Self::new(&SHIPPED, wireframe, tables)
     }
 
-    /// The model of a learned head over the nodes of a wireframe: the learned modes, Candide's own neutral and shape units as further ways
-    /// in which heads differ, and the learned expressions beside Candide's action units.
+    /// Creates the model of a learned head over the nodes of a wireframe. Its modes of identity are the learned ones plus Candide's own
+    /// neutral and shape units; its expressions are the learned ones plus Candide's action units.
     pub fn new(learned: &LearnedHead, wireframe: &Wireframe, tables: &Tables) -> Self {
         let count = wireframe.node_count();
         let all = |offsets: &[Vector3<f64>]| -> Vec<Vector3<f64>> {
@@ -114,7 +114,7 @@ impl HeadModel {
         }
     }
 
-    /// Number of nodes N.
+    /// Returns the number of nodes N.
     pub fn node_count(&self) -> usize {
         self.mean.len()
     }
@@ -126,7 +126,7 @@ fn unit_offsets(offsets: &[(NodeId, Vector3<f64>)], count: usize, factor: f64) -
     all
 }
 
-/// Independent directions of one standard deviation each: both sides alike, and their difference.
+/// Returns independent directions of one standard deviation each: sum and difference of both sides.
 fn spread_of(shapes: &[NamedOffsets]) -> Vec<Vec<Vector3<f64>>> {
     let mut spread = Vec::new();
     for shape in shapes {
@@ -148,7 +148,7 @@ fn spread_of(shapes: &[NamedOffsets]) -> Vec<Vec<Vector3<f64>>> {
     spread
 }
 
-/// The principal directions of `sum_j e_j spread_j`, each at one standard deviation, as far as they matter.
+/// Returns the principal directions of `sum_j e_j spread_j`, each at one standard deviation, without the negligible ones.
 fn principal(spread: &[Vec<Vector3<f64>>], live: &[NodeId]) -> Vec<Vec<Vector3<f64>>> {
     let dot = |a: &[Vector3<f64>], b: &[Vector3<f64>]| live.iter().map(|n| a[n.index()].dot(&b[n.index()])).sum::<f64>();
     let gram = DMatrix::from_fn(spread.len(), spread.len(), |i, j| dot(&spread[i], &spread[j]));

@@ -1,9 +1,9 @@
-//! Learning what heads look like from a dense face model: its neutral mesh, identity modes and expression shapes, on Candide's nodes.
+//! Learns a head model from a dense face model: its neutral mesh, identity modes and expression shapes, on Candide's nodes.
 //!
-//! Nodes that stand for one landmark (confidence high and medium) take the landmark's vertex. For the others the neutral Candide-3 is
-//! warped onto the mesh through these (the biharmonic spline with an affine part), and the nearest vertex is taken; the irises, where a
-//! mesh has holes, stay where the warp puts them and move with the corners of their eye. The mean head is made symmetric, brought to
-//! Candide's size (ES0) and placed by the points that expressions do not move. It is not turned: frontal is what the model calls frontal.
+//! Nodes that stand for one landmark (confidence high and medium) take the landmark's vertex. For the other nodes, the neutral Candide-3 is
+//! warped onto the mesh through these (biharmonic spline with an affine part), and the nearest vertex is taken. Irises, where a mesh has
+//! holes, keep their warped position and move with the corners of their eye. The mean head is made symmetric, scaled to Candide's size
+//! (ES0), and aligned by the points that expressions do not move. It is not rotated: the frontal direction is that of the face model.
 
 use nalgebra::Vector3;
 
@@ -15,13 +15,13 @@ use crate::{
     wireframe::{Fapus, FapusError, LandmarkConfidence, Tables, Wireframe},
 };
 
-/// Identity modes learned from where nothing else is asked for.
+/// Default number of identity modes.
 pub const IDENTITY_MODES: usize = 15;
 
-/// Weight of depth when the nearest vertex is looked for: Candide-3's depth is the coarsest of its coordinates.
+/// Weight of depth in the search for the nearest vertex: Candide-3's depth is its least accurate coordinate.
 const DEPTH_WEIGHT: f64 = 0.5;
 
-/// What was learned: a mean head, how heads differ, and how expressions move them, over Candide-3's nodes, model units, face space.
+/// A learned head over Candide-3's nodes, model units, face space: a mean, modes of identity and expression shapes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LearnedHead {
     /// Mean head.
@@ -32,7 +32,7 @@ pub struct LearnedHead {
     pub expressions: Vec<NamedOffsets>,
 }
 
-/// A dense face model: a neutral mesh, how people differ from it, and how expressions move it. V vertices each.
+/// A dense face model: a neutral mesh, modes of identity, and expression shapes. V vertices each.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DenseFaces {
     /// Neutral mesh; x to the subject's left, y up, z out of the face, any unit.
@@ -77,19 +77,19 @@ pub enum LearnHeadError {
     Fapus(#[from] FapusError),
 }
 
-/// Where a node lies on a dense mesh.
+/// Position of a node on a dense mesh.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Binding {
     /// On a vertex.
     Vertex(usize),
-    /// At a place of its own that moves with these vertices in the mean.
+    /// At a fixed position that moves with the mean of these vertices.
     With(Vector3<f64>, Vec<usize>),
 }
 
-/// Binds every node of Candide-3 to a mesh of which the vertices of the 68 landmarks are known.
+/// Binds every node of Candide-3 to a mesh with known vertices of the 68 landmarks.
 ///
 /// # Errors
-/// A sentence when the landmarks do not determine a warp.
+/// A message, if the landmarks do not determine a warp.
 pub fn bind_nodes(
     positions: &[[f32; 3]],
     landmarks: &[u32],
@@ -110,7 +110,7 @@ pub fn bind_nodes(
             bound[node.index()] = Some(at);
         }
         let source = row.nodes.iter().map(|&(n, w)| node_place(n) * w).sum();
-        // Candide-3's inner lips coincide in neutral: one of the two says where they are.
+        // Candide-3's inner lips coincide in the neutral shape: one of the two nodes defines the position.
         if !from.contains(&source) {
             from.push(source);
             to.push(place(at));
@@ -144,7 +144,7 @@ pub fn bind_nodes(
 }
 
 impl Binding {
-    /// Where the node is on the mesh.
+    /// Returns the position of the node on the mesh.
     pub fn place(&self, positions: &[[f32; 3]]) -> Vector3<f64> {
         match self {
             Self::Vertex(v) => Vector3::from(positions[*v].map(f64::from)),
@@ -152,7 +152,7 @@ impl Binding {
         }
     }
 
-    /// How the node moves with displacements of the mesh.
+    /// Returns the displacement of the node for displacements of the mesh.
     pub fn moves(&self, displacements: &[[f32; 3]]) -> Vector3<f64> {
         match self {
             Self::Vertex(v) => Vector3::from(displacements[*v].map(f64::from)),
@@ -164,7 +164,7 @@ impl Binding {
     }
 }
 
-/// Learns a head from a face model, of whose identity modes the first `modes` are used. Gives the BLAKE3 of what was used beside it.
+/// Learns a head from the first `modes` identity modes of a face model. Also returns the BLAKE3 of the data used.
 ///
 /// # Errors
 /// [`LearnHeadError`].

@@ -1,29 +1,29 @@
-//! Steps that come to rest sooner.
+//! Anderson acceleration of a fixed-point iteration.
 
 use nalgebra::{DMatrix, DVector};
 
-/// Steps that a mixture remembers.
+/// Number of steps that a mixture keeps.
 const MEMORY: usize = 12;
-/// A change this many times the one before makes the mixture begin anew.
+/// Factor of growth of the change from one step to the next that restarts the mixture.
 const ASTRAY: f64 = 4.0;
-/// Ridge over the largest of the sums of squares: what a difference below it says is rounding.
+/// Ridge over the largest of the sums of squares; smaller differences are rounding errors.
 const RIDGE: f64 = 1e-10;
 
-/// Anderson's mixture of the last steps of `x <- f(x)`: the combination of them whose changes `f(x) - x` would cancel best.
+/// Anderson mixture of the last steps of `x <- f(x)`: the combination of them whose changes `f(x) - x` would cancel best.
 ///
 /// D. G. Anderson: *Iterative procedures for nonlinear integral equations*, J. ACM 12, 1965, in the form of H. F. Walker, P. Ni:
 /// *Anderson acceleration for fixed-point iterations*, SIAM J. Numer. Anal. 49, 2011.
 #[derive(Debug, Default)]
 pub(super) struct Mixture {
-    /// Changes and results, the latest last.
+    /// Changes and results, latest last.
     steps: Vec<(DVector<f64>, DVector<f64>)>,
 }
 
 impl Mixture {
-    /// Where to go on from, when a step led from `before` to `after`.
+    /// Returns the next starting point after a step from `before` to `after`.
     pub fn next(&mut self, before: &DVector<f64>, after: DVector<f64>) -> DVector<f64> {
         let change = &after - before;
-        // A step that leads astray says nothing of the rest.
+        // After a diverging step, the previous steps are discarded.
         if self.steps.last().is_some_and(|(last, _)| change.norm() > ASTRAY * last.norm()) {
             self.steps.clear();
         }
@@ -54,7 +54,7 @@ mod tests {
 
     #[test]
     fn a_linear_step_comes_to_rest_in_as_many_turns_as_it_has_dimensions() {
-        // x <- A x + b with slow directions: alone it needs hundreds of turns.
+        // x <- A x + b with slow directions: plain iteration needs hundreds of steps.
         let by = DVector::from_vec(vec![0.99, 0.9, -0.5]);
         let step = |x: &DVector<f64>| x.component_mul(&by) + DVector::from_element(3, 1.0);
         let (mut mixture, mut x) = (Mixture::default(), DVector::zeros(3));

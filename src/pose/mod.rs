@@ -1,13 +1,13 @@
-//! The head in three dimensions: its pose in every frame of a track, and the track without it.
+//! Head pose: the head in three dimensions in every frame of a track, and the track without its motion.
 //!
-//! Candide-3 is a three-dimensional model, and a head that turns by ten degrees while it smiles moves its nodes further than the smile
-//! does. A [`HeadModel`] says what neutral heads look like, with depth, and how expressions move their nodes; [`fit_head`] finds the
-//! person's neutral head and, in every frame, its pose and expression, all together; [`frontalized`] carries every tracked node back to
-//! where it would be seen on the same head looking into the camera.
+//! Candide-3 is a three-dimensional model. A head that turns by ten degrees during a smile moves its nodes further than the smile does. A
+//! [`HeadModel`] describes neutral heads, with depth, and how expressions move their nodes. [`fit_head`] finds the person's neutral head
+//! together with pose and expression in every frame. [`frontalized`] carries every tracked node back to its position on the same head
+//! looking into the camera.
 //!
 //! # Camera
-//! Perspective, the camera [`CAMERA_DISTANCE`] eye distances away, its optical axis through the middle of the head (the mean of the 68
-//! landmarks): angles are those against the line of sight to the head. Sizes are those at that middle.
+//! Perspective, with the camera [`CAMERA_DISTANCE`] eye distances away and its optical axis through the middle of the head (the mean of the
+//! 68 landmarks). Angles are relative to the line of sight to the head; sizes are those at that middle.
 //!
 //! # Angles
 //! Degrees. `R = Rz(roll) Ry(yaw) Rx(pitch)` takes face space (x to the subject's left, y up, z out of the face) to the axes of the

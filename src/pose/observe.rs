@@ -1,4 +1,4 @@
-//! What a track says of a head: the nodes seen in every frame with their expected errors, and a first pose.
+//! Observations of a head in a track: visible nodes of every frame with their standard deviations, and a first pose.
 
 use nalgebra::{Matrix3, Point2, Vector2, Vector3};
 
@@ -14,21 +14,22 @@ use crate::{
 
 /// Standard deviation of a tracked node, model units: 1 % of the eye distance.
 const TRACKED: f64 = 0.006;
-/// The same of a node that the springs placed.
+/// Standard deviation of a node that the springs placed, model units.
 const RECOVERED: f64 = 0.06;
-/// What a node's expected error counts on top, over its standard deviation. Neighbours are off to the same side, and so is a node in
-/// all frames: taken for independent, the skin of the forehead would tell how far the camera is. Of 2, 3, 4 and 6 times four times
-/// leaves least of a turn in simulated people.
+/// Factor on a node's expected error when it is added to its standard deviation. Errors of neighbours, and of one node over the frames, are
+/// correlated; treated as independent, the skin of the forehead would determine the camera's distance. Of the factors 2, 3, 4 and 6, 4
+/// leaves the smallest error of a turn in simulated people.
 const ALIKE: f64 = 4.0;
-/// Standard deviation of each person's own offset of a node that was marked, beyond the modes: of heads whose depth the modes do not
-/// know, half as much turns the head instead.
+/// Standard deviation of the person's own offset of a marked node, beyond the modes, model units. If it is halved, heads with depth outside
+/// the modes are explained by a turn instead.
 const OWN_MARKED: f64 = 0.015;
-/// The same of one that was not, along the skin and across it: such a node may lie on another place of the skin, but it lies on the skin.
+/// Standard deviations of an unmarked node's own offset, along the skin and (`OWN_ACROSS`) across it: it may lie on another part of the
+/// skin, but it lies on the skin.
 const OWN_ALONG: f64 = 0.025;
 const OWN_ACROSS: f64 = 0.02;
-/// Fewest nodes seen that give a pose.
+/// Fewest visible nodes for a pose.
 pub(super) const FEWEST_SEEN: usize = 6;
-/// What is seen of one frame.
+/// Observations in one frame.
 pub(super) struct Frame {
     pub number: u32,
     pub seen: Vec<Seen>,
@@ -40,10 +41,9 @@ impl Frame {
     }
 }
 
-/// How far every node's mark lies from its node, px, in every frame: as in the neutral one, turned and sized with the face.
+/// Returns the offset from every node to its mark, px, in every frame: that of the neutral frame, rotated and scaled with the face.
 ///
-/// A node that was fitted need not lie where its mark is, and moves as the mark would. Nodes without a mark, and those that were
-/// corrected by hand, have no shift.
+/// A fitted node may differ from its mark, and moves as the mark would. Nodes without a mark, and nodes corrected by hand, have no offset.
 pub(super) fn mark_shifts(
     model: &HeadModel,
     tables: &Tables,
@@ -71,8 +71,8 @@ pub(super) fn mark_shifts(
     track.iter().map(turned).collect()
 }
 
-/// The nodes that the tracker placed, each where its mark would be. `scale`: px of a model unit of the neutral head; the neutral frame
-/// itself has none.
+/// Returns the nodes that the tracker placed, each at the position of its mark. `scale`: px per model unit of the neutral head; `None` for
+/// the neutral frame.
 ///
 /// # Errors
 /// [`PoseError::NodeCount`] for a frame of another wireframe.
@@ -106,10 +106,10 @@ pub(super) fn observe(
     Ok(Frame { number: frame.number, seen })
 }
 
-/// How each person's own offset of a node is distributed: normal, with mean 0.
+/// Normal distribution, with mean 0, of a person's own offset of a node.
 #[derive(Clone, Copy)]
 pub(super) struct Own {
-    /// The largest standard deviation.
+    /// Largest standard deviation.
     pub deviation: f64,
     /// Square root of the covariance, its inverse, and the inverse of the covariance.
     pub spread: Matrix3<f64>,
@@ -118,7 +118,7 @@ pub(super) struct Own {
 }
 
 impl Own {
-    /// Standard deviations along a surface with a normal of length 1, and across it.
+    /// Creates a distribution with standard deviations along a surface with a unit normal, and across it.
     fn new(along: f64, across: f64, normal: &Vector3<f64>) -> Self {
         let across_share = normal * normal.transpose();
         let along_share = Matrix3::identity() - across_share;
@@ -127,10 +127,10 @@ impl Own {
     }
 }
 
-/// Each person's own offset by node; a model unit of the neutral head is `scale` px.
+/// Returns the distribution of the person's own offset of every node; a model unit of the neutral head is `scale` px.
 ///
-/// A mark that may be off (a found one is, by several pixels) lies that far on another place of the skin, in every frame alike, and
-/// says nothing of how deep it lies: taken at its word it would turn the head. What a hand is off is in [`OWN_MARKED`].
+/// A mark with an error (a located one has several pixels) lies on another part of the skin, equally in all frames, and does not determine
+/// its depth there: taken as exact, it would turn the head. The error of hand-set marks is included in [`OWN_MARKED`].
 pub(super) fn own_offsets(model: &HeadModel, neutral: &TrackedFrame, scale: f64) -> Vec<Own> {
     let own = |(node, normal): (&TrackedNode, &Vector3<f64>)| {
         let normal = normal.try_normalize(1e-12).unwrap_or_else(Vector3::z);
@@ -145,7 +145,7 @@ pub(super) fn own_offsets(model: &HeadModel, neutral: &TrackedFrame, scale: f64)
     neutral.nodes.iter().zip(&normals(model, &model.mean)).map(own).collect()
 }
 
-/// A frontal pose by the similarity of the points that expressions do not move.
+/// Returns a frontal pose from the similarity of the points that expressions do not move.
 pub(super) fn rough_pose(model: &HeadModel, tables: &Tables, frame: &TrackedFrame) -> Result<HeadPose, PoseError> {
     let stable = stable_nodes(tables, model.node_count());
     let face: Vec<Point2<f64>> = stable.iter().map(|&k| frontal(model, k)).collect();
@@ -153,15 +153,15 @@ pub(super) fn rough_pose(model: &HeadModel, tables: &Tables, frame: &TrackedFram
     Ok(pose_of(&Similarity::fit(&face, &seen, None)?))
 }
 
-/// A node of the mean head from the front, y down.
+/// Returns a node of the mean head from the front, y down.
 pub(super) fn frontal(model: &HeadModel, k: usize) -> Point2<f64> {
     Point2::new(model.mean[k].x, -model.mean[k].y)
 }
 
-/// The frontal pose of a similarity from the frontal head to the image, y down in both.
+/// Returns the frontal pose of a similarity from the frontal head to the image, y down in both.
 pub(super) fn pose_of(placed: &Similarity) -> HeadPose {
     HeadPose {
-        // The similarity turns with y down.
+        // The similarity's angle is measured with y down.
         rotation: HeadPose::rotation_of(0.0, 0.0, -placed.angle.to_degrees()),
         scale: placed.scale,
         position: placed.apply(&Point2::origin()),
@@ -192,7 +192,7 @@ mod tests {
         let deviation = |own: &Own, along: &Vector3<f64>| (own.spread * along).norm();
         assert!((deviation(&own[5], &aside) - 0.025).abs() < 1e-12);
         assert!((deviation(&own[5], &normal) - OWN_MARKED).abs() < 1e-12);
-        // One that is off by little is the same in every direction; a node without one may lie further off, but not much deeper.
+        // A small error is the same in every direction; a node without a mark may be further off along the skin, but not much deeper.
         assert!((deviation(&own[7], &aside) - OWN_MARKED).abs() < 1e-12);
         assert_eq!([own[5].deviation, own[6].deviation, own[7].deviation], [0.025, OWN_ALONG, OWN_MARKED]);
     }
@@ -213,7 +213,7 @@ mod tests {
             seen.iter().find(|s| s.node == node).unwrap().deviation
         };
         assert!((deviation(5, Some(scale)) - TRACKED.hypot(0.01 * ALIKE)).abs() < 1e-12);
-        // Of the neutral frame, and of tracks from landmarks, nothing of the kind is known.
+        // The neutral frame, and tracks from landmarks, have no expected errors.
         assert_eq!([deviation(5, None), deviation(7, Some(scale))], [TRACKED; 2]);
     }
 }

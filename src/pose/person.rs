@@ -1,4 +1,4 @@
-//! The person's head given what is seen of it in posed frames: one step of its coefficients and own offsets, and of the camera's distance.
+//! Fits the person's head to frames with known poses: one step of its coefficients and own offsets, and of the camera's distance.
 
 use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix3, Vector2, Vector3};
 
@@ -11,16 +11,16 @@ use crate::least_squares::{Rows, add_mixture};
 
 /// Standard deviation of the logarithm of the distance.
 const LOG_DISTANCE_DEVIATION: f64 = 1.0;
-/// One frame as seen by the head: its pose and the offsets of its expression.
+/// One frame as an observation of the head: its pose and the offsets of its expression.
 pub(super) struct View<'a> {
     pub seen: &'a [Seen],
     pub pose: HeadPose,
-    /// The expression's, by node; none in the neutral frame.
+    /// Offsets of the expression by node; `None` in the neutral frame.
     pub offsets: Option<Vec<Vector3<f64>>>,
 }
 
 impl View<'_> {
-    /// A seen node of a head as the face is turned, and what is left from there to where it is seen, px.
+    /// Returns a visible node of a head in camera axes, and the residual from its projection to its observed position, px.
     fn explained(&self, shape: &[Vector3<f64>], seen: &Seen) -> (Vector3<f64>, Vector2<f64>) {
         let place = shape[seen.node] + self.offsets.as_ref().map_or_else(Vector3::zeros, |o| o[seen.node]);
         let turned = self.pose.turned(&place);
@@ -32,11 +32,11 @@ impl View<'_> {
 #[derive(Clone)]
 pub(super) struct Head {
     pub coefficients: DVector<f64>,
-    /// From the modes to this person, by node, model units.
+    /// Offsets of this person from the modes, by node, model units.
     pub own: Vec<Vector3<f64>>,
 }
 
-/// What the views say of the place of one node: `sum J'J` and `sum J'(seen - explained)`, weighted.
+/// Information of the views on the position of one node: `sum J'J` and `sum J'(seen - explained)`, weighted.
 #[derive(Clone, Copy)]
 struct Evidence {
     normal: Matrix3<f64>,
@@ -44,7 +44,7 @@ struct Evidence {
 }
 
 impl Head {
-    /// Coefficients and own offsets, each over its standard deviation.
+    /// Returns coefficients and own offsets, each over its standard deviation.
     pub fn in_deviations(&self, own: &[Own]) -> Vec<f64> {
         let offsets = self.own.iter().zip(own).flat_map(|(offset, own)| <[f64; 3]>::from(own.per_spread * offset));
         self.coefficients.iter().copied().chain(offsets).collect()
@@ -58,8 +58,8 @@ impl Head {
 
     /// Solves for the head given poses and expressions.
     ///
-    /// The person's own offsets are integrated out of the system for the coefficients: a node whose views determine it by `H` counts
-    /// with `(H^-1 + C)^-1`, C the covariance of its own offset.
+    /// The person's own offsets are integrated out of the system for the coefficients: a node that its views determine with precision `H`
+    /// has the precision `(H^-1 + C)^-1`, where C is the covariance of its own offset.
     pub fn improve(&mut self, model: &HeadModel, identity: &Directions, views: &[View<'_>], own: &[Own]) {
         let shape = self.shape(model);
         let nothing = Evidence { normal: Matrix3::zeros(), right: Vector3::zeros() };
@@ -80,7 +80,7 @@ impl Head {
         let mut right = -self.coefficients.clone();
         let (mut rows, mut counted_rows) = (Rows::new(count), Rows::new(count));
         for (k, e) in evidence.iter().enumerate() {
-            // With precision P = C^-1 the offset's best answer is (H + P)^-1 (b - P r); what is left for the coefficients:
+            // With precision P = C^-1 the optimal offset is (H + P)^-1 (b - P r); the remainder for the coefficients:
             let precision = own[k].precision;
             let Some(inverse) = (e.normal + precision).try_inverse() else { continue };
             let counted = e.normal - e.normal * inverse * e.normal;
@@ -93,7 +93,7 @@ impl Head {
             }
         }
         counted_rows.add_products(&rows, &mut normal);
-        // Of the matrix only the lower triangle is read.
+        // Only the lower triangle of the matrix is read.
         let Some(step) = normal.cholesky().map(|factor| factor.solve(&right)) else { return };
         for (k, e) in evidence.iter().enumerate() {
             let precision = own[k].precision;
@@ -107,7 +107,7 @@ impl Head {
     }
 }
 
-/// By how much the logarithm of the camera's distance is to change, all else given.
+/// Returns the change of the logarithm of the camera's distance, with everything else fixed.
 pub(super) fn log_distance_step(shape: &[Vector3<f64>], views: &[View<'_>]) -> f64 {
     let precision = LOG_DISTANCE_DEVIATION.powi(-2);
     let distance = views.first().map_or(CAMERA_DISTANCE * HEAD_ES, |view| view.pose.distance);

@@ -1,4 +1,4 @@
-//! One frame: pose and the coefficients of some directions of shape, the maximum a posteriori by Gauss-Newton.
+//! Fits one frame: pose and the coefficients of some directions of shape, maximum a posteriori by Gauss-Newton.
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2x3, Point2, SMatrix, Vector2, Vector3};
 
@@ -9,33 +9,33 @@ use crate::least_squares::{Rows, add_mixture};
 const LARGEST_TURN: f64 = 0.2;
 /// Residual, in standard deviations, beyond which a node counts as an outlier.
 const OUTLIER: f64 = 3.0;
-/// Numbers of a pose.
+/// Number of parameters of a pose.
 const POSE: usize = 6;
-/// Steps that begin with a matrix each.
+/// Number of first steps that each compute a new matrix.
 const FIRST: usize = 2;
-/// Steps that the matrix of a later one serves.
+/// Number of later steps that share a matrix.
 const SERVES: usize = 8;
 
 /// One observed node.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Seen {
-    /// Which.
+    /// Index of the node.
     pub node: usize,
-    /// Where, px.
+    /// Observed position, px.
     pub at: Point2<f64>,
-    /// Standard deviation in x and in y, model units; the smaller the more it counts.
+    /// Standard deviation in x and in y, model units.
     pub deviation: f64,
 }
 
-/// The answer for one frame.
+/// Solution for one frame.
 #[derive(Clone, Debug)]
 pub(super) struct Solved {
     pub pose: HeadPose,
-    /// Coefficients of the directions, standard deviations.
+    /// Coefficients of the directions, in standard deviations.
     pub coefficients: DVector<f64>,
 }
 
-/// The shape with the directions added.
+/// Returns the shape with the directions added.
 pub(super) fn shape_with(
     base: &[Vector3<f64>],
     directions: &[Vec<Vector3<f64>>],
@@ -48,21 +48,21 @@ pub(super) fn shape_with(
     shape
 }
 
-/// Weight of a residual of `ratio` standard deviations against a small one (Cauchy).
+/// Returns the (Cauchy) weight of a residual of `ratio` standard deviations relative to a small one.
 pub(super) fn robust(ratio: f64) -> f64 {
     1.0 / (1.0 + (ratio / OUTLIER).powi(2))
 }
 
-/// When [`solve`] ends.
+/// Stopping criteria of [`solve`].
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Limit {
-    /// Steps of Gauss-Newton at most.
+    /// Largest number of Gauss-Newton steps.
     pub steps: usize,
-    /// A step below this is the last: radians, logarithms, standard deviations.
+    /// Iteration ends below this step: radians, logarithms, standard deviations.
     pub at_rest: f64,
 }
 
-/// Directions of shape, node by node, as [`solve`] wants them: all x, all y, all z of a node behind each other.
+/// Directions of shape, node by node, in the layout of [`solve`]: for each node all x, then all y, then all z.
 #[derive(Clone, Debug)]
 pub(super) struct Directions {
     count: usize,
@@ -70,25 +70,25 @@ pub(super) struct Directions {
 }
 
 impl Directions {
-    /// From one list of nodes a direction.
+    /// Creates directions from one list of nodes per direction.
     pub fn new(directions: &[Vec<Vector3<f64>>], nodes: usize) -> Self {
         let of_node = |k: usize| (0..3).flat_map(move |axis| directions.iter().map(move |d| d[k][axis]));
         Self { count: directions.len(), by_node: (0..nodes).flat_map(of_node).collect() }
     }
 
-    /// No direction at all.
+    /// Creates an empty set of directions.
     pub fn none() -> Self {
         Self { count: 0, by_node: Vec::new() }
     }
 
-    /// x, y and z of a node in all directions.
+    /// Returns x, y and z of a node in all directions.
     pub fn of(&self, node: usize) -> [&[f64]; 3] {
         let n = self.count;
         [0, 1, 2].map(|axis| &self.by_node[(3 * node + axis) * n..(3 * node + axis + 1) * n])
     }
 }
 
-/// The sums of products of three lists with a fourth one. Each adds up in order; side by side none waits for itself.
+/// Returns the sums of products of three lists with a fourth one. Each is added in order; the three sums run in parallel.
 pub(super) fn dots([x, y, z]: [&[f64]; 3], with: &[f64]) -> [f64; 3] {
     let mut sums = [0.0; 3];
     for (((x, y), z), with) in x.iter().zip(y).zip(z).zip(with) {
@@ -99,9 +99,9 @@ pub(super) fn dots([x, y, z]: [&[f64]; 3], with: &[f64]) -> [f64; 3] {
     sums
 }
 
-/// The least-squares problem of one step: a row for x and one for y of every node, and the normal equations.
+/// Least-squares problem of one step: a row for x and one for y of every node, and the normal equations.
 struct System {
-    /// Rows of the Jacobian over their standard deviations.
+    /// Rows of the Jacobian over the standard deviations.
     rows: Rows,
     normal: DMatrix<f64>,
     right: DVector<f64>,
@@ -112,7 +112,7 @@ impl System {
         Self { rows: Rows::new(size), normal: DMatrix::zeros(size, size), right: DVector::zeros(size) }
     }
 
-    /// The standard normal priors of the coefficients.
+    /// Starts with the standard normal priors of the coefficients.
     fn restart(&mut self, coefficients: &DVector<f64>) {
         self.rows.clear();
         self.normal.fill(0.0);
@@ -123,7 +123,7 @@ impl System {
         }
     }
 
-    /// Adds what a node's residual asks for; all slopes are those of its image place.
+    /// Adds a node's residual to the right side; all slopes are those of its image position.
     fn pull(&mut self, by_pose: &SMatrix<f64, 2, POSE>, by_point: &Matrix2x3<f64>, along: [&[f64]; 3], residual: Vector2<f64>) {
         let (pose, shape) = self.right.as_mut_slice().split_at_mut(POSE);
         let by_pose = by_pose.transpose() * residual;
@@ -131,7 +131,7 @@ impl System {
         add_mixture(shape, (by_point.transpose() * residual).into(), along);
     }
 
-    /// Adds a node's two rows, slopes over the standard deviation.
+    /// Adds a node's two rows: slopes over the standard deviation.
     fn observe(&mut self, by_pose: &SMatrix<f64, 2, POSE>, by_point: &Matrix2x3<f64>, along: [&[f64]; 3]) {
         for axis in 0..2 {
             let (pose, shape) = self.rows.add().split_at_mut(POSE);
@@ -151,8 +151,8 @@ impl System {
     }
 }
 
-/// The factored matrix of the normal equations, which most of a step's time goes into. It changes little from one step to the next, and where
-/// the steps come to rest is said by the right side alone: so it serves several.
+/// Factored matrix of the normal equations, the most expensive part of a step. It changes little from step to step, and only the right side
+/// determines the solution, so it is used for several steps.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Matrix {
     factor: Option<Cholesky<f64, Dyn>>,
@@ -164,14 +164,14 @@ impl Matrix {
         self.factor.is_none() || self.steps < FIRST || (self.steps - FIRST).is_multiple_of(SERVES)
     }
 
-    /// Another frame begins, whose first steps want matrices of their own.
+    /// Starts another frame: its first steps compute new matrices.
     pub fn renew(&mut self) {
         self.steps = 0;
     }
 }
 
-/// Pose and coefficients that explain what is seen best; the coefficients have standard normal priors, the pose has none.
-/// `matrix`: of earlier steps from near here, or none.
+/// Returns pose and coefficients that best explain the observations. The coefficients have standard normal priors; the pose has none.
+/// `matrix`: that of earlier nearby steps, or empty.
 pub(super) fn solve(
     base: &[Vector3<f64>],
     directions: &Directions,

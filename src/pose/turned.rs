@@ -1,8 +1,8 @@
-//! The neutral face of a head that is turned: marks carried to the front, fitted there, and carried back.
+//! Fits the neutral face of a turned head: carries marks to the front, fits there, and carries the result back.
 //!
-//! What a fit knows of faces it knows from the front. On a head that is turned by 20 degrees the places between the marks are
-//! not those: the far cheek is narrow, the nose stands aside. Marks tell the turn (an outer eye corner lies deeper than an inner one, on
-//! both sides alike), and with a turn and the head's depth every place can be carried to the front and back.
+//! The priors of a fit are frontal. On a head turned by 20 degrees the positions between the marks differ: the far cheek is narrow, the
+//! nose is displaced. Marks determine the turn (an outer eye corner is deeper than an inner one, on both sides alike); with the turn and
+//! the head's depth, every position can be carried to the front and back.
 
 use nalgebra::{DVector, Point2, Vector3};
 
@@ -17,18 +17,18 @@ use crate::{
     wireframe::Wireframe,
 };
 
-/// Fewest marks that tell a turn.
+/// Fewest marks that determine a turn.
 const FEWEST_MARKS: usize = 7;
 /// Standard deviation of a sharp mark, over the eye distance.
 const SHARP: f64 = 0.012;
-/// Standard deviation of each person's own offset of a marked node, model units: what [`TURNED`] was found with.
+/// Standard deviation of the person's own offset of a marked node, model units; [`TURNED`] was determined with it.
 const OWN_MARKED: f64 = 0.007;
-/// Yaw, degrees: the marks of a frontal head may say the first; from the second on a turn counts whole. Of 90 people who look
-/// into the camera eleven marks set by hand say a yaw of 2.1 degrees (root mean square) and at most 6.2. A pitch they do not tell
-/// from a long chin or low brows: of the same people they say 11 degrees, with a standard deviation of 8.
+/// Yaw, degrees, up to which a head counts as frontal, and from which a turn has full weight. For 90 people who look into the camera,
+/// eleven hand-set marks give a yaw of 2.1 degrees (root mean square), at most 6.2. Pitch is not used, because marks do not distinguish it
+/// from a long chin or low brows: for the same people they give 11 degrees, with a standard deviation of 8.
 const TURNED: [f64; 2] = [7.0, 10.0];
 
-/// A fit of a face that may be turned to one side: as [`Fitter::fit`] of one that looks into the camera or has fewer than seven marks.
+/// Fits a face that may be turned to one side. Equal to [`Fitter::fit`] for a frontal face or fewer than seven marks.
 ///
 /// # Errors
 /// As [`Fitter::fit`].
@@ -45,33 +45,33 @@ pub fn fit_turned(
     let Some(view) = Turned::of(model, marks) else { return Ok(plain) };
     let to_front = |m: &Correspondence| Correspondence { position: view.to_front(m.node.index(), m.position), ..*m };
     let frontal_marks: Vec<Correspondence> = marks.iter().map(to_front).collect();
-    // Marks that no frontal face has are left as they are.
+    // Marks that no frontal face has keep the plain fit.
     let Ok(from_front) = fitter.fit(wireframe, &frontal_marks) else { return Ok(plain) };
     let nodes = from_front.model.nodes().iter().enumerate();
     let rest: Vec<Point2<f64>> = nodes.map(|(k, at)| view.turn_back(k, *at)).collect();
     Ok(fitter.fit_at_rest(wireframe, marks, &rest).unwrap_or(plain))
 }
 
-/// A head as it is seen and as it would be seen from the front.
+/// A head as seen and as it would be seen from the front.
 struct Turned {
     shape: Vec<Vector3<f64>>,
     seen: HeadPose,
     front: HeadPose,
 }
 
-/// How far marks say that a head is turned to one side, 0 (they may be those of a frontal one, or are too few to tell) to 1.
+/// Returns how clearly marks show a head turned to one side: 0 (possibly frontal, or too few marks) to 1.
 pub fn turned_share(model: &HeadModel, marks: &[Correspondence]) -> f64 {
     let told = marks.len() >= FEWEST_MARKS && marks.iter().all(|m| m.node.index() < model.node_count());
     let solved = if told { solved(model, marks) } else { None };
     solved.map_or(0.0, |solved| share_of(solved.pose.degrees()[0]))
 }
 
-/// How far a turn by a yaw counts, 0 to 1.
+/// Returns the weight of a turn with a given yaw, 0 to 1.
 fn share_of(yaw: f64) -> f64 {
     ((yaw.abs() - TURNED[0]) / (TURNED[1] - TURNED[0])).clamp(0.0, 1.0)
 }
 
-/// Pose and identity that marks tell.
+/// Returns pose and identity from the marks.
 fn solved(model: &HeadModel, marks: &[Correspondence]) -> Option<Solved> {
     let face: Vec<Point2<f64>> = marks.iter().map(|m| frontal(model, m.node.index())).collect();
     let at: Vec<Point2<f64>> = marks.iter().map(|m| m.position).collect();
@@ -90,7 +90,7 @@ fn solved(model: &HeadModel, marks: &[Correspondence]) -> Option<Solved> {
 }
 
 impl Turned {
-    /// What marks say of the head; `None` when they may be those of a frontal one.
+    /// Returns the turned head of the marks; `None` when it may be frontal.
     fn of(model: &HeadModel, marks: &[Correspondence]) -> Option<Self> {
         let solved = solved(model, marks)?;
         let [yaw, pitch, roll] = solved.pose.degrees();
@@ -116,7 +116,7 @@ mod tests {
     use super::{super::frontal::visibility, *};
     use crate::{dataset::DEFAULT_LANDMARK_NODES, fit::FitOptions, pose::CAMERA_DISTANCE, wireframe::Face};
 
-    /// Places of all nodes of a head, 100 px a unit, and the default marks on it.
+    /// Positions of all nodes of a head, 100 px per unit, and the default marks on it.
     fn seen(model: &HeadModel, shape: &[Vector3<f64>], yaw: f64, pitch: f64) -> (Vec<Point2<f64>>, HeadPose) {
         let pose = HeadPose {
             rotation: HeadPose::rotation_of(yaw, pitch, 3.0),
@@ -151,7 +151,7 @@ mod tests {
     #[test]
     fn on_a_turned_head_the_nodes_between_the_marks_are_nearer() {
         let (wireframe, model, fitter) = setup();
-        // A person that the mean is not: half a deviation along two modes.
+        // A person different from the mean: half a standard deviation along two modes.
         let shape: Vec<_> =
             (0..model.node_count()).map(|k| model.mean[k] + (model.identity[0][k] - model.identity[1][k]) * 0.5).collect();
         for (yaw, pitch, share) in [(20.0, 0.0, 0.75), (-20.0, 5.0, 0.8), (15.0, -5.0, 0.85)] {

@@ -1,4 +1,4 @@
-//! A track without the turns of its head, for what shows its motion on another face.
+//! Removes the turns of a track's head before its motion is shown on another face.
 
 use nalgebra::Point2;
 
@@ -10,11 +10,10 @@ use crate::{
     wireframe::Face,
 };
 
-/// Turn of the head against the neutral frame, degrees, from which it is taken out of a track: below, the pose is not known well enough to
-/// be worth it.
+/// Turn of the head relative to the neutral frame, degrees, from which it is removed. Smaller turns are not known accurately enough.
 const TURNED: f64 = 4.0;
 
-/// A track's model without the head's turns, where the head turns; `None` also where no head fits.
+/// Returns a track's model without the head's turns; `None` when the head does not turn or no head fits.
 pub(crate) fn without_turns(
     face: &Face,
     frames: &[TrackedFrame],

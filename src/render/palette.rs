@@ -1,24 +1,24 @@
-//! The 256 colours of a frame of a GIF.
+//! Reduction of pictures to the 256 colours of a GIF frame.
 
 use color_quant::NeuQuant;
 use image::{RgbImage, Rgba, RgbaImage};
 
-/// Colours that a frame may have.
+/// Largest number of colours in a frame.
 const COLOURS: usize = 256;
-/// Bits of red, green and blue by which colours are counted as one.
+/// Bits per channel by which colours are binned.
 const BITS: u8 = 5;
-/// Samples of such a colour over the square root of its pixels; of few pixels all.
+/// Samples per bin, in units of the square root of its pixels; a small bin contributes all of them.
 const SHARE: u64 = 8;
 
-/// A picture in at most 256 colours, which an encoder takes as they are.
+/// Reduces a picture to at most 256 colours, which an encoder then keeps.
 ///
-/// A colour counts by the square root of its area: skin and background fill most of a portrait, and by area alone they take all 256, so that eyes
-/// turn grey and lips brown.
+/// Each colour is weighted by the square root of its area. Weighted by area alone, skin and background, which fill most of a portrait, take
+/// all 256 colours, so that eyes turn grey and lips brown.
 pub fn in_few_colours(picture: &RgbImage) -> RgbaImage {
     let bin = |p: &[u8; 3]| p.iter().fold(0, |bin, &level| (bin << BITS) | usize::from(level >> (8 - BITS)));
     let mut counts = vec![0_u64; 1 << (3 * BITS)];
     picture.pixels().for_each(|p| counts[bin(&p.0)] += 1);
-    // Of every bin so many of its pixels, evenly.
+    // Takes evenly spaced samples from the pixels of each bin.
     let mut seen = vec![0_u64; counts.len()];
     let mut samples: Vec<u8> = Vec::new();
     for p in picture.pixels() {
@@ -32,7 +32,7 @@ pub fn in_few_colours(picture: &RgbImage) -> RgbaImage {
     }
     let map = NeuQuant::new(1, COLOURS, &samples);
     let palette = map.color_map_rgb();
-    // Colours that are alike are looked up once.
+    // Similar colours are looked up once.
     let mut known = vec![None; 1 << 18];
     let mut shown = RgbaImage::new(picture.width(), picture.height());
     for (to, from) in shown.pixels_mut().zip(picture.pixels()) {

@@ -1,4 +1,4 @@
-//! Triangles to pixels: a depth buffer, normals interpolated over each triangle, and light for every sample.
+//! Rasterization of triangles with a depth buffer, interpolated normals and per-sample lighting.
 
 use image::{Rgb, RgbImage};
 
@@ -10,15 +10,15 @@ const SAMPLES: u32 = 2;
 /// A corner of a triangle on the canvas.
 #[derive(Clone, Copy, Debug)]
 pub struct Vertex {
-    /// Place in px (x right, y down) and depth (larger is nearer).
+    /// Position in px (x right, y down) and depth (larger is nearer).
     pub at: [f32; 3],
     /// Unit normal in the camera's axes, z towards the viewer.
     pub normal: [f32; 3],
-    /// Place in the model, for colours that depend on it; of [`Shade::Painted`] the colour (linear RGB).
+    /// Position in the model, for colours that depend on it; for [`Shade::Painted`] the colour (linear RGB).
     pub model: [f32; 3],
 }
 
-/// What a surface looks like.
+/// Appearance of a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Shade {
     /// Skin.
@@ -30,14 +30,14 @@ pub enum Shade {
         /// Radius of the iris in the model.
         iris: f32,
     },
-    /// The colour of the corners, dull like skin or wet like eyes and teeth.
+    /// The interpolated colour of the corners, dull like skin or wet like eyes and teeth.
     Painted {
         /// Whether it is wet.
         wet: bool,
     },
-    /// The inside of an opening: dark.
+    /// The dark inside of an opening.
     Cavity,
-    /// A mark of one colour, without light (linear RGB).
+    /// A mark of one colour without lighting (linear RGB).
     Flat([f32; 3]),
 }
 
@@ -51,7 +51,7 @@ pub struct Canvas {
 }
 
 impl Canvas {
-    /// An empty canvas of a size in px, with a background that darkens a little downwards.
+    /// Creates an empty canvas of a size in px; the background darkens a little downwards.
     pub fn new(width: u32, height: u32) -> Self {
         let (w, h) = (width * SAMPLES, height * SAMPLES);
         let row = |y: u32| {
@@ -62,7 +62,7 @@ impl Canvas {
         Self { width: w, height: h, colours, depths: vec![f32::NEG_INFINITY; (w * h) as usize] }
     }
 
-    /// Draws a triangle; either side is visible, the back as if it were the front.
+    /// Draws a triangle. Both sides are visible, and the back is lit like the front.
     pub fn triangle(&mut self, corners: [Vertex; 3], shade: Shade) {
         let place = corners.map(|c| [c.at[0] * SAMPLES as f32, c.at[1] * SAMPLES as f32, c.at[2]]);
         let [a, b, c] = place;
@@ -98,7 +98,7 @@ impl Canvas {
         }
     }
 
-    /// The picture: samples averaged in linear light, then sRGB.
+    /// Returns the picture: samples averaged in linear light, then converted to sRGB.
     pub fn picture(&self) -> RgbImage {
         let count = (SAMPLES * SAMPLES) as f32;
         RgbImage::from_fn(self.width / SAMPLES, self.height / SAMPLES, |x, y| {
@@ -115,25 +115,25 @@ impl Canvas {
 /// Lights: direction towards the light in the camera's axes, and strength.
 const KEY: ([f32; 3], f32) = ([-0.48, 0.56, 0.68], 0.84);
 const FILL: ([f32; 3], f32) = ([0.75, 0.05, 0.66], 0.22);
-/// Light from above and from below.
+/// Ambient light from above and from below.
 const SKY: f32 = 0.24;
 const GROUND: f32 = 0.10;
 
 fn colour(shade: Shade, normal: [f32; 3], model: [f32; 3]) -> [f32; 3] {
     let normal = normalized(normal).unwrap_or([0.0, 0.0, 1.0]);
-    // The back of a surface is lit as its front.
+    // The back of a surface is lit like its front.
     let normal = if normal[2] < 0.0 { normal.map(|c| -c) } else { normal };
     let (albedo, gloss) = match shade {
         Shade::Flat(colour) => return colour,
         Shade::Skin => ([0.80, 0.55, 0.43], 0.10),
         Shade::Eye { centre, iris } => (eye(centre, iris, model), 0.55),
-        // What is dark is deep inside, where no light comes to shine.
+        // Dark areas lie deep inside, where no light is reflected.
         Shade::Painted { wet: false } => (model, 0.07 * (2.0 * model[0]).min(1.0)),
         Shade::Painted { wet: true } => (model, 0.45),
         Shade::Cavity => ([0.09, 0.025, 0.022], 0.0),
     };
     let lambert = |light: [f32; 3]| normalized(light).map_or(0.0, |l| dot(l, normal));
-    // Light that has gone through skin softens the edge of the shadow.
+    // Light scattered in the skin softens the edge of the shadow.
     let wrap = |x: f32| ((x + 0.25) / 1.25).max(0.0);
     let sky = f32::midpoint(normal[1], 1.0);
     let light = KEY.1 * wrap(lambert(KEY.0)) + FILL.1 * wrap(lambert(FILL.0)) + GROUND + (SKY - GROUND) * sky;

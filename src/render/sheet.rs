@@ -9,22 +9,22 @@ use rayon::prelude::*;
 
 use super::palette::in_few_colours;
 
-/// A picture and what it shows.
+/// A picture with its label.
 #[derive(Clone, Debug)]
 pub struct Labelled {
     /// The picture.
     pub picture: RgbImage,
-    /// What it shows, in a few words.
+    /// Short description of what it shows.
     pub label: String,
 }
 
 const MARGIN: u32 = 8;
-/// Height of the line on which a label is written, px.
+/// Height of the line for a label, px.
 pub const LABEL_HEIGHT: u32 = 22;
 const PAPER: Rgb<u8> = Rgb([255, 255, 255]);
 const INK: [u8; 3] = [40, 40, 40];
 
-/// Pictures of one size in rows of `columns`, each with its label below.
+/// Draws pictures of one size in rows of `columns`, each with its label below.
 pub fn contact_sheet(pictures: &[Labelled], columns: usize) -> RgbImage {
     let (width, height) = pictures.iter().map(|p| p.picture.dimensions()).fold((1, 1), |(w, h), (x, y)| (w.max(x), h.max(y)));
     let columns = columns.clamp(1, pictures.len().max(1)) as u32;
@@ -40,10 +40,10 @@ pub fn contact_sheet(pictures: &[Labelled], columns: usize) -> RgbImage {
     sheet
 }
 
-/// Rows of the glyphs' bitmaps, and the distance from one to the next, px.
+/// Rows in the bitmap of a glyph, and the distance between glyphs, px.
 const GLYPH: (usize, u32) = (8, 8);
 
-/// Writes a text in a fixed-width 8 x 8 font, cut to a width; what the font does not have becomes `?`.
+/// Writes a text in a fixed-width 8 x 8 font, cut off at a width; characters that the font lacks become `?`.
 pub fn write_label(picture: &mut RgbImage, text: &str, x: u32, y: u32, width: u32) {
     let fitting = (width / GLYPH.1) as usize;
     for (k, letter) in text.chars().take(fitting).enumerate() {
@@ -60,13 +60,13 @@ pub fn write_label(picture: &mut RgbImage, text: &str, x: u32, y: u32, width: u3
     }
 }
 
-/// An endless GIF animation, every picture shown for `centiseconds`.
+/// Encodes an endless GIF animation; each picture is shown for `centiseconds`.
 ///
 /// # Errors
-/// When the encoder fails, which it does for pictures beyond 65535 px a side.
+/// If the encoder fails, which it does for pictures with a side over 65535 px.
 pub fn gif_bytes(pictures: &[RgbImage], centiseconds: u32) -> Result<Vec<u8>, image::ImageError> {
     let delay = image::Delay::from_numer_denom_ms(10 * centiseconds, 1);
-    // Colours are most of the work, and every picture has its own.
+    // Reducing the colours is most of the work, and each picture has its own palette.
     let pictures: Vec<RgbaImage> = pictures.par_iter().map(in_few_colours).collect();
     let mut bytes = Vec::new();
     {

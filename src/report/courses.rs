@@ -1,4 +1,4 @@
-//! Action units and head pose over time, as pictures: the mean of every class with its interval, and every sequence.
+//! Charts of action units and head pose over time: the mean of every class with its interval, and every sequence.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -17,22 +17,22 @@ use crate::{
     units::SequenceId,
 };
 
-/// Curves in a picture.
+/// Most curves in a chart.
 const CURVES: usize = 6;
-/// Least intensity at any time for which an action unit is drawn.
+/// Smallest peak intensity for which an action unit is drawn.
 const SEEN: f64 = 0.25;
-/// Sequences that are drawn; the tables of all stand in `features/`.
+/// Largest number of sequences drawn; the tables of all are in `features/`.
 const MOST_SEQUENCES: usize = 240;
-/// Share of the mean's distribution below the upper end of its interval, which is one of 95 %.
+/// Quantile at the upper end of the mean's interval of 95 %.
 const UPPER: f64 = 0.975;
 /// Largest intensity.
 const TOP: f64 = 5.0;
-/// Size of a class's picture, of its title in a file of its own, and of its text, px.
+/// Size of a class's chart, of its title in a separate file, and of its text, px.
 const SIZE: (f64, f64) = (460.0, 210.0);
 const TITLE: f64 = 22.0;
 const TEXT: f64 = 10.5;
 
-/// What the template shows.
+/// Data for the template.
 #[derive(Serialize)]
 pub(super) struct CoursesView {
     classes: Vec<ClassView>,
@@ -64,7 +64,7 @@ struct Curve {
     interval: Vec<f64>,
 }
 
-/// The courses of the classes; `None` where no sequence has one.
+/// Curves of the classes; `None` if no sequence has one.
 pub(super) fn view(data: &ReportData<'_>) -> Option<CoursesView> {
     let mut left = MOST_SEQUENCES;
     let mut hidden = 0;
@@ -92,7 +92,7 @@ pub(super) fn view(data: &ReportData<'_>) -> Option<CoursesView> {
     (!classes.is_empty()).then_some(CoursesView { classes, more })
 }
 
-/// The mean intensities of the action units of a class from courses with the names of their people, as a drawing; `None` for no course.
+/// Chart of a class's mean action unit intensities. `of` has its curves with the names of their people; `None` if empty.
 pub fn mean_course(of: &[(&str, &Course)], label: &str) -> Option<Drawing> {
     if of.is_empty() {
         return None;
@@ -104,7 +104,7 @@ pub fn mean_course(of: &[(&str, &Course)], label: &str) -> Option<Drawing> {
     Some(sheet)
 }
 
-/// The picture of a class's mean intensities, as a file of its own; `None` where no sequence has a course.
+/// Chart of a class's mean intensities, as a separate file; `None` if no sequence has a curve.
 pub fn mean_course_svg(class: &Representative, courses: &BTreeMap<SequenceId, Course>) -> Option<String> {
     let of: Vec<(&str, &Course)> =
         class.sequences.iter().filter_map(|id| Some((id.subject.as_str(), courses.get(id)?))).collect();
@@ -118,8 +118,8 @@ fn courses<'a>(class: &'a Representative, all: &'a BTreeMap<SequenceId, Course>)
     class.sequences.iter().filter_map(|id| Some((id, all.get(id)?))).collect()
 }
 
-/// The strongest action units of some sequences: means over people, each by the mean of their own sequences, and 95 % intervals of these
-/// by Student's t.
+/// Mean curves of the strongest action units: means over people, each represented by the mean of their sequences, with 95 % intervals by
+/// Student's t.
 fn mean_curves(of: &[(&str, &Course)]) -> Vec<Curve> {
     let mut by_person: BTreeMap<&str, Vec<&Course>> = BTreeMap::new();
     of.iter().for_each(|(person, course)| by_person.entry(person).or_default().push(course));
@@ -216,7 +216,7 @@ mod tests {
         // Mean of 2 and 4 is 3; their standard deviation is sqrt(2), so the standard error is 1, and t with 1 degree of freedom 12.7062.
         assert!((curves[0].values[12] - 3.0).abs() < 1e-6 && (curves[0].interval[12] - 12.7062).abs() < 1e-3);
         assert!(mean_curves(&[("P1", &a)])[0].interval.is_empty());
-        // One person counts once, however many sequences they have.
+        // A person counts once, whatever the number of sequences.
         let twice = mean_curves(&[("P1", &a), ("P2", &b), ("P2", &b)]);
         assert_eq!((&twice[0].values, &twice[0].interval), (&curves[0].values, &curves[0].interval));
         assert!(mean_curves(&[("P1", &a), ("P1", &b)])[0].interval.is_empty());

@@ -1,4 +1,4 @@
-//! What the report says of expressions that go with a number of the people.
+//! Report section on associations of expressions with a number of the people.
 
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -23,11 +23,11 @@ pub struct CovariateData<'a> {
     pub emotion: &'a str,
     /// Column of the number.
     pub column: &'a str,
-    /// People of whom it is not known.
+    /// Number of people without a value.
     pub unknown: usize,
-    /// The test, or why there is none.
+    /// The test, or the reason why there is none.
     pub outcome: &'a Result<Covariate, NoCovariate>,
-    /// How the amplitude of the whole face goes with it.
+    /// Slope of the whole face's amplitude over the number.
     pub face: Option<&'a AmplitudeSlope>,
 }
 
@@ -55,7 +55,7 @@ struct Row {
     p: String,
     p_either: String,
     goes_along: bool,
-    /// The least p that could come out, where that is above the significance.
+    /// Smallest possible p, if it exceeds the significance level.
     hopeless: Option<String>,
     place: String,
     direction: String,
@@ -64,7 +64,7 @@ struct Row {
 }
 
 impl CovariatesView {
-    /// `None` where no number was asked for.
+    /// `None` without a number to test.
     pub(super) fn new(data: &ReportData<'_>) -> Option<Self> {
         let significance = data.compare.significance;
         let row = |c: &CovariateData<'_>, t: &Covariate| {
@@ -73,7 +73,7 @@ impl CovariatesView {
             let clear: Vec<NodeId> = live.iter().zip(&t.node_p).filter(|(_, p)| **p <= significance).map(|(n, _)| *n).collect();
             let told = if clear.is_empty() { live } else { &clear };
             let [low, high] = &t.models;
-            // As far as the number reaches, one who has it changes by so much over it.
+            // Change of the amplitude between the two numbers for which the expression is shown.
             let reach = t.shown[1] - t.shown[0];
             Row {
                 emotion: c.emotion.to_owned(),
@@ -111,7 +111,7 @@ impl CovariatesView {
     }
 }
 
-/// Four digits are enough to read.
+/// Rounds to four digits.
 fn round(value: f64) -> f64 {
     if value == 0.0 || !value.is_finite() {
         return value;
@@ -120,25 +120,25 @@ fn round(value: f64) -> f64 {
     (value * scale).round() / scale
 }
 
-/// The tests of an emotion over all its people, which its figure can show.
+/// The tests of an emotion over all its people, for its figure.
 pub(super) fn of_emotion<'a>(data: &'a ReportData<'_>, emotion: &str) -> Vec<(&'a str, &'a Covariate)> {
     let tested = |c: &'a CovariateData<'_>| Some((c.column, c.outcome.as_ref().ok()?));
     data.covariates.iter().filter(|c| c.emotion == emotion).filter_map(tested).collect()
 }
 
-/// The name of a number in the menu of the figure.
+/// Label of a number in the menu of the figure.
 pub(super) fn label(column: &str, test: &Covariate) -> String {
     format!("{column}: {} of how people differ", percent(test.share))
 }
 
-/// For the page's script: how far the expression lies from the middle of both for a low and for a high number, and the numbers.
+/// Data for the page's script: offsets of the expression at a low and at a high number from the middle of both, and the numbers.
 pub(super) fn payload(column: &str, test: &Covariate, live: &[NodeId]) -> Value {
     let [low, high] = &test.models;
     let half = |m: usize| -> Vec<Value> {
         let side = |model: &DynamicExpressionModel<FaceUnit>| offsets_of(model, m, live);
         side(low).into_iter().zip(side(high)).map(|(low, high)| (high - low) / 2.0).map(super::numbers::length).collect()
     };
-    // On a line, where each of them lies from the mean in halves of what is between them.
+    // Position of each from the mean, in halves of the distance between them.
     let reach = (test.shown[1] - test.shown[0]) / 2.0;
     let place = |value: f64| super::numbers::rounded((value - test.mean) / reach, 4);
     json!({

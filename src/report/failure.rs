@@ -1,4 +1,4 @@
-//! What failed, and in which stage.
+//! Failures and their stages.
 
 use std::fmt;
 
@@ -10,7 +10,7 @@ use crate::units::SequenceId;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Stage {
-    /// Reading what the user gave: manifest row, marks, landmarks, list of frames.
+    /// Reading the user's input: manifest row, marks, landmarks, list of frames.
     Dataset,
     /// Fitting the wireframe to the neutral frame.
     Fit,
@@ -46,22 +46,22 @@ pub struct Failure {
     pub sequence: String,
     /// Stage that failed.
     pub stage: Stage,
-    /// The error in full.
+    /// Full error message.
     pub reason: String,
 }
 
-/// Id of a sequence that failed; `None` for a row of a manifest of which nothing reads.
+/// Id of a sequence that failed; `None` for an unreadable row of a manifest.
 pub fn failed_id(subject: &str, sequence: &str) -> Option<SequenceId> {
     let is_named = !(subject.is_empty() && sequence.is_empty());
     is_named.then(|| SequenceId { subject: subject.to_owned(), sequence: sequence.to_owned() })
 }
 
-/// What a sequence that failed is called: by its id, or, a row that has none, by file and line, with which its reason begins.
+/// Name of a failed sequence in messages: its id or, for a row without one, the file and line at the beginning of the reason.
 pub fn failed_name(subject: &str, sequence: &str, reason: &str) -> String {
     failed_id(subject, sequence).map_or_else(|| place_in(reason).to_owned(), |id| id.to_string())
 }
 
-/// File and line with which a reason begins, or all of it.
+/// File and line at the beginning of a reason, or the whole reason.
 fn place_in(reason: &str) -> &str {
     const LINE: &str = ", line ";
     let end = |(at, _): (usize, &str)| {
@@ -81,7 +81,7 @@ mod tests {
     fn what_failed_has_a_name() {
         assert_eq!(failed_name("S001", "5", "m.csv, line 3: no frames"), "S001_5");
         assert_eq!(failed_name("", "", "m.csv, line 3: a quotation mark is not closed"), "m.csv, line 3");
-        // A folder's name may hold anything.
+        // A folder's name may contain anything.
         let reason = "data/Study: joy, line of 2/m.csv, line 31: emotion is `a: b, line 4: c`";
         assert_eq!(failed_name("", "", reason), "data/Study: joy, line of 2/m.csv, line 31");
         assert_eq!(failed_name("", "", "no place"), "no place");

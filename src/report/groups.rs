@@ -1,4 +1,4 @@
-//! What the report says of groups: intervals, tests, where groups differ, and every reason to doubt it.
+//! Report section on groups: intervals, tests, differences between groups, and reasons for doubt.
 
 use std::collections::BTreeMap;
 
@@ -16,13 +16,13 @@ use crate::{
     units::NodeId,
 };
 
-/// People below which a group is named as small.
+/// Number of people below which a group is marked as small.
 const SMALL_GROUP: usize = 10;
 
-/// Pictures of pairs that differ; the tables have the others.
+/// Most figures of pairs that differ; the tables have all pairs.
 const MOST_PICTURES: usize = 12;
 
-/// Regions of nodes that a row names.
+/// Most regions of nodes named in a row.
 const NAMED_NODES: usize = 6;
 
 /// The section's text.
@@ -74,7 +74,7 @@ struct TestRow {
     hopeless: bool,
     least_p: String,
     place: String,
-    /// How the first group differs from the second at the apex, in words.
+    /// Description of how the first group differs from the second at the apex.
     direction: String,
 }
 
@@ -88,7 +88,7 @@ struct Picture {
     live: usize,
     place: String,
     direction: String,
-    /// Where they differ.
+    /// Map of the differences.
     map: String,
     effect: String,
     p_either: String,
@@ -154,7 +154,7 @@ impl GroupsView {
             effect: percent(t.effect),
             p_either: p_text(t.p_either_adjusted, 0.0),
         });
-        // Reasons by pair, equal ones together.
+        // Reasons by pair; equal ones are joined.
         let mut reasons: BTreeMap<String, Vec<String>> = BTreeMap::new();
         for c in &comparisons.pairs {
             if let Err(why) = &c.outcome {
@@ -193,12 +193,12 @@ impl GroupsView {
     }
 }
 
-/// Whether two groups are shown to differ, as a whole or at a node: docs/populations.md, "Verdict".
+/// Whether two groups differ significantly, as a whole or at a node: docs/populations.md, "Verdict".
 fn groups_differ(t: &Tested, significance: f64) -> bool {
     t.p_either_adjusted <= significance
 }
 
-/// How the apex of the first group differs from the second's, by part of the face; empty where a representative is not there.
+/// Description of how the apex of the first group differs from the second's, by part of the face; empty if a representative is missing.
 fn directions_of(c: &Comparison, t: &Tested, data: &ReportData<'_>, significance: f64) -> String {
     let model = |group: &BTreeMap<String, String>| {
         data.representatives.iter().find(|r| r.label.emotion == c.emotion && r.label.group == *group).map(|r| &r.model)
@@ -210,7 +210,7 @@ fn directions_of(c: &Comparison, t: &Tested, data: &ReportData<'_>, significance
     figures::directions(a, b, told, data.tables).join("; ")
 }
 
-/// Where two groups differ, on the neutral of the first; empty where its representative is not there.
+/// Map of the differences between two groups on the neutral of the first; empty if its representative is missing.
 fn map_of(c: &Comparison, t: &Tested, data: &ReportData<'_>, significance: f64, drawn: &Fields) -> String {
     let first = data.representatives.iter().find(|r| r.label.emotion == c.emotion && r.label.group == c.groups[0]);
     let Some(first) = first else { return String::new() };
@@ -224,7 +224,7 @@ fn map_of(c: &Comparison, t: &Tested, data: &ReportData<'_>, significance: f64, 
     map.inline("heat", &format!("Energy distance per node between {} and {}", names[0], names[1]))
 }
 
-/// An effect in percent: an estimate that may come out below nothing, of what cannot, is nothing.
+/// An effect in percent. A negative estimate of a non-negative quantity is shown as 0.
 pub(super) fn percent(share: f64) -> String {
     format!("{} %", fixed(share.max(0.0) * 100.0, 1))
 }
@@ -239,13 +239,13 @@ pub fn p_value(p: f64) -> String {
     fixed(p, decimals.min(MOST_DECIMALS))
 }
 
-/// A p value; one that no split can undercut as `≤`.
+/// A p value; the smallest possible one has the prefix `≤`.
 fn p_text(p: f64, least: f64) -> String {
     let text = p_value(p);
     if least > 0.0 && p <= least { format!("{text} (least possible)") } else { text }
 }
 
-/// The parts of the face with nodes that stand out, by their p and how much they do, the one that does most first.
+/// Parts of the face with significant nodes, by p and size of the difference, the largest first.
 pub(super) fn places((p, much): (&[f64], &[f64]), data: &ReportData<'_>, significance: f64) -> String {
     let live = data.wireframe.live_nodes();
     let mut nodes: Vec<(f64, NodeId)> =
@@ -266,7 +266,7 @@ pub(super) fn places((p, much): (&[f64], &[f64]), data: &ReportData<'_>, signifi
     shown.join(", ")
 }
 
-/// The pairs with pictures for the page's script: representatives, energies and the nodes that differ.
+/// Data of the pairs with figures, for the page's script: representatives, energies and the nodes that differ.
 pub(super) fn payload(groups: &GroupsData<'_>, data: &ReportData<'_>) -> Value {
     let significance = groups.options.compare.significance;
     let place = |emotion: &str, group: &BTreeMap<String, String>| {

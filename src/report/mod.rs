@@ -1,8 +1,8 @@
-//! The report: one self-contained HTML file.
+//! Renders the report: one self-contained HTML file.
 //!
-//! The page holds its style sheet, its script and its data; it asks for nothing from outside (and a content security policy says
-//! so). Text and tables are rendered here; the figures are drawn by the page's script from the embedded data. The bytes depend
-//! on the input alone: no clock, no random names, lengths rounded to 0.01 face units.
+//! The page contains its style sheet, its script and its data, and loads nothing (a content security policy enforces this). Text and tables
+//! are rendered here; the page's script draws figures from the embedded data. The bytes depend on the input alone: no clock, no random
+//! names, lengths rounded to 0.01 face units.
 
 mod courses;
 mod covariates;
@@ -43,10 +43,10 @@ pub use groups::p_value;
 pub use variation::{BandCurve, VariationData};
 
 const TEMPLATE: &str = include_str!("assets/report.html");
-/// The words of the field, explained on the page.
+/// Terms of the field, explained on the page.
 const GLOSSARY: &str = include_str!("../../docs/glossary.md");
 const STYLE: &str = include_str!("assets/report.css");
-/// The parts of the page's script, in the order they build on each other.
+/// The parts of the page's script, in order of dependence.
 const SCRIPTS: [&str; 8] = [
     include_str!("assets/core.js"),
     include_str!("assets/maps.js"),
@@ -67,28 +67,28 @@ pub struct ApexFap {
     pub name: String,
     /// Unit of the value, such as `ENS/1024`.
     pub unit: String,
-    /// Whether the value is an angle; angles are listed but not drawn beside lengths.
+    /// Whether the value is an angle. Angles are listed but not drawn together with lengths.
     pub is_angle: bool,
     /// The value, in its unit.
     pub value: i32,
 }
 
-/// Everything the report shows.
+/// Data of the report.
 #[derive(Debug)]
 pub struct ReportData<'a> {
     /// Heading, such as the dataset's folder name.
     pub title: String,
-    /// Program version and the options as label and value, in the order to show.
+    /// Program version and the options as label and value, in display order.
     pub options: Vec<(String, String)>,
     /// The representatives, by emotion and group.
     pub representatives: &'a [Representative],
     /// One row per tracked sequence, sorted by id.
     pub tracks: &'a [TrackQuality],
-    /// Pose and action units over time of the sequences of which they are known.
+    /// Pose and action units over time, for sequences that have them.
     pub courses: &'a BTreeMap<SequenceId, Course>,
     /// What failed.
     pub failures: &'a [Failure],
-    /// What is to be known of sequences of fewer frames than a model has, where there are any.
+    /// Note about sequences with fewer frames than a model, if there are any.
     pub too_short: Option<String>,
     /// Topology and canonical neutral.
     pub wireframe: &'a Wireframe,
@@ -98,44 +98,44 @@ pub struct ReportData<'a> {
     pub fapus: Fapus,
     /// FAP values at the apex of every representative (same order).
     pub apex_faps: Vec<Vec<ApexFap>>,
-    /// The data of a player of every representative (same order) on one face, as the module `player` makes it; `None` for none.
+    /// Data of a player that shows every representative (same order) on one face, made by the module `player`; `None` without a player.
     pub player: Option<serde_json::Value>,
-    /// Whose face that is.
+    /// Name of that face.
     pub face: String,
-    /// How the people of every representative differ (same order); `None` where nothing is shown, empty for none at all.
+    /// Variation of the people of every representative (same order); `None` for one without, empty if there is none at all.
     pub variations: Vec<Option<VariationData<'a>>>,
     /// Stems of the files of every representative (same order), for links; empty for none.
     pub stems: Vec<String>,
-    /// Whether tracks and models lie beside the report, so that it may lead to them.
+    /// Whether tracks and models are beside the report and can be linked.
     pub tracked_here: bool,
-    /// How emotions go with numbers of the people; empty where none were asked for.
+    /// Associations of emotions with numbers of the people; empty if not requested.
     pub covariates: Vec<CovariateData<'a>>,
     /// Options of the tests.
     pub compare: CompareOptions,
     /// Whether labels and numbers are exchanged within strata.
     pub strata: bool,
-    /// Groups beside each other; `None` when nothing was grouped.
+    /// Comparison of groups; `None` without groups.
     pub groups: Option<GroupsData<'a>>,
 }
 
-/// What the report shows of groups.
+/// Report data on groups.
 #[derive(Debug)]
 pub struct GroupsData<'a> {
     /// Tests between groups.
     pub comparisons: &'a Comparisons,
     /// Options of tests and bootstrap.
     pub options: &'a GroupOptions,
-    /// People and interval of every representative (same order).
+    /// Number of people and interval of every representative (same order).
     pub classes: Vec<(usize, Option<DispersionInterval>)>,
 }
 
 /// Renders the report.
 ///
-/// Every text of the user's (title, labels, ids, reasons) is escaped; the data is embedded as JSON in which `<` is written
-/// `\u003c`, so that no text can end the script element or open a comment. A number that is not finite is shown as a dash.
+/// All texts of the user (title, labels, ids, reasons) are escaped. The data is embedded as JSON in which `<` is written `\u003c`, so that
+/// no text can end the script element or open a comment. Non-finite numbers are shown as a dash.
 ///
 /// # Errors
-/// When the template does not render (a programmer's error).
+/// When the template cannot be rendered (a programming error).
 pub fn render_html(data: &ReportData<'_>) -> Result<String, minijinja::Error> {
     let mut environment = Environment::new();
     environment.set_undefined_behavior(UndefinedBehavior::Strict);

@@ -1,11 +1,11 @@
-//! Numbers as the report prints them.
+//! Formats numbers for the report.
 
 use serde_json::Value;
 
-/// What stands for a number that is not there.
+/// Text for a missing number.
 pub(super) const MISSING: &str = "\u{2013}";
 
-/// A number for the embedded data, rounded to `digits` decimals; whole numbers without a point, not finite numbers as null.
+/// A number for the embedded data, rounded to `digits` decimals; whole numbers without a point, non-finite numbers as null.
 pub(super) fn rounded(value: f64, digits: u8) -> Value {
     let factor = 10_f64.powi(i32::from(digits));
     let scaled = (value * factor).round();
@@ -35,7 +35,7 @@ pub(super) fn fixed(value: f64, digits: usize) -> String {
     }
 }
 
-/// [`fixed`], or a dash where there is none.
+/// As [`fixed`], or a dash without a value.
 pub(super) fn fixed_or_dash(value: Option<f64>, digits: usize) -> String {
     value.map_or_else(|| MISSING.to_owned(), |v| fixed(v, digits))
 }

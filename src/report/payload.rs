@@ -1,4 +1,4 @@
-//! The data that the page's script draws from, as compact JSON.
+//! Data for the page's script, as compact JSON.
 
 use std::{
     borrow::Cow,
@@ -28,7 +28,7 @@ const SHADES: usize = 10;
 /// Direction to the light: from the viewer's upper left.
 const LIGHT: [f64; 3] = [-0.45, 0.55, 0.7];
 
-/// Lists of names that rows refer to by index.
+/// Lists of names to which rows refer by index.
 struct Index<'a> {
     ids: BTreeMap<&'a SequenceId, usize>,
     emotions: BTreeMap<&'a str, usize>,
@@ -91,7 +91,7 @@ impl<'a> Index<'a> {
     }
 }
 
-/// Word and meaning of every row of the glossary; rows that explain several words count for each.
+/// Word and meaning of every row of the glossary; a row with several words gives several entries.
 fn glossary(markdown: &str) -> Vec<[&str; 2]> {
     let rows = markdown.lines().filter_map(|line| line.strip_prefix("| ")?.strip_suffix(" |")?.split_once(" | "));
     let rows = rows.filter(|(words, _)| !words.starts_with("---") && *words != "word");
@@ -100,7 +100,7 @@ fn glossary(markdown: &str) -> Vec<[&str; 2]> {
         .collect()
 }
 
-/// Triangles and contours over live nodes (by their place in the list of live nodes), and a fixed shade per triangle.
+/// Triangles and contours over live nodes (by their index in the list of live nodes), and a fixed shade per triangle.
 fn wireframe(wireframe: &Wireframe) -> Value {
     let place: BTreeMap<NodeId, usize> = wireframe.live_nodes().iter().enumerate().map(|(k, &n)| (n, k)).collect();
     let corners = wireframe.triangles().iter().flatten().filter_map(|n| place.get(n));
@@ -114,13 +114,13 @@ fn wireframe(wireframe: &Wireframe) -> Value {
     })
 }
 
-/// Contours of a weight by the places of their nodes.
+/// Contours of a weight, by the indices of their nodes.
 fn contours(wireframe: &Wireframe, place: &BTreeMap<NodeId, usize>, weight: &str) -> Vec<Vec<usize>> {
     let chains = contour_chains(wireframe, weight);
     chains.iter().filter_map(|chain| chain.iter().map(|n| place.get(n).copied()).collect()).collect()
 }
 
-/// Contours of a weight (`strong`, `fine`) as chains of nodes, those of which the wireframe has every node.
+/// Contours of a weight (`strong`, `fine`) as chains of nodes, if the wireframe has all their nodes.
 pub(super) fn contour_chains(wireframe: &Wireframe, weight: &str) -> Vec<Vec<NodeId>> {
     let live = |node: &str| {
         let node = NodeId(node.parse().ok()?);
@@ -130,7 +130,7 @@ pub(super) fn contour_chains(wireframe: &Wireframe, weight: &str) -> Vec<Vec<Nod
     rows.filter(|&(w, _)| w == weight).filter_map(|(_, nodes)| nodes.split_whitespace().map(live).collect()).collect()
 }
 
-/// Lambert shade of a neutral triangle under [`LIGHT`], 0 to `SHADES` - 1; windings do not matter.
+/// Lambert shade of a neutral triangle under [`LIGHT`], 0 to `SHADES` - 1; independent of the winding.
 fn shade(vertices: &[Point3<f64>], triangle: [NodeId; 3]) -> usize {
     let [a, b, c] = triangle.map(|n| vertices[n.index()]);
     let normal = (b - a).cross(&(c - a));
@@ -139,7 +139,7 @@ fn shade(vertices: &[Point3<f64>], triangle: [NodeId; 3]) -> usize {
     ((lit * SHADES as f64) as usize).min(SHADES - 1)
 }
 
-/// What a live node is called: its feature point, else its region.
+/// Name of each live node: its feature point, else its region.
 fn node_names(wireframe: &Wireframe, tables: &Tables) -> Vec<String> {
     let mut names: BTreeMap<NodeId, String> = BTreeMap::new();
     for row in &tables.feature_points {
@@ -151,10 +151,10 @@ fn node_names(wireframe: &Wireframe, tables: &Tables) -> Vec<String> {
     wireframe.live_nodes().iter().map(name).collect()
 }
 
-/// Most sequences of a class of which the report draws a dot.
+/// Most sequences of a class that the report draws as dots.
 pub(super) const MOST_DOTS: usize = crate::statistics::scale::MANY_MODELS;
 
-/// A representative with no more sequences than the report draws: every so many of the sequences in order.
+/// A representative reduced to the number of sequences that the report draws, at regular intervals.
 fn shown(r: &Representative) -> Cow<'_, Representative> {
     let n = r.sequences.len();
     if n <= MOST_DOTS {
@@ -209,7 +209,7 @@ fn representative(r: &Representative, live: &[NodeId], index: &Index<'_>, faps: 
     Value::Object(map)
 }
 
-/// The trimming trace by field: the distance of every sequence (in the order of `sequences`), and the places of the dropped ones.
+/// Trimming by field: the distance of every sequence (in the order of `sequences`), and the indices of the dropped ones.
 fn trimming(r: &Representative) -> (Value, Value) {
     let place: BTreeMap<&SequenceId, usize> = r.sequences.iter().enumerate().map(|(k, id)| (id, k)).collect();
     let fields = r.model.frame_count() - 1;
@@ -226,9 +226,9 @@ fn trimming(r: &Representative) -> (Value, Value) {
     (json!(distances), json!(dropped))
 }
 
-/// A row: sequence, emotion, frames, eye distance px, tracked %, residual px, reason and count in turn, node and count in turn,
-/// expected error px, whether to look again, why, percent of lost nodes frame by frame, expected error px frame by frame, pictures of the
-/// neutral and the apex frame, stem of its files, expected error of the placement px.
+/// A row of a track: sequence, emotion, frames, eye distance px, tracked %, residual px, reasons with counts, nodes with counts, expected
+/// error px, whether to review it, why, percent of lost nodes per frame, expected error px per frame, pictures of the neutral and the apex
+/// frame, stem of its files, expected error of the placement px.
 fn track(t: &TrackQuality, index: &Index<'_>, has_files: bool) -> Value {
     let reasons = t.summary.recovered.iter().filter(|&(_, &n)| n > 0);
     json!([
@@ -255,10 +255,10 @@ fn track(t: &TrackQuality, index: &Index<'_>, has_files: bool) -> Value {
     ])
 }
 
-/// Most steps of the course of a track that the report draws.
+/// Most steps in the report's chart of a track over time.
 const MOST_STEPS: usize = 40;
 
-/// Frames in as many steps as are drawn: each one by itself where there are few.
+/// Groups frames into the steps that are drawn; each frame is a step if there are few.
 fn steps(course: &[FrameQuality]) -> impl Iterator<Item = &[FrameQuality]> {
     course.chunks(course.len().div_ceil(MOST_STEPS).max(1))
 }

@@ -1,4 +1,4 @@
-//! What the report shows of how people differ: components as moving faces, and bands around curves.
+//! Report data on the variation among people: components as moving faces, and bands around curves.
 
 use nalgebra::Vector2;
 use serde_json::{Value, json};
@@ -16,37 +16,37 @@ use crate::{
     units::{FaceUnit, NodeId},
 };
 
-/// Components that are shown.
+/// Number of components shown.
 const SHOWN: usize = 3;
 
-/// A curve over the frames with what people scatter around it.
+/// A curve over the frames with the band of the people's values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BandCurve {
-    /// What it is of, such as `FAP 12 raise_l_cornerlip` or `node 31`.
+    /// Its quantity, such as `FAP 12 raise_l_cornerlip` or `node 31`.
     pub label: String,
     /// Unit of its values.
     pub unit: String,
-    /// By frame: the representative's value, and everybody's.
+    /// By frame: the representative's value, and the band.
     pub values: Vec<(f64, Band)>,
 }
 
-/// How the people of one emotion differ.
+/// Variation among the people of one emotion.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VariationData<'a> {
-    /// Mean and components; `None` where there are too few people.
+    /// Mean and components; `None` with too few people.
     pub variation: Option<&'a Variation>,
     /// Curves with bands, in the order of the menu.
     pub bands: Vec<BandCurve>,
 }
 
-/// Offsets of the live nodes of a model from neutral in one frame, x and y in turn, face units.
+/// Offsets of the live nodes of a model from neutral in one frame, x and y alternating, face units.
 pub(super) fn offsets_of(model: &DynamicExpressionModel<FaceUnit>, frame: usize, live: &[NodeId]) -> Vec<f64> {
     let all = model.neutral_offsets(frame);
     live.iter().flat_map(|n| [all[n.index()].x, all[n.index()].y]).collect()
 }
 
-/// For the page's script: offsets by frame, x and y in turn, as those of the representatives; `along` are the numbers that the expression
-/// may go with, behind the components.
+/// Data for the page's script: offsets by frame, x and y alternating, in the format of the representatives. `along` are the tested numbers,
+/// which follow the components.
 pub(super) fn payload(data: &VariationData<'_>, along: &[(&str, &Covariate)], live: &[NodeId]) -> Value {
     let mean = |model: &DynamicExpressionModel<FaceUnit>| {
         let of_frame = |m: usize| offsets_of(model, m, live).into_iter().map(length).collect::<Vec<_>>();

@@ -1,4 +1,4 @@
-//! What the template shows as text: the summary, the dispersion table, and one card per representative.
+//! Text of the report for the template: the summary, the dispersion table, and one card per representative.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -21,7 +21,7 @@ use crate::{
     wireframe::Fapu,
 };
 
-/// Classes of fewer people are marked as small.
+/// Number of people below which a class is marked as small.
 const SMALL_CLASS: usize = 5;
 /// Bars in the chart of FAPs, as in the script.
 const TOP_FAPS: usize = 20;
@@ -29,7 +29,7 @@ const TOP_FAPS: usize = 20;
 const PUBLISHED_DISPERSIONS: [(&str, f64); 6] =
     [("anger", 11.13), ("disgust", 9.80), ("fear", 11.39), ("happiness", 10.89), ("sadness", 13.46), ("surprise", 13.57)];
 
-/// Tables beside every report, and what they hold.
+/// Tables written beside every report, with their content.
 const FILES: [(&str, &str); 7] = [
     ("statistics.csv", "dispersion of every emotion and group"),
     ("trimming.csv", "what was trimmed, and why"),
@@ -43,7 +43,7 @@ const FILES: [(&str, &str); 7] = [
     ("units.json", "units of all columns"),
 ];
 
-/// The report's text.
+/// Text of the report.
 #[derive(Serialize)]
 pub(super) struct View<'a> {
     title: &'a str,
@@ -57,7 +57,7 @@ pub(super) struct View<'a> {
     too_short: Option<&'a str>,
     table: DispersionTable<'a>,
     cards: Vec<Card>,
-    /// Drawn length over length of arrows, and the length of the measure.
+    /// Magnification of the arrows, and the length of the scale arrow.
     arrows: [String; 2],
     track_count: String,
     fapus: Vec<(String, String)>,
@@ -71,7 +71,7 @@ pub(super) struct View<'a> {
     courses: Option<CoursesView>,
 }
 
-/// A sequence that a person should look at again.
+/// A sequence to review.
 #[derive(Serialize)]
 struct LookAgain<'a> {
     subject: &'a str,
@@ -131,7 +131,7 @@ struct Card {
     label: String,
     sequence_count: String,
     n: usize,
-    /// Dots in the strips, where not every sequence has one; there the greedy median did not run either.
+    /// Number of dots in the strips, if not every sequence has one; in that case the greedy median was not computed either.
     dots: Option<usize>,
     frames: usize,
     apex: usize,
@@ -148,24 +148,24 @@ struct Card {
     dropped_per_field: String,
     has_faps: bool,
     fap_rows: usize,
-    /// What the figure of how people differ can show: components, and numbers that expressions may go with.
+    /// Entries of the variation figure: components, and tested numbers.
     components: Vec<String>,
     has_bands: bool,
-    /// Stem of its files, as a part of a link.
+    /// Stem of its files, as part of a link.
     stem: Option<String>,
     fields: Vec<FieldView>,
-    /// The map of its dispersion; empty for a single sequence.
+    /// Map of its dispersion; empty for a single sequence.
     map: String,
 }
 
-/// A displacement field: its picture, and how far nodes go.
+/// A displacement field: its drawing, and the lengths of the node displacements.
 #[derive(Serialize)]
 struct FieldView {
     picture: String,
     lengths: String,
 }
 
-/// What the drawings of all classes have in common.
+/// Common data of the drawings of all classes.
 pub(super) struct Fields {
     pub(super) lines: Lines,
     scale: FieldScale,
@@ -179,7 +179,7 @@ impl Fields {
         Self { scale: FieldScale::of(models(), &lines), within: figures::view_box(models(), &lines), lines }
     }
 
-    /// The dispersion of a class, over its own range.
+    /// Map of the dispersion of a class, over its own range.
     fn map(&self, r: &Representative, label: &str) -> String {
         let value = |n: NodeId| r.node_dispersion.get(n.index()).copied().unwrap_or(0.0);
         let span = figures::range(&value, &self.lines);
@@ -187,7 +187,7 @@ impl Fields {
         map.inline("heat", &format!("Dispersion per node of {label}"))
     }
 
-    /// The displacement fields of a class; the first holds the measure.
+    /// Displacement fields of a class; the first has the scale arrow.
     fn of(&self, r: &Representative, label: &str) -> Vec<FieldView> {
         let view = |m: usize| {
             let mut drawing = figures::field(&r.model, m, self.scale, self.within, &self.lines);
@@ -255,7 +255,7 @@ impl<'a> DispersionTable<'a> {
         let emotions: Vec<&str> = emotions.into_iter().collect();
         let missing = MISSING.to_owned();
         let empty = Cell { sequences: missing.clone(), after: missing.clone(), before: missing, single: false, small: false };
-        // Groups in the order of first appearance: the caller sorted them.
+        // Groups in order of first appearance: the caller has sorted them.
         let mut groups: Vec<&BTreeMap<String, String>> = Vec::new();
         for r in representatives {
             if !groups.contains(&&r.label.group) {
@@ -348,13 +348,13 @@ impl Card {
     }
 }
 
-/// A text as a part of a link.
+/// A text encoded as part of a link.
 fn url_part(text: &str) -> String {
     let plain = |b: u8| b.is_ascii_alphanumeric() || b"-_.~".contains(&b);
     text.bytes().map(|b| if plain(b) { char::from(b).to_string() } else { format!("%{b:02X}") }).collect()
 }
 
-/// A class's group as `column = value, ...`; empty when not grouped.
+/// A class's group as `column = value, ...`; empty without groups.
 pub(super) fn group_text(label: &ClassLabel) -> String {
     pairs_text(&label.group)
 }

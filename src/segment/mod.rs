@@ -1,18 +1,19 @@
-//! Rests and expressions in the features of a recording.
+//! Finds rests and expressions in the features of a recording.
 //!
-//! A person who is filmed for minutes smiles, rests, speaks, blinks and looks about. What is looked for is every *expression*: an
-//! onset from rest to an apex, and an offset. The signal is made of the intensities of action units ([`crate::features`]), which
-//! know nothing of turns of the head:
+//! A person who is filmed for minutes smiles, rests, speaks, blinks and looks around. Every *expression* is found: an onset from rest to an
+//! apex, and an offset. The signal consists of the intensities of action units ([`crate::features`]), which do not depend on head pose:
 //!
-//! 1. The **rest** is the intensities that the person comes back to most: the frame in whose neighbourhood most frames lie (a
-//!    kernel density). Intensities count from there.
-//! 2. Each intensity is opened in time (erosion, then dilation, over [`SegmentOptions::shortest`]): blinks and the syllables of
-//!    speech, which go up and down within that time, disappear, expressions stay.
-//! 3. The **activity** of a frame is the Euclidean norm of what is left. A stretch above [`SegmentOptions::low`] that reaches
-//!    [`SegmentOptions::high`] is an expression, one that sinks below half of its peak in between is several.
-//! 4. The **apex** is the first frame with (nearly) the largest activity before opening, eyes left out; **onset** and **offset** are where
-//!    that activity leaves and reaches what it is around the expression. The **neutral** frame is the calmest frame of the rest just before
-//!    the onset, or, where the recording begins with the expression or follows on another one without a rest, of that behind the offset.
+//! 1. The **rest** is the face to which the person returns most often: the frame with the highest kernel density of intensities around it.
+//!    Intensities are measured from there.
+//! 2. Each intensity is opened in time (erosion, then dilation, over [`SegmentOptions::shortest`]). This removes blinks and syllables,
+//!    which rise and fall within that time, and keeps expressions.
+//! 3. The Euclidean norm of the opened intensities tells where expressions are: stretches above [`SegmentOptions::low`] that reach
+//!    [`SegmentOptions::high`]. A stretch that falls below half of its peak in between is split.
+//! 4. The **activity** of a frame is the Euclidean norm of the intensities before opening, without the eyes. The **apex** is the first
+//!    frame with (nearly) the largest activity. **Onset** and **offset** are where the activity leaves its level around the expression and
+//!    returns to it.
+//! 5. The **neutral** frame is the calmest frame of the rest just before the onset. If there is none (the recording begins with the
+//!    expression, or another one precedes it without a rest), it is taken from the rest after the offset.
 
 mod rest;
 mod signal;
@@ -23,8 +24,8 @@ use crate::features::{ACTION_UNITS, FrameFeatures, LIPS_PART};
 
 pub use rest::densest;
 
-/// Weight of an intensity in the activity. Blinks do not count, nor lips that part, which other units say, too; eyes that widen and a chin
-/// that rises count half, for turns of the head look like them.
+/// Weight of an action unit in the activity. Blinks and parted lips have none; other units cover the latter. Widened eyes and a raised chin
+/// have half, because head rotation resembles them.
 fn weight(number: u8) -> f64 {
     match number {
         45 | LIPS_PART => 0.0,
@@ -33,10 +34,10 @@ fn weight(number: u8) -> f64 {
     }
 }
 
-/// Action units of the eyes, which do not say where an apex is: people blink in the middle of a smile.
+/// Action units of the eyes, which are ignored in locating an apex, since people blink in the middle of a smile.
 const EYES: [u8; 3] = [5, 6, 7];
 
-/// What a recording's frame is segmented by.
+/// Data of one recorded frame for segmentation.
 ///
 /// ```
 /// use grimace::segment::RecordedFrame;
@@ -51,17 +52,17 @@ const EYES: [u8; 3] = [5, 6, 7];
 pub struct RecordedFrame {
     /// Frame number.
     pub number: u32,
-    /// Why it cannot be used; `None` for a good frame.
+    /// Why it is unusable; `None` for a good frame.
     pub reason: Option<String>,
-    /// Share of the nodes that were seen, 0 to 1.
+    /// Share of visible nodes, 0 to 1.
     pub confidence: f32,
     /// Yaw, pitch, roll, degrees.
     pub pose: [f32; 3],
     /// Intensities in the order of [`ACTION_UNITS`], 0 to 5.
     pub units: [f32; ACTION_UNITS.len()],
-    /// Opening of the left and of the right eye over that of the neutral frame.
+    /// Opening of the left and of the right eye divided by that of the neutral frame.
     pub eyes: [f32; 2],
-    /// Distance of the inner lips over MNS0.
+    /// Distance of the inner lips divided by MNS0.
     pub mouth: f32,
 }
 
@@ -80,7 +81,7 @@ impl From<&FrameFeatures> for RecordedFrame {
     }
 }
 
-/// How expressions are told from rests. Activities are on the scale of action units, 0 to 5.
+/// Thresholds that separate expressions from rests. Activities are on the scale of action units, 0 to 5.
 ///
 /// ```
 /// # let frame = |t: u16| {
@@ -101,13 +102,13 @@ impl From<&FrameFeatures> for RecordedFrame {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct SegmentOptions {
-    /// Shortest expression, seconds; what goes up and down within it is a blink or speech.
+    /// Shortest expression, seconds; shorter ones are blinks or speech.
     pub shortest: f64,
-    /// Activity that an expression reaches.
+    /// Norm of the opened intensities that an expression must reach.
     pub high: f64,
-    /// Activity at which it begins and ends.
+    /// Norm of the opened intensities at which an expression begins and ends.
     pub low: f64,
-    /// Activity up to which a frame is at rest.
+    /// Largest activity of a frame at rest.
     pub rest: f64,
 }
 
@@ -117,7 +118,7 @@ impl Default for SegmentOptions {
     }
 }
 
-/// What a frame belongs to.
+/// Phase of a frame.
 ///
 /// ```
 /// # let frame = |t: u16| {
@@ -140,13 +141,13 @@ impl Default for SegmentOptions {
 pub enum Phase {
     /// At rest.
     Rest,
-    /// On the way to an apex.
+    /// Between rest and apex.
     Onset,
     /// At an apex.
     Apex,
-    /// On the way back.
+    /// Between apex and rest.
     Offset,
-    /// None of these: speech, a blink, or a frame that cannot be used.
+    /// None of these: speech, a blink, or an unusable frame.
     Other,
 }
 
@@ -163,7 +164,7 @@ impl Phase {
     }
 }
 
-/// An expression; all but the confidence are places in the list of frames.
+/// An expression. Frames are given as indices in the list of frames.
 ///
 /// ```
 /// # let frame = |t: u16| {
@@ -184,21 +185,21 @@ impl Phase {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Expression {
-    /// A frame at rest before it, or after it where there is none before.
+    /// Index of the neutral frame: at rest before the expression, or after it if there is no rest before.
     pub neutral: usize,
-    /// Where it leaves the rest.
+    /// Index of the frame in which it leaves the rest.
     pub onset: usize,
-    /// Where it is strongest.
+    /// Index of the frame in which it is strongest.
     pub apex: usize,
-    /// Where it is back at rest.
+    /// Index of the frame in which it is back at rest.
     pub offset: usize,
     /// Activity at the apex.
     pub strength: f64,
-    /// How sure it is that this is an expression from rest to apex, 0 to 1.
+    /// Confidence that it is an expression from rest to apex, 0 to 1.
     pub confidence: f64,
 }
 
-/// The rests and expressions of a list of frames.
+/// Rests and expressions in a list of frames.
 ///
 /// ```
 /// # let frame = |t: u16| {
@@ -218,15 +219,15 @@ pub struct Expression {
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Segmentation {
-    /// Place of the frame that is most at rest.
+    /// Index of the frame with the highest density, which defines the rest.
     pub rest: usize,
     /// Activity of every frame.
     pub activity: Vec<f64>,
     /// Phase of every frame.
     pub phases: Vec<Phase>,
-    /// The expressions, in time.
+    /// Expressions in order of time.
     pub expressions: Vec<Expression>,
-    /// Places of apexes that have no rest beside them.
+    /// Indices of apexes without an adjacent rest.
     pub without_rest: Vec<usize>,
 }
 
@@ -245,7 +246,7 @@ pub enum SegmentError {
          frame and mark it, or cut the recording where the person rests"
     )]
     NoRest {
-        /// Seconds that a rest lasts at least.
+        /// Minimum duration of a rest in seconds.
         seconds: f64,
         /// First frame number.
         first: u32,
@@ -255,39 +256,41 @@ pub enum SegmentError {
     /// Too few frames to speak of a rest.
     #[error("only {found} of {frames} frames are usable, too few for a rest and an expression")]
     TooFew {
-        /// Frames that can be used.
+        /// Usable frames.
         found: usize,
         /// Frames.
         frames: usize,
     },
 }
 
-/// Time that the person is at rest at least, seconds in all.
+/// Minimum total time at rest, seconds.
 const LEAST_REST: f64 = 0.4;
-/// Seconds at least from the start to the end of what is segmented.
+/// Minimum duration of the frames to be segmented, seconds.
 const SHORTEST_PIECE: f64 = 1.0;
-/// Share of the way from the least activity near an apex to that at the apex at which it begins and ends.
+/// Share of the rise from the lowest activity near an apex to the apex at which an expression begins and ends.
 const EDGE: f64 = 0.1;
-/// Seconds to either side of an apex in which the least activity is looked for.
+/// Seconds on either side of an apex in which the lowest activity is searched.
 const NEAR: f64 = 2.0;
-/// The apex is the first frame of those before the largest activity that have this share of it: expressions that are held fade slowly.
+/// Share of the largest activity that frames must have to count as apex. The apex is the first of those that lead up to the maximum,
+/// because held expressions fade slowly.
 const AT_APEX: f64 = 0.985;
-/// Most change of the activity of a face at rest, over these seconds to either side.
+/// Largest change of activity of a face at rest, and the seconds on either side over which it is measured.
 const STILL: (f64, f64) = (0.4, 0.12);
-/// A rest behind an expression is taken for the one before it where it is calmer by more than this share of what is a rest.
+/// Share of [`SegmentOptions::rest`] by which the rest after an expression must be calmer than the rest before to be used instead.
 const CALMER: f64 = 0.5;
-/// Share of the strength of the stronger of two expressions below which the activity falls between them.
+/// Share of a run's peak below which the activity must fall to split it into several expressions.
 const VALLEY: f64 = 0.5;
-/// Opening of the eyes, over that at rest, from which they count as open.
+/// Eye opening, relative to its median, from which the eyes count as open.
 const OPEN: f32 = 0.88;
 /// Share of the activity at the apex from which a frame counts as apex.
 const NEAR_APEX: f64 = 0.95;
-/// Seconds before an onset, or behind an offset, among which the neutral frame is the calmest.
+/// Seconds before an onset, or after an offset, in which the calmest frame becomes the neutral frame.
 const MOMENT: f64 = 0.6;
-/// An expression goes up once and down once. Way that the activity goes over its height, above which it is speech.
+/// Largest ratio of the total variation of the activity to its height. An expression rises once and falls once; above this ratio it is
+/// speech.
 const MOST_WAY: f64 = 4.5;
 
-/// Finds rests and expressions in frames that follow each other.
+/// Finds rests and expressions in consecutive frames.
 ///
 /// ```
 /// use grimace::segment::{RecordedFrame, segment};
@@ -306,7 +309,7 @@ const MOST_WAY: f64 = 4.5;
 /// ```
 ///
 /// # Errors
-/// [`SegmentError`] when there is no rest.
+/// [`SegmentError`] when there is no rest, or too few frames are usable.
 pub fn segment(frames: &[RecordedFrame], fps: f64, options: &SegmentOptions) -> Result<Segmentation, SegmentError> {
     let usable = frames.iter().filter(|f| f.reason.is_none()).count();
     if (usable as f64) < SHORTEST_PIECE * fps {
@@ -367,7 +370,7 @@ pub fn segment(frames: &[RecordedFrame], fps: f64, options: &SegmentOptions) -> 
     Ok(Segmentation { rest, activity, phases, expressions, without_rest })
 }
 
-/// Whether the eyes are open in every frame.
+/// Tells for every frame whether the eyes are open.
 fn open_eyes(frames: &[RecordedFrame]) -> Vec<bool> {
     let mut openings: Vec<f64> =
         frames.iter().filter(|f| f.reason.is_none()).map(|f| f64::from(f.eyes[0].min(f.eyes[1]))).collect();
@@ -377,7 +380,7 @@ fn open_eyes(frames: &[RecordedFrame]) -> Vec<bool> {
 
 type Run = std::ops::RangeInclusive<usize>;
 
-/// Runs that reach `high`; those that sink below half of their peak in between are several.
+/// Returns the runs that reach `high`, split where they fall below half of their peak.
 fn split_runs(runs: &[Run], lasting: &[f64], high: f64) -> Vec<Run> {
     let peak = |run: &Run| lasting[run.clone()].iter().copied().fold(0.0, f64::max);
     let mut out = Vec::new();
@@ -392,7 +395,7 @@ fn split_runs(runs: &[Run], lasting: &[f64], high: f64) -> Vec<Run> {
             out.push(run.clone());
             continue;
         }
-        // The lowest place between two parts parts them.
+        // The split is at the lowest value between two parts.
         let mut start = *run.start();
         for pair in parts.windows(2) {
             let between = *pair[0].end()..=*pair[1].start();
@@ -405,7 +408,7 @@ fn split_runs(runs: &[Run], lasting: &[f64], high: f64) -> Vec<Run> {
     out
 }
 
-/// What expressions are made of.
+/// Data from which expressions are determined.
 struct Found<'a> {
     activity: &'a [f64],
     lasting: &'a [f64],
@@ -416,7 +419,10 @@ struct Found<'a> {
 }
 
 impl Found<'_> {
-    /// The expression of a run; `free` is what lies between the runs around it. `None` for speech, the apex where there is no rest.
+    /// The expression of a run; `None` for speech. `free` is the range between the adjacent runs.
+    ///
+    /// # Errors
+    /// The index of the apex, if there is no rest.
     fn expression(&self, run: &Run, free: (usize, usize)) -> Result<Option<Expression>, usize> {
         let at = |t: usize| self.activity[t];
         let peak = run.clone().max_by(|&a, &b| at(a).total_cmp(&at(b)).then(b.cmp(&a))).unwrap_or(*run.start());
@@ -448,7 +454,7 @@ impl Found<'_> {
         ((seconds * self.fps).round() as usize).max(1)
     }
 
-    /// The calmest frame of the moment of rest before an onset, or of the one behind an offset; `None` without a rest.
+    /// The calmest frame of the rest just before an onset or just after an offset; `None` without a rest.
     fn neutral(&self, onset: usize, offset: usize, free: (usize, usize)) -> Option<usize> {
         let moment = self.frames_in(MOMENT);
         let calmest = |rest: &mut dyn Iterator<Item = usize>| rest.min_by(|&a, &b| self.activity[a].total_cmp(&self.activity[b]));

@@ -1,11 +1,12 @@
-//! The rest: what a person comes back to most.
+//! Finds the rest: the face to which a person returns most often.
 
-/// Distance within which two frames are alike: the norm of differences of intensities, 0 to 5 each.
+/// Distance within which two frames are alike: the norm of the differences of intensities, each 0 to 5.
 const ALIKE: f32 = 1.5;
-/// Most frames that are compared with each other, evenly spread.
+/// Largest number of frames compared with each other, evenly spread.
 const COMPARED: usize = 600;
 
-/// Place of the vector with most others about it, by a Gaussian kernel of standard deviation `radius`; the first of equals, `None` of none.
+/// Index of the vector with the highest density of others, by a Gaussian kernel of standard deviation `radius`. Of equals it is the first;
+/// `None` without vectors.
 pub fn densest(vectors: &[&[f32]], radius: f32) -> Option<usize> {
     let square = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(x, y)| (x - y) * (x - y)).sum::<f32>();
     let density = |a: &&[f32]| vectors.iter().map(|b| f64::from(-0.5 * square(a, b) / (radius * radius)).exp()).sum::<f64>();
@@ -13,7 +14,7 @@ pub fn densest(vectors: &[&[f32]], radius: f32) -> Option<usize> {
     (0..vectors.len()).max_by(|&a, &b| densities[a].total_cmp(&densities[b]).then(b.cmp(&a)))
 }
 
-/// The frame that is most at rest among those that may be, and all that are alike to it.
+/// The frame that defines the rest among those for which `may_rest` is true, and all frames alike to it.
 pub(super) fn rest(vectors: &[Vec<f32>], may_rest: impl Fn(usize) -> bool) -> Option<(usize, Vec<usize>)> {
     let usable: Vec<usize> = (0..vectors.len()).filter(|&t| may_rest(t)).collect();
     let step = usable.len().div_ceil(COMPARED).max(1);

@@ -1,11 +1,11 @@
-//! Signals in time: smoothed, opened, cut into runs.
+//! Signals in time: smoothing, opening, runs.
 
 use super::RecordedFrame;
 
 /// Standard deviation of the smoothing, seconds.
 const SMOOTHING: f64 = 0.05;
 
-/// Intensity number `k` of every frame; a frame that cannot be used has that of the one before it.
+/// Intensity number `k` of every frame. An unusable frame has the value of the previous one.
 pub(super) fn held(frames: &[RecordedFrame], k: usize) -> Vec<f64> {
     let first = frames.iter().find(|f| f.reason.is_none()).map_or(0.0, |f| f64::from(f.units[k]));
     let mut last = first;
@@ -18,7 +18,7 @@ pub(super) fn held(frames: &[RecordedFrame], k: usize) -> Vec<f64> {
     frames.iter().map(value).collect()
 }
 
-/// Smoothed by a Gaussian; at the ends by what there is of it.
+/// Smooths by a Gaussian, truncated and renormalized at the ends.
 pub(super) fn smooth(values: &[f64], fps: f64) -> Vec<f64> {
     let sigma = SMOOTHING * fps;
     let reach = (3.0 * sigma).ceil().max(0.0) as usize;
@@ -32,7 +32,7 @@ pub(super) fn smooth(values: &[f64], fps: f64) -> Vec<f64> {
     (0..values.len()).map(at).collect()
 }
 
-/// The least, or with `most` the largest, value in windows of `width` about every place.
+/// Minimum, or with `most` maximum, in windows of `width` around every index.
 fn extreme(values: &[f64], width: usize, most: bool, shift: usize) -> Vec<f64> {
     let before = (width - 1) / 2 + shift;
     let after = width - 1 - before;
@@ -44,14 +44,14 @@ fn extreme(values: &[f64], width: usize, most: bool, shift: usize) -> Vec<f64> {
     (0..values.len()).map(at).collect()
 }
 
-/// Opened: what rises above its surroundings for less than `width` frames is cut off.
+/// Morphological opening: removes rises that last less than `width` frames.
 pub(super) fn opened(values: &[f64], width: usize) -> Vec<f64> {
-    // Dilation with the mirrored window; it differs from the window itself where the width is even.
+    // Dilation uses the mirrored window, which differs if the width is even.
     let shift = usize::from(width.is_multiple_of(2));
     extreme(&extreme(values, width, false, 0), width, true, shift)
 }
 
-/// The Euclidean norm over the channels that count, frame by frame.
+/// Euclidean norm over the channels for which `counts` is true, by frame.
 pub(super) fn norm(channels: &[Vec<f64>], counts: impl Fn(usize) -> bool) -> Vec<f64> {
     let frames = channels.first().map_or(0, Vec::len);
     let at = |t: usize| {
@@ -61,7 +61,7 @@ pub(super) fn norm(channels: &[Vec<f64>], counts: impl Fn(usize) -> bool) -> Vec
     (0..frames).map(at).collect()
 }
 
-/// Stretches above a limit.
+/// Runs of values above a limit.
 pub(super) fn runs(values: &[f64], limit: f64) -> Vec<std::ops::RangeInclusive<usize>> {
     let mut out = Vec::new();
     let mut start = None;

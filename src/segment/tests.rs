@@ -2,7 +2,7 @@ use super::*;
 
 const FPS: f64 = 25.0;
 
-/// Frames whose intensities of some action units are given by number and time in frames.
+/// Frames with intensities of some action units, given by number and time in frames.
 fn frames(count: usize, unit: impl Fn(u8, f64) -> f64) -> Vec<RecordedFrame> {
     (0..count)
         .map(|t| RecordedFrame {
@@ -17,7 +17,7 @@ fn frames(count: usize, unit: impl Fn(u8, f64) -> f64) -> Vec<RecordedFrame> {
         .collect()
 }
 
-/// Up to `height` from `start` to `apex`, down until `end`.
+/// Rises to `height` from `start` to `apex`, falls until `end`.
 fn hill(t: f64, start: f64, apex: f64, end: f64, height: f64) -> f64 {
     let up = ((t - start) / (apex - start)).clamp(0.0, 1.0);
     let down = ((end - t) / (end - apex)).clamp(0.0, 1.0);
@@ -66,7 +66,7 @@ fn blinks_and_speech_are_no_expressions() {
 
 #[test]
 fn two_expressions_without_a_rest_between_them_are_two() {
-    // The second begins before the first has ended; its rest is the one behind it.
+    // The second begins before the first has ended; its rest is the one after it.
     let frames = frames(140, |unit, t| match unit {
         12 => hill(t, 30.0, 45.0, 65.0, 4.0),
         1 => hill(t, 55.0, 75.0, 95.0, 4.0),

@@ -1,7 +1,7 @@
-//! Frames of a video from a later one back to an earlier one.
+//! Reads frames of a video in reverse order.
 //!
-//! Codecs only go forward: `grimace-opencv` decodes the video up to the later frame, then piece after piece, each from a key frame before it,
-//! and gives a frame only where it is the one of the first time, to the pixel.
+//! Codecs only decode forwards. `grimace-opencv` decodes the video up to the later frame, then section by section, each from a key frame
+//! before it. It returns a frame only if all its pixels equal those of the first decoding.
 
 use std::path::{Path, PathBuf};
 
@@ -16,15 +16,15 @@ use super::{
 };
 use crate::companion::wire::Pixels;
 
-/// Gives the frames of a video by descending number.
+/// Returns the frames of a video by descending number.
 pub(super) struct BackwardVideo {
     path: PathBuf,
     stamp: Stamp,
     stream: Stream,
     from: u32,
-    /// Last number wanted.
+    /// Last requested number.
     to: u32,
-    /// Number of the next frame; `None` when nothing is left.
+    /// Number of the next frame; `None` at the end.
     next: Option<u32>,
     times: FrameTimes,
 }

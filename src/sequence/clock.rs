@@ -1,28 +1,28 @@
-//! When the frames of a video are shown.
+//! Times of the frames of a video.
 //!
-//! What a container calls its frame rate may be a time base (1000 for a browser's recording), or a mean of frames that are not even
-//! (telephones, screens, cameras that drop frames). The frames' own times tell.
+//! The frame rate in a container may be a time base (1000 for a browser's recording), or a mean of uneven frames (telephones, screens,
+//! cameras that drop frames). The frames' own times are therefore used.
 
 use crate::output::{nine_digits, per_second};
 
-/// Share of the frames that have a time at least, else the times are not trusted. Codecs give the last frames without one.
+/// Smallest share of frames with a time for times to be used. Codecs give no times for the last frames.
 const TIMED: f64 = 0.5;
-/// Times bear out what the container states when none is further from an even one than this share of a frame, and are even at another
-/// rate when none is further than the second share.
+/// Largest deviations from even times, as shares of a frame distance. Within the first, times confirm the stated rate; within the second,
+/// they are even at another rate.
 const EVEN: [f64; 2] = [0.5, 0.25];
-/// Times in files are whole milliseconds: even ones are off by up to half of one, and so is the first.
+/// Tolerance for times, s. Files store whole milliseconds, so that each time, including the first, has an error of up to half of one.
 const ROUNDED: f64 = 1.001e-3;
-/// Numbers for a frame with a time, on the mean: of more, they count something else.
+/// Largest mean number of frame numbers per frame with a time; above it, the numbers do not count frames.
 const NUMBERS_FOR_A_FRAME: usize = 100;
-/// Distances by which times that are not known are continued.
+/// Number of frame distances from which unknown times are extrapolated.
 const CONTINUED: usize = 9;
 
-/// Frames per second, and the frames' own times where these are not even.
+/// Frames per second, with the frames' own times if these are uneven.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Clock {
-    /// Frames per second, where known; in the mean where frames have their own times.
+    /// Frames per second, if known; the mean if frames have their own times.
     pub fps: Option<f64>,
-    /// Seconds from the first frame to every frame, by ascending number, where they are not even.
+    /// Seconds from the first frame to every frame, by ascending number, if uneven.
     pub times: Option<Vec<f64>>,
 }
 
@@ -32,8 +32,8 @@ impl Clock {
         Self { fps, times: None }
     }
 
-    /// The clock of frames with these ascending numbers, each shown so many seconds from some beginning. Where there are less than two, or
-    /// numbers count something else than frames, nobody knows.
+    /// The clock of frames with these ascending numbers and times in seconds from an arbitrary start. It is unknown for fewer than two
+    /// frames, or if the numbers do not count frames.
     pub(crate) fn of_times(frames: impl IntoIterator<Item = (u32, f64)>) -> Self {
         let times = FrameTimes(frames.into_iter().map(|(number, seconds)| (number, Some(seconds))).collect());
         let span = times.0.first().zip(times.0.last()).map_or(0, |(first, last)| last.0.saturating_sub(first.0));
@@ -41,15 +41,15 @@ impl Clock {
         if counts_frames { times.clock(None, None) } else { Self::default() }
     }
 
-    /// Seconds from the first frame to the one `steps` numbers later; `None` where nobody says.
+    /// Seconds from the first frame to the one `steps` numbers later; `None` if unknown.
     pub fn seconds(&self, steps: u32) -> Option<f64> {
         let own = self.times.as_ref().and_then(|times| times.get(steps as usize).copied());
         own.or_else(|| self.fps.filter(|fps| *fps > 0.0).map(|fps| f64::from(steps) / fps))
     }
 
-    /// What is to be said of times that are not even.
+    /// Note about uneven times.
     pub fn remark(&self) -> Option<String> {
-        /// Frames per second below which times may rather be milliseconds.
+        /// Frames per second below which the times may be milliseconds.
         const SLOW: f64 = 1.0;
         if let Some(fps) = self.fps.filter(|fps| *fps < SLOW) {
             return Some(format!(
@@ -71,22 +71,22 @@ impl Clock {
     }
 }
 
-/// The times of the frames of a video as they are read.
+/// Times of the frames of a video, collected during reading.
 #[derive(Clone, Debug, Default)]
 pub(super) struct FrameTimes(Vec<(u32, Option<f64>)>);
 
 impl FrameTimes {
-    /// Enters a frame and its time from the start of the video, s.
+    /// Adds a frame and its time from the start of the video, s.
     pub(super) fn enter(&mut self, number: u32, seconds: Option<f64>) {
         self.0.push((number, seconds));
     }
 
-    /// Time of the frame that was entered last.
+    /// Time of the last added frame.
     pub(super) fn last(&self) -> Option<f64> {
         self.0.last().and_then(|(_, seconds)| *seconds)
     }
 
-    /// The clock of the frames; the container states a rate, frames per second, and how long the video is, s.
+    /// The clock of the frames. `stated` is the container's rate, frames per second, `duration` that of the video, s.
     pub(super) fn clock(&self, stated: Option<f64>, duration: Option<f64>) -> Clock {
         let Some(known) = self.known() else { return Clock::even(stated) };
         let ([first, .., last], Some(&(lowest, _))) = (known.as_slice(), self.0.iter().min_by_key(|(number, _)| *number)) else {
@@ -107,7 +107,7 @@ impl FrameTimes {
         }
     }
 
-    /// When the last frame ends, s from the start of the video.
+    /// End of the last frame, s from the start of the video.
     pub(super) fn end(&self) -> Option<f64> {
         let known = self.known()?;
         let ([.., last], (highest, _)) = (known.as_slice(), self.0.iter().max_by_key(|(number, _)| *number)?) else {
@@ -116,7 +116,7 @@ impl FrameTimes {
         Some(last.1 + f64::from(highest - last.0 + 1) * step(&known))
     }
 
-    /// Numbers and times, both ascending, of the frames that have one; `None` where too few have.
+    /// Numbers and times, both ascending, of the frames that have a time; `None` if too few have.
     fn known(&self) -> Option<Vec<(u32, f64)>> {
         let mut frames = self.0.clone();
         frames.sort_by_key(|(number, _)| *number);
@@ -130,8 +130,8 @@ impl FrameTimes {
         (known.len() >= 2 && known.len() as f64 >= TIMED * self.0.len() as f64).then_some(known)
     }
 
-    /// Seconds of all frames from the first, with those that are not known between or beyond those that are. Decoders give no time to the
-    /// frames that they still held at the end of the file: these share what is left of the video.
+    /// Seconds of all frames from the first, with unknown times interpolated or extrapolated. Decoders give no times to the frames that
+    /// they still hold at the end of the file; these share the remaining duration of the video.
     fn filled(&self, known: &[(u32, f64)], lowest: u32, duration: Option<f64>) -> Vec<f64> {
         let highest = self.0.iter().map(|(number, _)| *number).max().unwrap_or(lowest);
         let reversed: Vec<(u32, f64)> = known.iter().rev().copied().collect();
@@ -153,14 +153,14 @@ impl FrameTimes {
     }
 }
 
-/// Whether frames are so far apart, s, give or take what times are rounded by.
+/// Whether `step`, s, is a usual distance of the frames, within rounding.
 fn is_usual(known: &[(u32, f64)], step: f64) -> bool {
     let apart = known.windows(2).map(|pair| (pair[1].1 - pair[0].1) / f64::from(pair[1].0.abs_diff(pair[0].0).max(1)));
     let (least, most) = apart.fold((f64::INFINITY, 0.0_f64), |(least, most), d| (least.min(d), most.max(d)));
     (least - ROUNDED..=most + ROUNDED).contains(&step)
 }
 
-/// The usual distance of the last frames of a list, s.
+/// Usual distance of the last frames of a list, s.
 fn step(known: &[(u32, f64)]) -> f64 {
     let apart = |pair: &[(u32, f64)]| (pair[1].1 - pair[0].1).abs() / f64::from(pair[1].0.abs_diff(pair[0].0).max(1));
     let mut steps: Vec<f64> = known.windows(2).rev().take(CONTINUED).map(apart).collect();
@@ -180,11 +180,11 @@ mod tests {
 
     #[test]
     fn tables_tell_times_of_their_own() {
-        // Four frames in 0.16 seconds; the frames between are not there.
+        // Four frames in 0.16 seconds; the frames between do not exist.
         assert_eq!(Clock::of_times([(1, 0.04), (5, 0.2)]), Clock::even(Some(25.0)));
         let uneven = Clock::of_times([(7, 1.0), (8, 1.04), (9, 1.2), (10, 1.24)]);
         assert_eq!(uneven.times, Some(vec![0.0, 0.04, 0.2, 0.24]));
-        // All at once, one alone, and numbers that count no frames.
+        // Equal times, a single frame, and numbers that do not count frames.
         assert_eq!(Clock::of_times([(1, 0.04), (2, 0.04)]), Clock::default());
         assert_eq!(Clock::of_times([(1, 0.04)]), Clock::default());
         assert_eq!(Clock::of_times([(1, 0.0), (4_000_000_000, 1.0)]), Clock::default());
@@ -194,11 +194,11 @@ mod tests {
     fn a_rate_that_the_times_bear_out_is_kept() {
         let even = times((0..40).map(|k| f64::from(k) * 1001.0 / 24.0));
         assert_eq!(even.clock(Some(23.976), None), Clock::even(Some(23.976)));
-        // A telephone's frames are a few milliseconds off, and the last ones have no time.
+        // A telephone's frames deviate by a few milliseconds, and the last ones have no time.
         let mut shaken = times((0..40).map(|k| f64::from(k) * 40.0 + f64::from(k % 3) * 4.0));
         (41..=43).for_each(|number| shaken.enter(number, None));
         assert_eq!(shaken.clock(Some(25.0), None), Clock::even(Some(25.0)));
-        // Nobody knows better.
+        // Too little information for another rate.
         assert_eq!(times([0.0]).clock(Some(25.0), None), Clock::even(Some(25.0)));
         assert_eq!(times([0.0; 9]).clock(None, None), Clock::default());
     }
@@ -215,7 +215,7 @@ mod tests {
 
     #[test]
     fn frames_that_are_not_even_have_their_own_times() {
-        // 5 frames 40 ms apart, then 80 ms, and two whose times are not known.
+        // 5 frames 40 ms apart, then 80 ms, and two without a time.
         let mut uneven = times([0.0, 40.0, 80.0, 120.0, 160.0, 240.0, 320.0, 400.0, 480.0, 560.0, 640.0]);
         uneven.enter(12, None);
         uneven.enter(13, Some(0.0));
@@ -233,7 +233,7 @@ mod tests {
         let ends = |duration| uneven.clock(Some(20.0), Some(duration)).times.unwrap()[11..].to_vec();
         assert_eq!(ends(0.78), [0.686667, 0.733333]);
         assert_eq!(ends(20.0), [0.72, 0.8]);
-        // Back in time, from the middle of the video, with a frame in the middle that has no time: the first is at 0.
+        // In reverse order, from the middle of the video, with a frame without a time in between: the first is at 0.
         let mut back = FrameTimes::default();
         for (number, ms) in [(9, 900.0), (8, 700.0), (6, 500.0), (5, 470.0)] {
             back.enter(number, Some(ms / 1e3));

@@ -1,4 +1,4 @@
-//! Pictures in colour: the target of cloning, and source frames whose wrinkles and teeth are carried over.
+//! Reads pictures in colour: targets of cloning, and source frames whose wrinkles and teeth are transferred.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -16,26 +16,25 @@ use crate::{
     dataset::{FrameFile, FrameSource},
 };
 
-/// Largest side of a picture, px: what an 8k camera gives, with room.
+/// Largest side of a picture, px: above that of an 8k camera.
 pub const MAX_SIDE: u32 = 16_384;
 
-/// Reads an image file in colour, upright as its EXIF data says, 16-bit channels scaled by the bits they use, transparent pixels laid
-/// on white.
+/// Reads an image file in colour: upright by its EXIF data, 16-bit channels scaled by the bits they use, transparent pixels on white.
 ///
 /// # Errors
-/// [`SequenceError::Decode`] when it is not a whole image.
+/// [`SequenceError::Decode`] when it is not a complete image.
 pub fn read_colour(path: &Path) -> Result<RgbImage, SequenceError> {
     read_with(path, &mut None)
 }
 
-/// A photograph to be moved, in colour and in the grey that its face is read in.
+/// A photograph for animation, in colour and in the grey in which its face is read.
 #[derive(Clone, Debug)]
 pub struct Portrait {
-    /// The picture, as [`read_colour`] gives it.
+    /// The picture as returned by [`read_colour`].
     pub picture: RgbImage,
-    /// The same in grey, as [`super::read_frame`] gives it; of a picture that is transparent in part, what is seen of it on white.
+    /// The grey picture as returned by [`super::read_frame`]; of a partly transparent picture, its appearance on white.
     pub grey: GrayImage,
-    /// Share of its pixels that are transparent, wholly or in part; 0 to 1.
+    /// Share of its pixels that are transparent, completely or in part; 0 to 1.
     pub transparent: f64,
 }
 
@@ -43,24 +42,24 @@ impl Portrait {
     /// Reads an image file.
     ///
     /// # Errors
-    /// [`SequenceError::Decode`] when it is not a whole image.
+    /// [`SequenceError::Decode`] when it is not a complete image.
     pub fn read(path: &Path) -> Result<Self, SequenceError> {
         let fail = |source| SequenceError::Decode { path: path.to_owned(), source };
         let bytes = crate::input::read(path).map_err(DecodeError::from).map_err(fail)?;
         let image = decode(&bytes, Wanted::Colour).map_err(fail)?;
         let transparent = transparent_share(&image);
-        // The grey of these is that of their colours, and their own where these are grey, but for JPEG, which stores its own.
+        // Their grey follows from the pixels. JPEG stores its own.
         let is_plain = matches!(image, DynamicImage::ImageRgb8(_) | DynamicImage::ImageLuma8(_)) && !is_jpeg(&bytes);
         let picture = on_white_of(image, &mut None).map_err(fail)?;
-        // What lies under transparency is not seen, and may be anything.
+        // Colours under transparency are invisible and arbitrary.
         let by_colours = is_plain || transparent > 0.0;
         let grey = if by_colours { grey_of(&picture) } else { GrayDecoder::default().decode(&bytes).map_err(fail)? };
         Ok(Self { picture, grey, transparent })
     }
 
-    /// What a person should know of it.
+    /// Note to the user about transparency.
     pub fn remark(&self) -> Option<String> {
-        // A share that would be rounded to 0 is one of few pixels, and no background.
+        // A share that rounds to 0 means a few pixels, not a background.
         let percent = 100.0 * self.transparent;
         (percent >= 0.5).then(|| {
             let what = match percent {
@@ -89,13 +88,14 @@ fn transparent_share(image: &DynamicImage) -> f64 {
     clear as f64 / pixels.max(1) as f64
 }
 
-/// [`read_colour`] of a picture whose 16-bit channels have `bits`; its own, which are then those of the others, where none are known yet.
+/// As [`read_colour`], for 16-bit channels that use `bits`. If `bits` is `None`, it is set from this picture.
 fn read_with(path: &Path, bits: &mut Option<u32>) -> Result<RgbImage, SequenceError> {
     let decoded = crate::input::read(path).map_err(DecodeError::from).and_then(|bytes| decode_colour(&bytes, bits));
     decoded.map_err(|source| SequenceError::Decode { path: path.to_owned(), source })
 }
 
-/// The first frame of a sequence, and the same in colour: not of a video, which would be started again for it, nor where it does not read.
+/// Reads the first frame of a sequence, also in colour if possible. A video gives no colour, since it would have to be decoded again, nor
+/// does a frame that cannot be read in colour.
 ///
 /// # Errors
 /// As [`read_first_frame`].
@@ -107,11 +107,11 @@ pub fn read_first_in_colour(source: &FrameSource) -> Result<(Frame, Option<RgbIm
     Ok((read_first_frame(source)?, colour))
 }
 
-/// The colour frames of a sequence with their numbers, at most `wanted` of them held by the caller's choice of numbers, and in the order of these:
-/// of frames that go back in time, the last one is read first. 16-bit channels are scaled by the bits that the first wanted frame uses.
+/// Returns the requested colour frames with their numbers, in the order of `wanted`. 16-bit channels are scaled by the bits that the first
+/// requested frame uses; in a reversed sequence that frame is read first, too. All returned frames are in memory.
 ///
 /// # Errors
-/// [`SequenceError`] when a frame does not read, or the video ends before the last number.
+/// [`SequenceError`] when a frame cannot be read, or the video ends before the last number.
 pub fn read_colour_frames(source: &FrameSource, wanted: &[u32]) -> Result<Vec<(u32, RgbImage)>, SequenceError> {
     let mut frames: Vec<(u32, RgbImage)> = match source {
         FrameSource::Images(files) => {
@@ -145,7 +145,7 @@ pub fn read_colour_frames(source: &FrameSource, wanted: &[u32]) -> Result<Vec<(u
     Ok(frames)
 }
 
-/// Gives all frames of a sequence in colour, one after the other, with their numbers.
+/// Returns all frames of a sequence in colour, one by one, with their numbers.
 pub struct ColourReader(Colours);
 
 enum Colours {
@@ -157,7 +157,7 @@ impl ColourReader {
     /// Opens a sequence.
     ///
     /// # Errors
-    /// [`SequenceError`] for a video that does not open.
+    /// [`SequenceError`] for a video that cannot be opened.
     pub fn open(source: &FrameSource) -> Result<Self, SequenceError> {
         Ok(Self(match source {
             FrameSource::Images(files) => Colours::Images { files: files.clone().into_iter(), bits: None },
@@ -202,7 +202,7 @@ impl Iterator for ColourReader {
     }
 }
 
-/// A grey picture in colour: three equal channels. The conversion of `image` goes through floats for that.
+/// Converts a grey picture to three equal channels. The conversion of `image` would use floats.
 pub fn colour_of(image: &GrayImage) -> RgbImage {
     let values = image.as_raw().iter().flat_map(|&v| [v; 3]).collect();
     RgbImage::from_raw(image.width(), image.height(), values).unwrap_or_default()
@@ -230,7 +230,7 @@ fn on_white_of(image: DynamicImage, bits: &mut Option<u32>) -> Result<RgbImage, 
     }
 }
 
-/// 16-bit channels to 8 by the bits that are known, else by those that the picture uses.
+/// Converts 16-bit channels to 8 bits by the known number of bits, or else by the number that the picture uses.
 fn narrow(image: &ImageBuffer<Rgb<u16>, Vec<u16>>, bits: &mut Option<u32>) -> RgbImage {
     let bits = *bits.get_or_insert_with(|| bits_of(image.as_raw().iter().copied().max().unwrap_or(0)));
     let scale = 255.0 / f64::from((1_u32 << bits) - 1);
@@ -293,9 +293,9 @@ mod tests {
             read_colour_frames(&source, wanted).unwrap().iter().map(|(number, image)| (*number, level(image))).collect()
         };
         assert_eq!(read(&[1, 2, 3]), [(1, 255), (2, 51), (3, 255)]);
-        // Back in time the third is the neutral one: 16 bits.
+        // In reverse order the third is the neutral one: 16 bits.
         assert_eq!(read(&[3, 2, 1]), [(3, 255), (2, 3), (1, 16)]);
-        // In grey, a part of the sequence and one frame alone are as bright as in the whole.
+        // In grey, a part of the sequence and a single frame have the same scaling as the whole.
         let part = FrameSource::Images(files[1..].to_vec());
         let grey = |frame: &super::super::Frame| frame.image().get_pixel(0, 0).0[0];
         let reader = super::super::SequenceReader::open_part(&part, &source).unwrap();
@@ -332,7 +332,7 @@ mod tests {
     fn a_transparent_portrait_is_the_same_in_grey_as_it_is_seen() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("cut out.png");
-        // A background that was taken out: black, and nothing of it is seen.
+        // A removed background: black, and nothing of it is visible.
         let mut image = RgbaImage::from_pixel(4, 1, image::Rgba([0, 0, 0, 0]));
         image.put_pixel(0, 0, image::Rgba([100, 100, 100, 255]));
         std::fs::write(&path, png(image)).unwrap();
@@ -344,7 +344,7 @@ mod tests {
             said.starts_with("75 % of the pixels are transparent or partly transparent: the background becomes white"),
             "{said}"
         );
-        // An alpha channel that hides nothing is none.
+        // An alpha channel of opaque pixels has no effect.
         std::fs::write(&path, png(RgbaImage::from_pixel(2, 1, image::Rgba([10, 20, 30, 255])))).unwrap();
         let opaque = Portrait::read(&path).unwrap();
         assert!(opaque.remark().is_none() && opaque.grey == *super::super::read_frame(&path).unwrap().image());

@@ -1,16 +1,16 @@
-//! What a sequence is made of, as a hash: the names of its files and their bytes.
+//! Hash of a sequence's content: the names of its files and their bytes.
 
 use std::{fs, io, io::Read, path::Path, time::SystemTime};
 
 use super::{DecodeError, SequenceError};
 use crate::{dataset::FrameSource, input};
 
-/// Takes the bytes of a sequence's files in order.
+/// Hashes the names and bytes of a sequence's files in order.
 #[derive(Debug, Default)]
 pub(super) struct ContentHasher(blake3::Hasher);
 
 impl ContentHasher {
-    /// Reads a file; its name and the bytes given back are what is hashed.
+    /// Reads a file and hashes its name and the returned bytes.
     pub(super) fn read(&mut self, path: &Path) -> io::Result<Vec<u8>> {
         let bytes = input::read(path)?;
         self.begin(path, bytes.len() as u64);
@@ -18,7 +18,7 @@ impl ContentHasher {
         Ok(bytes)
     }
 
-    /// Reads a file of any length piece by piece.
+    /// Hashes a file of any length in pieces.
     fn read_through(&mut self, path: &Path) -> io::Result<()> {
         let mut file = input::open_file(path)?;
         let length = file.metadata()?.len();
@@ -53,10 +53,10 @@ impl ContentHasher {
     }
 }
 
-/// BLAKE3 of the names of a sequence's files and of their bytes; nothing is decoded.
+/// BLAKE3 of the names and bytes of a sequence's files. Nothing is decoded.
 ///
 /// # Errors
-/// [`SequenceError`] when a file does not read.
+/// [`SequenceError`] when a file cannot be read.
 pub fn content_blake3(source: &FrameSource) -> Result<blake3::Hash, SequenceError> {
     let mut hasher = ContentHasher::default();
     for path in source.files() {
@@ -65,12 +65,12 @@ pub fn content_blake3(source: &FrameSource) -> Result<blake3::Hash, SequenceErro
     Ok(hasher.finish())
 }
 
-/// A file as it was at one moment, as far as its folder entry tells: another file in its place, and every write, shows.
+/// State of a file from its folder entry. It differs after every write, and for another file in its place.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Stamp {
     length: u64,
     modified: Option<SystemTime>,
-    /// Device, number of the file, and time of its last change of any kind.
+    /// Device, inode number, and time of the last change of any kind.
     #[cfg(unix)]
     change: (u64, u64, i64, i64),
 }
@@ -120,7 +120,7 @@ mod tests {
         let mut reader = SequenceReader::open(&source).unwrap();
         assert!(reader.by_ref().all(|frame| frame.is_ok()));
         assert_eq!(reader.into_content_blake3().unwrap(), planned);
-        // Not a frame decoded: the same files.
+        // Without decoding a frame: the same files.
         assert_eq!(SequenceReader::open(&source).unwrap().into_content_blake3().unwrap(), planned);
     }
 
@@ -134,7 +134,7 @@ mod tests {
         let before = fs::read(second(&source)).unwrap();
         GrayImage::from_pixel(4, 4, Luma([200])).save(second(&source)).unwrap();
         assert_eq!(reader.next().unwrap().unwrap().image().get_pixel(0, 0).0, [200]);
-        // Put back, the file is what it was when it was planned; what was decoded is not.
+        // After restoring, the file equals the planned one, but the decoded one did not.
         fs::write(second(&source), before).unwrap();
         reader.next().unwrap().unwrap();
         assert_ne!(reader.into_content_blake3().unwrap(), planned);

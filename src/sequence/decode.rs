@@ -1,8 +1,8 @@
-//! One image file to 8-bit grey.
+//! Decodes one image file to 8-bit grey.
 //!
-//! Grey is defined once, for every format: the value itself of a grey picture, the luma channel of a JPEG file, and
-//! (9798 R + 19235 G + 3735 B + 16384) / 32768, rounded down, of colours (BT.601's 0.299, 0.587, 0.114 in 15 bits). Transparency does not
-//! count. 16-bit values are scaled as [`GrayDecoder`] says.
+//! Grey is defined the same way for every format: the value itself of a grey picture, the luma channel of a JPEG file, and (9798 R + 19235
+//! G + 3735 B + 16384) / 32768, rounded down, of colours (BT.601's 0.299, 0.587, 0.114 in 15 bits). Transparency is ignored. 16-bit values
+//! are scaled as described at [`GrayDecoder`].
 
 use std::path::Path;
 
@@ -14,7 +14,7 @@ use super::{
 };
 use crate::simd::widest;
 
-/// Why bytes are not an image.
+/// Why bytes cannot be decoded as an image.
 ///
 /// ```
 /// use grimace::sequence::{DecodeError, SequenceError, read_frame};
@@ -39,13 +39,13 @@ pub enum DecodeError {
     Truncated {
         /// Format of the file.
         format: &'static str,
-        /// What is missing, or what share was there.
+        /// What is missing, or the share that is present.
         reason: String,
     },
     /// No decoder understands the bytes.
     #[error("not an image in a known format (PNG, JPEG, TIFF, BMP, PGM, PPM, WebP), or damaged; it starts with {start}")]
     NotAnImage {
-        /// The first bytes, readable.
+        /// The first bytes in readable form.
         start: String,
     },
     /// A known format with something wrong inside.
@@ -53,7 +53,7 @@ pub enum DecodeError {
     Damaged {
         /// Format of the file.
         format: &'static str,
-        /// What the decoder says.
+        /// Message of the decoder.
         reason: String,
     },
     /// A known format in a form that is not decoded.
@@ -61,9 +61,9 @@ pub enum DecodeError {
     Unsupported {
         /// Format of the file.
         format: &'static str,
-        /// What it has.
+        /// Property that is not supported.
         found: String,
-        /// What is decoded.
+        /// Supported kinds.
         supported: &'static str,
     },
     /// A picture of more pixels than the limit.
@@ -72,7 +72,7 @@ pub enum DecodeError {
         megapixels(u64::from(size.width) * u64::from(size.height)), megapixels(*most)
     )]
     TooLarge {
-        /// Size in the header.
+        /// Size stated in the header.
         size: ImageSize,
         /// The limit, pixels.
         most: u64,
@@ -80,12 +80,12 @@ pub enum DecodeError {
     /// A width or height of 0.
     #[error("the picture is {size}: it has no pixels")]
     NoPixels {
-        /// Size in the header.
+        /// Size stated in the header.
         size: ImageSize,
     },
 }
 
-/// Millions of pixels in words, with so many decimals that small pictures have some.
+/// Text for a number of pixels in millions, with enough decimals for small pictures.
 fn megapixels(pixels: u64) -> String {
     let steps = if pixels < 1_000_000 { 1000.0 } else { 10.0 };
     format!("{}", (pixels as f64 / 1e6 * steps).round() / steps)
@@ -93,17 +93,17 @@ fn megapixels(pixels: u64) -> String {
 
 /// Decodes images of one sequence to 8-bit grey.
 ///
-/// 16-bit images are scaled by the number of bits that the first one of them uses (10, 12, 14 or 16, by its largest value), so that
-/// a 12-bit camera does not give black frames and brightness does not flicker from frame to frame.
+/// 16-bit images are scaled by the number of bits (10, 12, 14 or 16) that the largest value of the first such image uses. A 12-bit camera
+/// therefore gives no black frames, and brightness does not vary from frame to frame.
 #[derive(Debug, Default)]
 pub struct GrayDecoder {
     bits: Option<u32>,
-    /// Pictures with values beyond these bits.
+    /// Number of pictures with values beyond these bits.
     cut: usize,
 }
 
 impl GrayDecoder {
-    /// A decoder for some pictures of a sequence that begins with another one, whose bits they have. One that does not read has none.
+    /// Returns a decoder for pictures of a sequence. It uses the bits of the sequence's first picture, if that can be read.
     pub(super) fn of_sequence(first: &Path) -> Self {
         let mut decoder = Self::default();
         let _ = crate::input::read(first).map_err(DecodeError::from).and_then(|bytes| decoder.decode(&bytes));
@@ -113,7 +113,7 @@ impl GrayDecoder {
     /// Decodes the bytes of a file to a single 8-bit channel.
     ///
     /// # Errors
-    /// [`DecodeError`] for anything but a whole image.
+    /// [`DecodeError`] for anything but a complete image.
     pub fn decode(&mut self, bytes: &[u8]) -> Result<GrayImage, DecodeError> {
         let image = decode(bytes, Wanted::Grey)?;
         let (width, height) = (image.width(), image.height());
@@ -133,7 +133,7 @@ impl GrayDecoder {
         Ok(GrayImage::from_raw(width, height, narrow).unwrap_or_default())
     }
 
-    /// What is to be said of 16-bit images that are brighter than the bits of the first one.
+    /// Note about 16-bit images with larger values than the first one's bits allow.
     pub(super) fn remark(&self) -> Option<String> {
         let (bits, cut) = (self.bits?, self.cut);
         let pictures = if cut == 1 { "1 picture has".to_owned() } else { format!("{cut} pictures have") };
@@ -154,7 +154,7 @@ impl GrayDecoder {
     }
 }
 
-/// Bits that the largest of some 16-bit values uses: 10, 12, 14 or 16.
+/// Number of bits that the largest 16-bit value uses: 10, 12, 14 or 16.
 pub(super) fn bits_of(largest: u16) -> u32 {
     [10, 12, 14].into_iter().find(|&b| u32::from(largest) < 1 << b).unwrap_or(16)
 }
@@ -167,14 +167,14 @@ pub(super) fn other_pixels(image: &DynamicImage) -> DecodeError {
     }
 }
 
-/// The grey of colours, as it is defined for every file but JPEG, whose luma channel is taken as it is.
+/// Converts colours to grey, as defined for every format but JPEG, whose luma channel is used directly.
 pub fn grey_of(image: &RgbImage) -> GrayImage {
     let mut values = Vec::with_capacity(image.as_raw().len() / 3);
     add_greys(image.as_raw(), &mut values);
     GrayImage::from_raw(image.width(), image.height(), values).unwrap_or_default()
 }
 
-/// Adds the grey of the colours of some pixels, as [`grey_of`] defines it, to a list.
+/// Appends the grey values of some pixels, as defined by [`grey_of`], to a list.
 pub(super) fn add_greys(colours: &[u8], values: &mut Vec<u8>) {
     widest(
         #[inline(always)]
@@ -182,7 +182,7 @@ pub(super) fn add_greys(colours: &[u8], values: &mut Vec<u8>) {
     );
 }
 
-/// Colours that become grey at once.
+/// Number of pixels converted at once.
 const LANES: usize = 16;
 
 #[inline(always)]
@@ -248,7 +248,7 @@ mod tests {
         // The second image keeps the 12-bit scale: 1000 * 255 / 4095 = 62.27.
         assert_eq!(decoder.decode(&png_16(1000)).unwrap().as_raw(), &[62, 31, 0, 62]);
         assert_eq!(decoder.remark(), None);
-        // 5000 is beyond 12 bits: white, and said.
+        // 5000 exceeds 12 bits: it becomes white, with a note.
         assert_eq!(decoder.decode(&png_16(5000)).unwrap().as_raw(), &[255, 156, 0, 255]);
         assert!(decoder.remark().unwrap().starts_with(
             "1 picture has values of more than 12 bits, the bit depth of the first picture; such values are read as white"

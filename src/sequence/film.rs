@@ -1,4 +1,4 @@
-//! Writing frames as a video file through `grimace-opencv`, where OpenCV's codecs are there.
+//! Writes frames as a video file through `grimace-opencv`, if OpenCV has the codecs.
 
 use std::{
     ffi::{OsStr, OsString},
@@ -16,7 +16,7 @@ use crate::{
     output::{OutputError, PendingFolder},
 };
 
-/// A video that could not be written.
+/// Errors of writing a video.
 #[derive(Debug, thiserror::Error)]
 pub enum FilmError {
     /// This OpenCV has no encoder for the format.
@@ -36,7 +36,7 @@ pub enum FilmError {
     TooSlow {
         /// The file.
         path: PathBuf,
-        /// Seconds for which a frame would be shown.
+        /// Seconds per frame.
         seconds: f64,
     },
     /// The encoder gave no file.
@@ -57,7 +57,7 @@ pub enum FilmError {
     Program {
         /// The file.
         path: PathBuf,
-        /// What happened.
+        /// The error.
         source: CompanionError,
     },
     /// The encoder failed.
@@ -65,31 +65,34 @@ pub enum FilmError {
     Encoder {
         /// The file.
         path: PathBuf,
-        /// What it says.
+        /// Its message.
         reason: String,
     },
 }
 
-/// How long a frame of a film is shown at most, s: what a GIF can say.
+/// Longest display time of a frame, s: the maximum of GIF.
 pub const LONGEST_FRAME_S: f64 = 655.0;
 
-/// Ticks per second of films whose own rate OpenCV does not write.
+/// Ticks per second of films whose own rate OpenCV cannot write.
 const TICKS: f64 = 10.0;
 
-/// How the frames of a film follow on each other.
+/// Timing of a film's frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Pace {
-    /// Frames per second that are wanted.
+    /// Requested frames per second.
     fps: f64,
-    /// Frames per second that are written.
+    /// Written frames per second.
     written: f64,
 }
 
 impl Pace {
-    /// OpenCV writes a rate as a whole number over 1, 10, 100, ..., and takes the first one that is less than a thousandth off, which is much
-    /// of a slow rate. Where that is seen, every frame is written as often as tenths of a second fall on it.
+    /// Chooses the written rate.
+    ///
+    /// OpenCV writes a rate as a whole number divided by 1, 10, 100, ..., and chooses the first one within a thousandth, which is a large
+    /// error for a slow rate. If the error is visible, the film has ten ticks per second, and every frame is repeated for its number of
+    /// ticks.
     fn of(path: &Path, fps: f64) -> Result<Self, FilmError> {
-        /// Frames per second from which on a thousandth is not seen, and the share of slower rates that is not.
+        /// Rate in frames per second from which an error of a thousandth is invisible, and the invisible share of error of slower rates.
         const USUAL: f64 = 1.0;
         const UNSEEN: f64 = 1e-4;
         if !(fps > 0.0 && 1.0 / fps <= LONGEST_FRAME_S) {
@@ -104,15 +107,14 @@ impl Pace {
         Ok(Self { fps, written })
     }
 
-    /// How often the frame at place `k`, from 0, is written.
+    /// Number of repetitions of the frame with index `k`.
     fn times(self, k: usize) -> u64 {
         let end = |k: usize| (k as f64 * self.written / self.fps).round() as u64;
         if self.written.total_cmp(&self.fps).is_eq() { 1 } else { end(k + 1).saturating_sub(end(k)).max(1) }
     }
 }
 
-/// Tries whether a film could be written: its encoder is started and ended. Whoever makes frames first and a film of them later asks
-/// before.
+/// Checks that a film can be written, by starting and stopping its encoder. Callers that make frames before the film check first.
 ///
 /// # Errors
 /// As [`write_video`].
@@ -123,7 +125,8 @@ pub fn check_video(path: &Path, fps: f64, size: (u32, u32)) -> Result<(), FilmEr
     Encoder::start(path, &scratch.path().join(name), format, pace.written, even(size)).map(drop)
 }
 
-/// Format of a film by its extension, and its temporary name: the container follows the extension, so that has it too.
+/// Format of a film by its extension, and its temporary name. OpenCV chooses the container by the extension, so the temporary name has it,
+/// too.
 fn format_of(path: &Path) -> (&'static str, &'static str) {
     let is_webm = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("webm"));
     if is_webm { ("webm", "film.webm") } else { ("mp4", "film.mp4") }
@@ -133,12 +136,13 @@ fn even((width, height): (u32, u32)) -> (u32, u32) {
     (width & !1, height & !1)
 }
 
-/// Writes frames of one size as MP4 or `WebM`, by the extension of the path; odd sides lose their last row or column, as video codecs
-/// want even ones. Frames are taken one after the other, so that a long film needs no more memory than a short one. Of films of less than
-/// one frame per second some have every frame several times: they last as long as they should.
+/// Writes frames of one size as MP4 or `WebM`, by the extension of the path.
+///
+/// Odd sides lose their last row or column, since video codecs require even ones. Frames are consumed one by one, so that memory does not
+/// depend on length. Films with less than one frame per second may repeat every frame to keep their duration.
 ///
 /// # Errors
-/// [`FilmError`] when this OpenCV has no encoder for the format or the file cannot be written; what `frames` gives as error.
+/// [`FilmError`] when this OpenCV has no encoder for the format or the file cannot be written; the errors of `frames`.
 pub fn write_video<E: From<FilmError>>(
     path: &Path,
     frames: impl IntoIterator<Item = Result<RgbImage, E>>,
@@ -167,7 +171,7 @@ pub fn write_video<E: From<FilmError>>(
     Ok(scratch.persist(name).map_err(FilmError::from)?)
 }
 
-/// A film that is being written.
+/// An open video file.
 struct Encoder<'a> {
     /// Its name in errors.
     path: &'a Path,
@@ -204,7 +208,7 @@ impl<'a> Encoder<'a> {
         };
         match self.companion.send_pixels(self.size, 3, pixels) {
             Ok(()) => Ok(()),
-            // It says why it does not listen any more, if it can.
+            // If the process stopped reading, its message has the reason.
             Err(source) => Err(self.failure(source)),
         }
     }
@@ -242,7 +246,7 @@ mod tests {
     #[test]
     fn slow_films_last_as_long_as_they_should() {
         let path = Path::new("a.mp4");
-        // Frames, and seconds that they last.
+        // Returns the number of frames and their duration in seconds.
         let film = |fps: f64, count: usize| {
             let pace = Pace::of(path, fps).unwrap();
             let frames: u64 = (0..count).map(|k| pace.times(k)).sum();
@@ -250,7 +254,7 @@ mod tests {
         };
         assert_eq!(film(25.0, 50), (50, 2.0));
         assert_eq!(film(0.05, 3), (3, 60.0));
-        // OpenCV would write 0.333 and 0.1 frames per second, and none for the last.
+        // OpenCV alone would write 0.333 and 0.1 frames per second, and nothing for the last.
         let (frames, seconds) = film(1.0 / 3.0, 1000);
         assert_eq!((frames, seconds.round()), (30_000, 3000.0));
         let (frames, seconds) = film(0.0994, 71);

@@ -1,9 +1,9 @@
-//! JPEG files, whole or refused.
+//! Decodes JPEG files and rejects incomplete ones.
 //!
-//! Decoders fill what a JPEG file lacks with grey and report success, and an end marker alone proves nothing: it may stand in a
-//! thumbnail, or behind half of the data. So the segments are walked first: every component must have had its scans up to the end
-//! marker. Then 64 one bits are put before the end marker. No Huffman code is all ones, so a decoder that needs a bit beyond the data meets
-//! an impossible code, while one that has all blocks never looks.
+//! Decoders fill missing data of a JPEG file with grey and report success. An end marker alone proves nothing: it may belong to a
+//! thumbnail, or follow incomplete data. The segments are therefore checked first: before the end marker, every component must have had all
+//! its scans. Then 64 one bits are inserted before the end marker. No Huffman code consists of ones only, so a decoder that needs more data
+//! fails, and one that has all blocks never reads them.
 
 use image::{DynamicImage, GrayImage, RgbImage, metadata::Orientation};
 use zune_jpeg::{
@@ -19,7 +19,7 @@ use super::{
 
 const FORMAT: &str = "JPEG";
 
-/// Ones that no Huffman code begins with: 64 bits, each byte stuffed with a zero as JPEG has it.
+/// Ones that no Huffman code begins with: 64 bits, each byte followed by a stuffed zero as JPEG requires.
 const SENTINEL: [u8; 16] = [0xFF, 0, 0xFF, 0, 0xFF, 0, 0xFF, 0, 0xFF, 0, 0xFF, 0, 0xFF, 0, 0xFF, 0];
 
 fn truncated<T>(reason: impl Into<String>) -> Result<T, DecodeError> {
@@ -30,7 +30,7 @@ fn damaged(reason: impl std::fmt::Display) -> DecodeError {
     DecodeError::Damaged { format: FORMAT, reason: reason.to_string() }
 }
 
-/// Decodes a whole file: as its luma channel if grey is wanted, else as it is stored.
+/// Decodes a complete file: as its luma channel if grey is wanted, otherwise as stored.
 pub fn decode(bytes: &[u8], wanted: Wanted) -> Result<DynamicImage, DecodeError> {
     let walk = Walk::over(bytes)?;
     let (width, height) = walk.size;
@@ -58,7 +58,7 @@ pub fn decode(bytes: &[u8], wanted: Wanted) -> Result<DynamicImage, DecodeError>
     }
     let mut pixels = vec![0; length];
     if let Err(error) = first.decode_into(&mut pixels) {
-        // Rows that two attempts into different memory agree on were decoded.
+        // Rows that are equal in two attempts with different initial memory were decoded.
         let mut again = vec![255; length];
         let _ = decoder()?.0.decode_into(&mut again);
         let row = usize::from(width) * space.num_components();
@@ -77,13 +77,13 @@ pub fn decode(bytes: &[u8], wanted: Wanted) -> Result<DynamicImage, DecodeError>
     Ok(image)
 }
 
-/// What the segments of a file say.
+/// Content of a file's segments.
 struct Walk {
     size: (u16, u16),
     progressive: bool,
-    /// Component numbers, each with the bits that are still missing of its 64 coefficients; 255 where nothing was sent.
+    /// Component numbers, each with the missing bits of its 64 coefficients; 255 for coefficients that were not sent.
     components: Vec<(u8, [u8; 64])>,
-    /// Where the end marker stands.
+    /// Offset of the end marker.
     end: Option<usize>,
 }
 
@@ -132,7 +132,7 @@ impl Walk {
         self.components = components.chunks_exact(3).take(usize::from(*count)).map(|c| (c[0], [255; 64])).collect();
     }
 
-    /// A scan header: components of two bytes each, first and last coefficient, and the bits known before and after the scan.
+    /// A scan header: components of two bytes each, first and last coefficient, and the number of missing bits before and after the scan.
     fn scan(&mut self, segment: &[u8]) {
         let Some((&count, rest)) = segment.split_first() else { return };
         let (components, rest) = rest.split_at(rest.len().min(2 * usize::from(count)));
@@ -148,7 +148,7 @@ impl Walk {
         }
     }
 
-    /// Where the end marker stands, if every component was sent in full before it.
+    /// Offset of the end marker, if every component was sent completely before it.
     fn whole(&self) -> Result<usize, DecodeError> {
         let there = self.components.iter().flat_map(|(_, bits)| bits).filter(|bits| **bits == 0).count();
         let all = self.components.len() * 64;
@@ -159,17 +159,17 @@ impl Walk {
     }
 }
 
-/// The next marker at or behind a place, which moves behind it; entropy-coded data on the way are passed over.
+/// The next marker at or after an offset, which moves beyond it. Entropy-coded data in between are skipped.
 fn next_marker(bytes: &[u8], at: &mut usize) -> Option<u8> {
     loop {
         *at += memchr::memchr(0xFF, bytes.get(*at..)?)?;
         let mut code = *at + 1;
-        // Any number of fill bytes may stand before a marker.
+        // Any number of fill bytes may precede a marker.
         while *bytes.get(code)? == 0xFF {
             code += 1;
         }
         *at = code + 1;
-        // A stuffed zero makes the byte before it one of data; restart markers belong to the data.
+        // A byte followed by a stuffed zero is data; restart markers belong to the data.
         if bytes[code] != 0 && !(0xD0..=0xD7).contains(&bytes[code]) {
             return Some(bytes[code]);
         }

@@ -1,7 +1,7 @@
-//! Frames in order, decoded to 8-bit grey, from image files or a video.
+//! Reads frames in order as 8-bit grey, from image files or a video.
 //!
-//! A picture is refused by its header when it is too large ([`max_pixels`]), and when its data end early: nothing is made up for what a
-//! file lacks. Image files are decoded here, videos by the program `grimace-opencv`.
+//! A picture is rejected if its header states too large a size ([`max_pixels`]), or if its data are incomplete: missing data are never
+//! filled in. Image files are decoded in this process, videos by the program `grimace-opencv`.
 
 mod backward;
 mod clock;
@@ -52,7 +52,7 @@ pub struct ImageSize {
 }
 
 impl ImageSize {
-    /// Whether a position lies on a pixel: half a pixel beyond the centres of the border pixels at most.
+    /// Whether a position lies on a pixel: at most half a pixel beyond the centres of the border pixels.
     pub fn contains(self, point: &nalgebra::Point2<f64>) -> bool {
         let inside = |value: f64, size: u32| value >= -0.5 && value < f64::from(size) - 0.5;
         inside(point.x, self.width) && inside(point.y, self.height)
@@ -82,7 +82,7 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// The number in the file name, or the place in the video from 1.
+    /// Number in the file name, or position in the video from 1.
     pub fn number(&self) -> u32 {
         self.number
     }
@@ -92,7 +92,7 @@ impl Frame {
         ImageSize { width: self.image.width(), height: self.image.height() }
     }
 
-    /// A frame of the given pixels.
+    /// Returns a frame with the given pixels.
     pub fn new(number: u32, image: GrayImage) -> Self {
         Self { number, image }
     }
@@ -102,7 +102,7 @@ impl Frame {
         &self.image
     }
 
-    /// The pixels without a copy.
+    /// Returns the pixels without copying.
     pub fn into_image(self) -> GrayImage {
         self.image
     }
@@ -132,9 +132,9 @@ pub enum SequenceError {
         path.display()
     )]
     Size {
-        /// The odd frame's file, or the video.
+        /// File of the differing frame, or the video.
         path: PathBuf,
-        /// Number of the odd frame.
+        /// Number of the differing frame.
         number: u32,
         /// Its size.
         found: ImageSize,
@@ -183,7 +183,7 @@ pub enum SequenceError {
     },
 }
 
-/// Reads the frames of one sequence one after the other; at most one decoded frame is held.
+/// Reads the frames of one sequence one by one. At most one decoded frame is in memory.
 ///
 /// ```
 /// use grimace::{dataset::list_frames, sequence::SequenceReader};
@@ -212,7 +212,7 @@ impl SequenceReader {
     /// Opens a sequence.
     ///
     /// # Errors
-    /// [`SequenceError`] for fewer than two image files or a video that does not open.
+    /// [`SequenceError`] for fewer than two image files or a video that cannot be opened.
     pub fn open(source: &FrameSource) -> Result<Self, SequenceError> {
         let source = match source {
             FrameSource::Images(files) => {
@@ -229,7 +229,7 @@ impl SequenceReader {
         Ok(Self { source, size: None, content: ContentHasher::default() })
     }
 
-    /// Opens a part of a sequence of images, which is as bright as in the whole one; the whole sequence of other sources.
+    /// Opens a part of an image sequence with the 16-bit scaling of the whole; for other sources, opens the whole sequence.
     ///
     /// # Errors
     /// As [`SequenceReader::open`].
@@ -243,7 +243,7 @@ impl SequenceReader {
         Ok(reader)
     }
 
-    /// How fast the frames that were read follow on each other, by their own times; of images nobody knows.
+    /// Clock of the frames read so far, from their own times; unknown for images.
     pub(crate) fn clock(&self) -> Clock {
         match &self.source {
             Source::Images { .. } => Clock::default(),
@@ -252,7 +252,7 @@ impl SequenceReader {
         }
     }
 
-    /// Time of the frame of a video that was read last, s from the start of the video, where it is known.
+    /// Time of the video frame that was read last, s from the start of the video, if known.
     pub(crate) fn time(&self) -> Option<f64> {
         match &self.source {
             Source::Video(video) => video.times().last(),
@@ -260,7 +260,7 @@ impl SequenceReader {
         }
     }
 
-    /// What is to be said of frames that were read to their end, such as that some are missing there.
+    /// Note about frames that were read to the end, for example that some are missing there.
     pub(crate) fn remark(&self) -> Option<String> {
         match &self.source {
             Source::Images { decoder, .. } => decoder.remark(),
@@ -269,7 +269,7 @@ impl SequenceReader {
         }
     }
 
-    /// Frames per second that the file states, which may be a time base instead; images state none.
+    /// Frames per second stated in the file, which may be a time base instead; `None` for images.
     pub fn fps(&self) -> Option<f64> {
         match &self.source {
             Source::Images { .. } => None,
@@ -278,7 +278,7 @@ impl SequenceReader {
         }
     }
 
-    /// Frames that a video's header states, which may be an estimate; `None` where it states none.
+    /// Number of frames stated in a video's header, possibly an estimate; `None` without one.
     pub fn stated_frames(&self) -> Option<usize> {
         match &self.source {
             Source::Images { files, .. } => Some(files.len()),
@@ -287,11 +287,11 @@ impl SequenceReader {
         }
     }
 
-    /// BLAKE3 of names and content of all files of the sequence, as `content_blake3`: of the very bytes that were decoded, and of
-    /// those of the files that were not reached.
+    /// BLAKE3 of names and content of all files of the sequence, as `content_blake3`. For decoded files it uses the decoded bytes, and it
+    /// also covers the files not reached.
     ///
     /// # Errors
-    /// [`SequenceError`] when a file does not read, or a video was changed since it was opened.
+    /// [`SequenceError`] when a file cannot be read, or a video was changed since it was opened.
     pub fn into_content_blake3(mut self) -> Result<blake3::Hash, SequenceError> {
         match self.source {
             Source::Images { files, .. } => {
@@ -305,7 +305,7 @@ impl SequenceReader {
         }
     }
 
-    /// The next frame, whatever its size, and the file it comes from.
+    /// The next frame of any size, and its file.
     fn next_frame(&mut self) -> Option<Result<(Frame, PathBuf), SequenceError>> {
         match &mut self.source {
             Source::Images { files, decoder } => {
@@ -356,12 +356,12 @@ impl Iterator for SequenceReader {
 /// ```
 ///
 /// # Errors
-/// [`SequenceError::Decode`] when it is not a whole image.
+/// [`SequenceError::Decode`] when it is not a complete image.
 pub fn read_frame(path: &Path) -> Result<Frame, SequenceError> {
     read_with(path, GrayDecoder::default())
 }
 
-/// [`read_frame`] of a frame of a sequence that begins with the picture `first`: as bright as when the sequence is read.
+/// As [`read_frame`] for a frame of a sequence whose first picture is `first`, with the same 16-bit scaling as the sequence.
 ///
 /// # Errors
 /// As [`read_frame`].
@@ -375,7 +375,7 @@ fn read_with(path: &Path, mut decoder: GrayDecoder) -> Result<Frame, SequenceErr
     Ok(Frame { number: 0, image })
 }
 
-/// The first frame of a sequence: its neutral one.
+/// Reads the first frame of a sequence, its neutral frame.
 ///
 /// ```
 /// use grimace::{dataset::list_frames, internal::sequence::read_first_frame};
@@ -386,9 +386,9 @@ fn read_with(path: &Path, mut decoder: GrayDecoder) -> Result<Frame, SequenceErr
 /// ```
 ///
 /// # Errors
-/// [`SequenceError`] when it does not read.
+/// [`SequenceError`] when it cannot be read.
 pub fn read_first_frame(source: &FrameSource) -> Result<Frame, SequenceError> {
-    // Nothing behind it is wanted, so nothing has to be there, and in a video nothing before it is.
+    // Later frames need not exist; in a video neither need earlier ones.
     match source {
         FrameSource::Images(files) => {
             let file = files.first().ok_or(SequenceError::TooFewFrames { found: 0 })?;

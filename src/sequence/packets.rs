@@ -1,7 +1,7 @@
-//! What a video's container says of its frames, without decoding them.
+//! Reads frame times from a video's container without decoding.
 //!
-//! A decoder passes over what it cannot decode without a word, and the frames behind that would get wrong numbers. A gap in the times of
-//! frames may be one of the camera's, which left frames out, or a frame that is in the file and was lost: the container tells.
+//! A decoder skips undecodable frames silently, and the following frames would get wrong numbers. A gap in the times of frames may come
+//! from the camera, or from a frame that is in the file but was lost in decoding. The container distinguishes the two.
 
 mod avi;
 mod matroska;
@@ -12,27 +12,27 @@ use std::{io::Read, path::Path};
 
 pub(super) use self::{avi::Walk, webm::set_random_numbers};
 
-/// How far a frame's time may be from that of its packet, s: containers and OpenCV round to milliseconds.
+/// Largest difference between the times of a frame and its packet, s: containers and OpenCV round to milliseconds.
 const ROUNDED: f64 = 2e-3;
-/// Share of the usual distance of frames that a packet is away from both frames beside it, if it is another frame. A frame may have two
-/// packets (fields, and pictures that only help to decode others), which lie closer.
+/// Smallest distance of another frame's packet from both adjacent frames, as a share of the usual frame distance. A frame may have two
+/// packets (fields, and pictures that only help to decode others), which are closer.
 const APART: f64 = 0.75;
-/// Most packets of a video: 38 hours of 72 frames per second.
+/// Largest number of packets: 38 hours at 72 frames per second.
 const MOST_PACKETS: usize = 10_000_000;
 
-/// Times of the packets of a video's pictures, and where the container is broken.
+/// Times of the picture packets of a video, and of damage in the container.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Packets {
     /// Seconds, ascending.
     times: Vec<f64>,
-    /// What may be the time of the first frame in `times`.
+    /// Possible times of the first frame in `times`.
     origins: Vec<f64>,
-    /// Time of the last packet before every place where the container is broken.
+    /// Time of the last packet before each damaged place in the container.
     breaks: Vec<f64>,
 }
 
 impl Packets {
-    /// Reads the container; nothing where it is of another kind, or does not say. Of AVI its walk knows, which goes on from where it is.
+    /// Reads the container; `None` for an unsupported kind or missing times. For AVI, it continues the given walk.
     pub(super) fn of(path: &Path, walk: Option<&mut Walk>) -> Option<Self> {
         let mut packets = match Container::of(path)? {
             Container::Avi => walk?.packets().ok().flatten()?,
@@ -43,8 +43,8 @@ impl Packets {
         Some(packets)
     }
 
-    /// Whether a frame was lost between two that follow on each other, with times in seconds from the first frame. Frames are `usual`
-    /// seconds apart. What cannot be told is no loss.
+    /// Whether a frame was lost between two consecutive ones, with times in seconds from the first frame. Frames are `usual` seconds apart.
+    /// If unknown, the answer is no.
     pub(super) fn lose(&self, from: f64, to: f64, usual: f64) -> bool {
         let has = |time: f64| {
             let place = self.times.partition_point(|other| *other < time - ROUNDED);
@@ -59,7 +59,7 @@ impl Packets {
     }
 }
 
-/// What watches the places where a video's container may be broken, where times behind one tell nothing.
+/// Returns the walk that detects damage in a video's container, for formats whose times are unreliable after damage.
 pub(super) fn walk(path: &Path) -> Option<Walk> {
     match Container::of(path)? {
         Container::Avi => Walk::of(path).ok(),
@@ -96,10 +96,10 @@ mod tests {
         let times: Vec<f64> = [0, 1, 2, 4, 5, 6, 7].map(|k| 2.0 + 0.04 * f64::from(k)).to_vec();
         let whole = Packets { times, origins: vec![0.0, 2.0], breaks: vec![] };
         assert!(!whole.lose(0.08, 0.16, 0.04));
-        // 2.20 was lost; of times that are not there nobody knows.
+        // 2.20 was lost; missing times give no answer.
         assert!(whole.lose(0.16, 0.24, 0.04));
         assert!(!whole.lose(0.17, 0.25, 0.04));
-        // A second field between two frames is no frame.
+        // A second field between two frames is not a frame.
         let mut fields = whole.clone();
         fields.times.insert(3, 2.10);
         assert!(!fields.lose(0.08, 0.16, 0.04));

@@ -1,4 +1,4 @@
-//! The bytes of one image file to pixels: recognized by content, refused by the header when too large, refused when not whole.
+//! Decodes the bytes of one image file. The format is detected from the content; too large and incomplete files are rejected.
 
 use std::io::Cursor;
 
@@ -15,14 +15,14 @@ use super::{
     limit::{check_size, max_pixels},
 };
 
-/// What the pixels are wanted for; a JPEG file stores its grey picture apart.
+/// Purpose of the pixels. A JPEG file stores its grey picture separately.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wanted {
     Grey,
     Colour,
 }
 
-/// Decodes a whole image, upright as its EXIF data say, with the channels and bits that are stored.
+/// Decodes a complete image with its stored channels and bits, rotated upright by its EXIF data.
 pub fn decode(bytes: &[u8], wanted: Wanted) -> Result<DynamicImage, DecodeError> {
     match bytes {
         [] => Err(DecodeError::Empty),
@@ -70,13 +70,13 @@ pub fn decode(bytes: &[u8], wanted: Wanted) -> Result<DynamicImage, DecodeError>
     }
 }
 
-/// Whether the bytes begin as a JPEG file does.
+/// Whether the bytes begin like a JPEG file.
 pub fn is_jpeg(bytes: &[u8]) -> bool {
     bytes.starts_with(&[0xFF, 0xD8, 0xFF])
 }
 
-/// The grey picture of a PNG file in plain colours, row by row, so that nothing holds these. `None` of any other file, and of one that does not
-/// decode: that it is none, and why, is said where all kinds of files are decoded.
+/// Decodes a PNG file in plain colours to grey, row by row, so that the colours are never in memory. Returns `None` for other files and for
+/// failures; the general decoder reports the error.
 fn grey_of_png(bytes: &[u8]) -> Option<GrayImage> {
     let mut reader = png::Decoder::new(Cursor::new(bytes)).read_info().ok()?;
     let info = reader.info();
@@ -109,7 +109,7 @@ fn failure(error: ImageError, format: &'static str) -> DecodeError {
     }
 }
 
-/// What a picture has that is not decoded, in words that follow on `has`.
+/// Description of an unsupported property of a picture, as a continuation of `has`.
 fn unsupported(what: &UnsupportedError) -> String {
     let text = match what.kind() {
         UnsupportedErrorKind::Color(ExtendedColorType::Unknown(bits)) => {
@@ -125,7 +125,7 @@ fn unsupported(what: &UnsupportedError) -> String {
     format!("a feature that is not read ({text})")
 }
 
-/// The picture behind an opened header.
+/// Decodes the picture after its header was read.
 fn read(mut decoder: impl ImageDecoder, format: &'static str) -> Result<DynamicImage, DecodeError> {
     let (width, height) = decoder.dimensions();
     check_size(width, height)?;
@@ -160,7 +160,7 @@ pub(super) fn share_text(part: usize, all: usize) -> String {
     format!("{} %", (part as f64 / all.max(1) as f64 * 100.0).floor())
 }
 
-/// The rows that a PNG file which did not decode has, if its data end early.
+/// Number of rows in an incomplete PNG file.
 fn cut_png(bytes: &[u8]) -> Option<DecodeError> {
     let mut decoder = png::Decoder::new(Cursor::new(bytes));
     decoder.ignore_checksums(true);
@@ -175,7 +175,7 @@ fn cut_png(bytes: &[u8]) -> Option<DecodeError> {
     loop {
         match reader.next_row() {
             Ok(Some(_)) => rows += 1,
-            // Rows of an interlaced picture are none of the picture.
+            // Rows of an interlaced picture are not rows of the final picture.
             Err(_) if interlaced => {
                 return Some(DecodeError::Truncated { format: "PNG", reason: "its data end before the last row".to_owned() });
             }
@@ -188,20 +188,20 @@ fn cut_png(bytes: &[u8]) -> Option<DecodeError> {
     }
 }
 
-/// A PNG file whose pixels are there but whose end chunk is not: something behind the pixels is missing.
+/// Error for a PNG file with all pixels but without its end chunk.
 fn cut_png_tail(bytes: &[u8]) -> Option<DecodeError> {
-    /// What programs append to a file.
+    /// Largest number of bytes appended by other programs.
     const TAIL: usize = 4096;
     let found = bytes.windows(4).rev().take(TAIL).any(|w| w == b"IEND");
     (!found).then(|| DecodeError::Truncated { format: "PNG", reason: "it has no end chunk".to_owned() })
 }
 
-/// Bytes that the header of a BMP file states.
+/// File length stated in the header of a BMP file.
 fn bmp_length(bytes: &[u8]) -> Option<u64> {
     bytes.get(2..6).map(|b| u64::from(u32::from_le_bytes([b[0], b[1], b[2], b[3]])))
 }
 
-/// Bytes of header and of pixels that a binary PGM or PPM states.
+/// Bytes of header and of pixels stated in a binary PGM or PPM file.
 fn pnm_sizes(bytes: &[u8]) -> Option<(usize, usize)> {
     let mut numbers = Vec::with_capacity(3);
     let mut at = 2;
@@ -222,7 +222,7 @@ fn pnm_sizes(bytes: &[u8]) -> Option<(usize, usize)> {
     Some((at + 1, numbers[0].checked_mul(numbers[1])?.checked_mul(sample * samples)?))
 }
 
-/// Where the last strip or tile of the first picture in a TIFF file ends, or its directory where that lies beyond the file.
+/// End of the last strip or tile of the first picture in a TIFF file, or the offset of its directory if that lies beyond the file.
 fn tiff_length(bytes: &[u8]) -> Option<u64> {
     let little = bytes.first() == Some(&b'I');
     let number = |at: usize, size: usize| -> Option<u64> {
@@ -234,7 +234,7 @@ fn tiff_length(bytes: &[u8]) -> Option<u64> {
     let at = usize::try_from(directory).ok()?;
     let Some(count) = number(at, 2) else { return Some(directory + 2) };
     let entries = (0..count as usize).map(|k| at + 2 + 12 * k);
-    // A field: tag, type (3: 16 bits, 4: 32), count, and the values themselves or where they stand.
+    // A field: tag, type (3: 16 bits, 4: 32), count, and the values themselves or their offset.
     let values = |tags: [u64; 2]| -> Option<Vec<u64>> {
         let entry = entries.clone().find(|&e| number(e, 2).is_some_and(|tag| tags.contains(&tag)))?;
         let size = if number(entry + 2, 2)? == 3 { 2 } else { 4 };
@@ -247,7 +247,7 @@ fn tiff_length(bytes: &[u8]) -> Option<u64> {
     ends.max()
 }
 
-/// The first bytes of a file as text where they are text, in hexadecimal where not.
+/// The first bytes of a file as text, or in hexadecimal if they are not text.
 pub(super) fn readable_start(bytes: &[u8]) -> String {
     let start = &bytes[..bytes.len().min(12)];
     if start.iter().all(|b| b.is_ascii_graphic() || b.is_ascii_whitespace()) {
@@ -273,7 +273,7 @@ mod tests {
     #[test]
     fn what_was_there_is_said() {
         let reason = |bytes: &[u8]| decode(bytes, Wanted::Grey).unwrap_err().to_string();
-        // Stored rows without compression would be exact; random ones compress to about their share.
+        // Uncompressed rows would be exact; random ones compress to about their share.
         let noise: Vec<u8> = (0..64 * 64_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
         let mut png = Vec::new();
         let encoder = image::codecs::png::PngEncoder::new(&mut png);
@@ -284,7 +284,7 @@ mod tests {
         assert!(reason(b"P6 4 4 255\n123").ends_with("3 of 48 bytes of pixels, 6 %"));
     }
 
-    /// A TIFF file of 2 x 2 pixels of `bits` bits, with tags beside those that all have.
+    /// A TIFF file of 2 x 2 pixels of `bits` bits, with further tags.
     fn tiff(bits: u16, tags: &[(u16, u16)], color_map: bool) -> Vec<u8> {
         let mut entries: Vec<(u16, u16, u32, u32)> =
             vec![(256, 3, 1, 2), (257, 3, 1, 2), (258, 3, 1, bits.into()), (259, 3, 1, 1), (277, 3, 1, 1), (278, 3, 1, 2)];
@@ -364,7 +364,7 @@ mod tests {
         assert_eq!(grey_of_png(&png).unwrap(), expected);
         assert_eq!(decode(&png, Wanted::Grey).unwrap(), DynamicImage::ImageLuma8(expected));
         assert_eq!(decode(&png, Wanted::Colour).unwrap(), DynamicImage::ImageRgb8(colours));
-        // Cut anywhere, it is none.
+        // Truncated anywhere, it is rejected.
         assert!((0..png.len() - 12).step_by(7).all(|end| decode(&png[..end], Wanted::Grey).is_err()));
     }
 

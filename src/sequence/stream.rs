@@ -1,4 +1,4 @@
-//! A video at the program that decodes it.
+//! Reads a video through the program that decodes it.
 
 use std::{
     cell::OnceCell,
@@ -18,7 +18,7 @@ use crate::companion::{
     wire::{Pixels, Reply},
 };
 
-/// Which frames of a video are given.
+/// Which frames of a video are returned.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Wanted {
     /// From a number on, grey.
@@ -33,19 +33,19 @@ pub(super) struct Stream {
     path: PathBuf,
     companion: Companion,
     fps: f64,
-    /// Frames that the file's header states; 0 or less when it does not. Some containers only estimate it.
+    /// Frames stated in the file's header; 0 or less without one. Some containers only estimate it.
     stated: f64,
-    /// When the frame that was given last is shown, s from the start of the video.
+    /// Time of the last returned frame, s from the start of the video.
     time: Option<f64>,
-    /// Whether frames are given as they are decoded, and not only when all were passed.
+    /// Whether frames are returned as they are decoded, rather than after all were decoded.
     is_forward: bool,
     losses: Losses,
 }
 
-/// What comes next in a video.
+/// The next item of a video.
 pub(super) enum Next {
     Frame(Pixels),
-    /// The end, after so many frames in all.
+    /// The end, with the total number of frames.
     End(u32),
 }
 
@@ -57,7 +57,7 @@ impl Stream {
             let reason = "this is a text file, such as a list of other files, not a video".to_owned();
             return Err(SequenceError::Video { path: path.to_owned(), reason });
         }
-        // From the root on: what comes before a colon in a bare name would be a protocol to FFmpeg.
+        // An absolute path: in a bare name, FFmpeg would read the text before a colon as a protocol.
         let full = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
         let words = match wanted {
             Wanted::Grey { first } => vec!["decode".to_owned(), "grey".to_owned(), first.to_string()],
@@ -89,7 +89,7 @@ impl Stream {
         }
     }
 
-    /// The next frame, or the end.
+    /// Returns the next frame, or the end.
     ///
     /// # Errors
     /// [`SequenceError`] when the decoder fails, or frames before this one were lost.
@@ -132,7 +132,7 @@ impl Stream {
         }
     }
 
-    /// When the frame that was given last is shown, s from the start of the video, where it is known.
+    /// Time of the last returned frame, s from the start of the video, if known.
     pub(super) fn time(&self) -> Option<f64> {
         self.time
     }
@@ -142,38 +142,38 @@ impl Stream {
         Some(self.fps).filter(|fps| fps.is_finite() && *fps > 0.0)
     }
 
-    /// Frames that the file states; 0 or less when it does not.
+    /// Frames stated in the file; 0 or less without them.
     pub(super) fn stated(&self) -> f64 {
         self.stated
     }
 
-    /// How long the file says that it is, s.
+    /// Duration stated in the file, s.
     pub(super) fn duration(&self) -> Option<f64> {
         self.fps().map(|fps| self.stated / fps).filter(|seconds| seconds.is_finite() && *seconds > 0.0)
     }
 }
 
-/// Watches whether frames that are in the file are lost between those that are decoded.
+/// Detects frames that are in the file but missing among the decoded ones.
 struct Losses {
     path: PathBuf,
     /// Frames so far.
     count: u32,
-    /// Finds where frames cannot be counted any more.
+    /// Detects where frames can no longer be counted.
     walk: Option<Walk>,
     before: Option<f64>,
-    /// The last distances of frames, s.
+    /// Recent frame distances, s.
     steps: VecDeque<f64>,
-    /// Distance of frames by the rate that the file states, s.
+    /// Frame distance at the rate stated in the file, s.
     stated: Option<f64>,
-    /// Read when there is a gap.
+    /// Read at the first gap.
     packets: OnceCell<Option<Packets>>,
 }
 
-/// Distances of frames that the usual one is taken of.
+/// Number of frame distances from which the usual one is computed.
 const REMEMBERED: usize = 9;
-/// Usual distances from which on frames are so far apart that one may be missing.
+/// Multiple of the usual distance from which a frame may be missing.
 const GAP: f64 = 1.5;
-/// Frames per second that are believed to be a rate and no time base.
+/// Frames per second that are accepted as a rate; other values are time bases.
 const RATES: std::ops::RangeInclusive<f64> = 1.0..=250.0;
 
 impl Losses {
@@ -189,7 +189,7 @@ impl Losses {
         }
     }
 
-    /// Enters the next frame and its time; the number of the last one before a loss, if there was one.
+    /// Adds the next frame and its time. Returns the number of the last frame before a loss, if there was one.
     fn enter(&mut self, seconds: Option<f64>) -> Option<u32> {
         self.count = self.count.saturating_add(1);
         if let Some(whole) = self.walk.as_mut().and_then(|walk| walk.whole_before(self.count)) {
@@ -214,8 +214,8 @@ impl Losses {
     }
 }
 
-/// Whether a file begins as a text does: `FFmpeg` follows lists of files (`ffconcat`, `#EXTM3U`, an MPD) wherever they lead, to pipes that
-/// never end and to videos whose changes nobody would see. No container of ours begins so.
+/// Whether a file begins with text. `FFmpeg` follows lists of files (`ffconcat`, `#EXTM3U`, an MPD) anywhere, to endless pipes and to
+/// videos whose changes would go unnoticed. No supported container begins with text.
 fn is_text(file: &mut impl Read) -> bool {
     const LOOKED_AT: u64 = 64;
     let mut begin = Vec::new();

@@ -1,4 +1,4 @@
-//! Frames of a video file, decoded by `grimace-opencv`.
+//! Reads frames of a video file through `grimace-opencv`.
 
 use std::{
     io::Read,
@@ -15,10 +15,10 @@ use super::{
 };
 use crate::{companion::wire::Pixels, dataset::FrameSource};
 
-/// Share of the stated frames that a whole video decodes at least; headers may be estimates.
+/// Smallest share of the stated frames that a complete video decodes to; headers may contain estimates.
 const COMPLETE: f64 = 0.9;
 
-/// Decodes a video from its first to its last wanted frame.
+/// Decodes a video from its first to its last requested frame.
 pub struct VideoReader {
     path: PathBuf,
     stamp: Stamp,
@@ -60,22 +60,22 @@ impl VideoReader {
         &self.path
     }
 
-    /// BLAKE3 of the file, which must be as it was when it was opened: the codec reads it by itself.
+    /// BLAKE3 of the file. It must be unchanged since it was opened, because the codec reads it separately.
     pub fn content_blake3(self) -> Result<blake3::Hash, SequenceError> {
         content_of(self.path, &self.stamp)
     }
 
-    /// Times of the frames that were given.
+    /// Times of the returned frames.
     pub(super) fn times(&self) -> &FrameTimes {
         &self.times
     }
 
-    /// How fast the frames that were given follow on each other.
+    /// Clock of the returned frames.
     pub fn clock(&self) -> Clock {
         self.times.clock(self.fps(), self.stream.duration())
     }
 
-    /// What is to be said of a video that was read to its end.
+    /// Note about a video that was read to its end.
     pub fn remark(&self) -> Option<&str> {
         self.remark.as_deref()
     }
@@ -91,7 +91,7 @@ impl VideoReader {
         (stated.is_finite() && stated >= 1.0).then_some(stated as usize)
     }
 
-    /// The next wanted frame and its number.
+    /// The next requested frame and its number.
     pub fn next_frame(&mut self) -> Option<Result<(u32, GrayImage), SequenceError>> {
         if self.ended {
             return None;
@@ -137,15 +137,15 @@ impl VideoReader {
         }
     }
 
-    /// Whether a video of `count` frames lacks its end. Some containers state how long they are, and their frames only as a guess from
-    /// that, which is too many where frames were dropped, or where their rate is none: there the last frame's time tells.
+    /// Whether a video of `count` frames is incomplete. Some containers state their duration and only estimate the number of frames from
+    /// it. The estimate is too high if frames were dropped, or if the rate is not one; then the time of the last frame decides.
     fn breaks_off(&self, count: u32) -> bool {
         let (stated, fps) = (self.stream.stated(), self.fps());
         let is_late = |end: f64| fps.is_some_and(|fps| end * fps + 1.0 >= COMPLETE * stated);
         f64::from(count) < COMPLETE * stated && !self.times.end().is_some_and(is_late)
     }
 
-    /// What is to be said of a video in which `count` frames were found.
+    /// Note about a video in which `count` frames were found.
     fn remark_at(&self, count: u32) -> Option<String> {
         let (stated, fps) = (self.stream.stated(), self.fps());
         let is_early = |end: f64| fps.is_some_and(|fps| end * fps < stated - 1.0);
@@ -154,7 +154,7 @@ impl VideoReader {
     }
 }
 
-/// Refuses numbers of frames that no video has.
+/// Returns an error for frame numbers that no video has.
 pub(super) fn check_numbers(path: &Path, first: u32, last: Option<u32>) -> Result<(), SequenceError> {
     if first > 0 && last != Some(0) {
         return Ok(());
@@ -164,7 +164,7 @@ pub(super) fn check_numbers(path: &Path, first: u32, last: Option<u32>) -> Resul
     Err(SequenceError::Video { path: path.to_owned(), reason })
 }
 
-/// BLAKE3 of a video, which must be as it was when it was opened.
+/// BLAKE3 of a video, which must be unchanged since it was opened.
 pub(super) fn content_of(path: PathBuf, opened: &Stamp) -> Result<blake3::Hash, SequenceError> {
     let source = FrameSource::Video { path: path.clone(), first: None, last: None };
     let content = content_blake3(&source)?;
@@ -174,7 +174,7 @@ pub(super) fn content_of(path: PathBuf, opened: &Stamp) -> Result<blake3::Hash, 
     }
 }
 
-/// Whether a video's header counts its frames: that of AVI and MP4 does, others only say how long they are, the sound included.
+/// Whether a video's header counts its frames. AVI and MP4 do; others only state the duration, including the sound.
 fn counts_frames(path: &Path) -> bool {
     let mut begin = [0; 8];
     let read = crate::input::open_file(path).and_then(|mut file| file.read_exact(&mut begin));

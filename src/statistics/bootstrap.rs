@@ -1,15 +1,18 @@
-//! How sure a dispersion is, from samples of the people at hand (Politis & Romano 1994).
+//! Confidence interval of a class's dispersion, by subsampling people (Politis & Romano 1994).
 //!
-//! A class's dispersion s is smaller than that of the population it was drawn from: the median lies among the very people it is measured
-//! on. The dispersion s' with every person's distance taken to the median of the *others* is larger by about as much: that median is
-//! itself off. So the interval is around the middle of s and s'. Its half width is 1.96 standard deviations of the dispersions of m of
-//! the n people, drawn without replacement, times sqrt(m / (n - m)): the deviation that s itself has from class to class. Trimming and
-//! median are taken anew in each draw. m is half of the people, [`MOST_DRAWN`] at most. Draws with replacement, the usual bootstrap,
-//! hold copies of the same people, among which a median is nearer than among people: recomputed, their deviation is several times too
-//! large for 10 people; with trimming and median held it is too small. `evaluate groups --intervals` counts how often such intervals hold
-//! the truth.
+//! A class's dispersion s is smaller than that of its population, because the median is computed from the same people that are measured.
+//! Taking every person's distance to the median of the *others* gives s', which is too large by about as much, because that median has an
+//! error of its own. The interval is therefore centred at the mean of s and s'.
 //!
-//! For more than [`MAX_EXACT`] models the medians without a person are one Newton step from that of all.
+//! Its half width is 1.96 standard deviations of the dispersions of m of the n people, drawn without replacement, times
+//! `sqrt(m / (n - m))`. This estimates the standard deviation of s between classes. Trimming and median are computed anew in each draw. m
+//! is half of the people, at most [`MOST_DRAWN`].
+//!
+//! The usual bootstrap, with replacement, is not used. Its draws contain copies of the same people, and a median is closer to copies than
+//! to other people. If trimming and median are recomputed, its standard deviation is several times too large for 10 people; if they are
+//! held fixed, it is too small. `evaluate groups --intervals` counts how often the intervals contain the true value.
+//!
+//! For more than [`MAX_EXACT`] models, the median without a person is approximated by one Newton step from the median of all.
 
 use nalgebra::Vector2;
 use rand::{RngExt, SeedableRng};
@@ -26,28 +29,28 @@ use super::{
 };
 use crate::{output::count, units::NodeId};
 
-/// Models up to which the median without a person is searched for.
+/// Largest number of models for which the median without a person is searched for; above it, one Newton step is taken.
 pub const MAX_EXACT: usize = 400;
 
-/// People below which no interval is given: with fewer, the few values that a replicate's median can take are no distribution.
+/// Smallest number of people for an interval. With fewer, the median of a replicate can take only a few values.
 pub const LEAST_PEOPLE: usize = 8;
 
-/// Most people of a draw: the pairwise distances of more take long, and their dispersions no longer change much.
+/// Largest number of people in a draw. Larger draws need many more pairwise distances and hardly change the dispersions.
 pub const MOST_DRAWN: usize = 100;
 
-/// Most steps of a replicate's medians, from the median of all.
+/// Largest number of steps of a replicate's median search, which starts at the median of all.
 const MEDIAN_STEPS: usize = 12;
 
-/// Slope, over the weight, at which a replicate's median is good enough: its sum is then within about the square of it.
+/// Slope, relative to the weight, at which a replicate's median search stops. The relative error of the sum is then about its square.
 const FLAT: f64 = 1e-5;
 
-/// Confidence of the intervals.
+/// Confidence level of the intervals.
 const LEVEL: f64 = 0.95;
 
-/// Standard deviations of a normal distribution between which this share lies.
+/// Number of standard deviations on either side of the mean that contain the share [`LEVEL`] of a normal distribution.
 const QUANTILE: f64 = 1.959_963_985;
 
-/// Why a class has no interval; `None` where it has enough people and draws of them.
+/// Returns the reason why a class has no interval, or `None` if it has enough people and draws.
 pub fn no_interval(people: usize, replicates: usize) -> Option<String> {
     match (people, replicates) {
         (..LEAST_PEOPLE, _) => {
@@ -59,46 +62,46 @@ pub fn no_interval(people: usize, replicates: usize) -> Option<String> {
     }
 }
 
-/// An interval for the dispersion of a class.
+/// Confidence interval of a class's dispersion.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DispersionInterval {
     /// Lower end, face units.
     pub low: f64,
     /// Upper end, face units.
     pub high: f64,
-    /// Confidence, such as 0.95.
+    /// Confidence level, such as 0.95.
     pub level: f64,
-    /// Replicates.
+    /// Number of replicates.
     pub replicates: usize,
 }
 
-/// What the intervals of a class are made of.
+/// The dispersions from which the intervals of a class are computed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DispersionReplicates {
     /// The class's dispersion after trimming, face units.
     pub dispersion: f64,
-    /// The same with every person's distances to the median of the others.
+    /// The same, with each person's distance taken to the median of the others, face units.
     pub left_out: f64,
-    /// The dispersions of draws, ascending.
+    /// Dispersions of the draws, ascending, face units.
     pub values: Vec<f64>,
-    /// People.
+    /// Number of people.
     pub people: usize,
-    /// People of a draw.
+    /// Number of people per draw.
     pub drawn: usize,
 }
 
 impl DispersionReplicates {
-    /// The interval around the middle of both dispersions.
+    /// Returns the interval centred at the mean of both dispersions.
     pub fn interval(&self) -> DispersionInterval {
         self.around(f64::midpoint(self.dispersion, self.left_out))
     }
 
-    /// The interval around the dispersion of people left out, for comparison.
+    /// Returns the interval centred at the leave-one-out dispersion, for comparison.
     pub fn around_left_out(&self) -> DispersionInterval {
         self.around(self.left_out)
     }
 
-    /// The interval around the class's own dispersion, for comparison.
+    /// Returns the interval centred at the class's own dispersion, for comparison.
     pub fn around_own(&self) -> DispersionInterval {
         self.around(self.dispersion)
     }
@@ -111,17 +114,18 @@ impl DispersionReplicates {
     }
 }
 
-/// Standard deviation of at least one value.
+/// Standard deviation of one or more values.
 fn deviation(values: &[f64]) -> f64 {
     let mean = values.iter().sum::<f64>() / values.len() as f64;
     (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (values.len() - 1).max(1) as f64).sqrt()
 }
 
-/// The 95 % interval, for a population, of the dispersion after trimming that a class of it has; `None` for fewer than [`LEAST_PEOPLE`]
-/// people ([`no_interval`] says so in words) or fewer than two replicates.
+/// Returns the 95 % confidence interval of a class's dispersion after trimming.
 ///
-/// `models` are those that `representative` was made of by `options`, in any order; `stream` numbers the class, so that each has
-/// its own random numbers.
+/// Returns `None` for fewer than [`LEAST_PEOPLE`] people or fewer than two replicates; [`no_interval`] gives the reason in words.
+///
+/// `models` are those that `representative` was computed from with `options`, in any order. `stream` is the number of the class, so that
+/// each class has its own random numbers.
 pub fn dispersion_interval(
     representative: &Representative,
     models: &[&SequenceModel],
@@ -133,7 +137,7 @@ pub fn dispersion_interval(
     dispersion_replicates(representative, models, live, options, replicates, (seed, stream)).map(|r| r.interval())
 }
 
-/// What `dispersion_interval` is made of.
+/// Returns the dispersions from which `dispersion_interval` is computed, or `None` under its conditions.
 pub fn dispersion_replicates(
     representative: &Representative,
     models: &[&SequenceModel],
@@ -144,7 +148,7 @@ pub fn dispersion_replicates(
 ) -> Option<DispersionReplicates> {
     let mut models = models.to_vec();
     models.sort_by(|a, b| a.id.cmp(&b.id));
-    // Places of the models of each person; the models are sorted by person.
+    // Indices of the models of each person; the models are sorted by person.
     let mut people: Vec<Vec<usize>> = Vec::new();
     for (i, model) in models.iter().enumerate() {
         match people.last_mut().filter(|places| models[places[0]].id.subject == model.id.subject) {
@@ -180,7 +184,7 @@ pub fn dispersion_replicates(
     Some(DispersionReplicates { dispersion: representative.dispersion?, left_out, values, people: people.len(), drawn })
 }
 
-/// By field and model (sorted by id), whether the representative kept it.
+/// Returns, by field and model (sorted by id), whether the representative kept it.
 fn kept_fields(representative: &Representative, models: &[&SequenceModel], fields: usize) -> Vec<Vec<bool>> {
     let mut kept = vec![vec![true; models.len()]; fields];
     for row in representative.trimming.iter().filter(|row| row.dropped) {
@@ -191,14 +195,14 @@ fn kept_fields(representative: &Representative, models: &[&SequenceModel], field
     kept
 }
 
-/// What the distances of a class are taken from.
+/// The models of a class, with their medians and weights.
 struct Sample {
     models: Vec<DisplacementFields>,
     fields: usize,
     nodes: usize,
-    /// The medians of all models, in slot order.
+    /// Medians of all models, in slot order.
     start: Vec<Vector2<f64>>,
-    /// The models' weights, where they differ.
+    /// Weights of the models, or `None` if all are equal.
     weights: Option<Vec<f64>>,
 }
 
@@ -215,7 +219,7 @@ impl Sample {
         self.weights.as_ref().map_or(1.0, |weights| weights[model])
     }
 
-    /// The dispersion after trimming of some of the models, by place, ascending.
+    /// Returns the dispersion after trimming of the models with the indices `chosen`, ascending.
     fn dispersion_of(&self, chosen: &[usize], options: &StatisticsOptions) -> Option<f64> {
         let members = vec![chosen.to_vec(); self.fields];
         let weights: Option<Vec<f64>> = self.weights.as_ref().map(|weights| chosen.iter().map(|&i| weights[i]).collect());
@@ -238,7 +242,7 @@ impl Sample {
         median_of(totals.iter().zip(&counts).map(of_model), weights.as_deref())
     }
 
-    /// Every model's distance to the medians of other people, over the fields that it is kept in; `None` where that is no field.
+    /// Returns every model's distance to the median of the other people, over its kept fields, or `None` if no field is kept.
     fn left_out(&self, people: &[Vec<usize>], kept: &[Vec<bool>], exact: bool) -> Vec<Option<f64>> {
         let (fields, nodes, n) = (self.fields, self.nodes, self.models.len());
         let of_slot = |slot: usize| -> Vec<f64> {
@@ -279,19 +283,19 @@ impl Sample {
     }
 }
 
-/// Distance under which x is at a point, face units: less than what files keep.
+/// Distance below which x coincides with a point, face units. Less than the precision of files.
 const AT_POINT: f64 = 1e-7;
 
-/// The sum of distances from x to weighted points, and where to go from there.
+/// The sum of distances from x to weighted points, with its derivatives and candidates for the next x.
 pub(super) struct Place {
     x: Vector2<f64>,
     sum: f64,
-    /// No direction leads down by more than [`FLAT`].
+    /// Whether no direction leads down by more than [`FLAT`].
     flat: bool,
-    /// The derivatives there: the gradient, and xx, xy and yy of the Hessian.
+    /// Derivatives at x: the gradient, and xx, xy and yy of the Hessian.
     gradient: Vector2<f64>,
     hessian: [f64; 3],
-    /// Where a lower sum is likely, best first: the Newton step, the nearest point, the Weiszfeld step (which never leads up).
+    /// Points that probably have a lower sum, best first: Newton step, nearest point, Weiszfeld step (which never increases the sum).
     next: [Option<Vector2<f64>>; 3],
 }
 
@@ -337,7 +341,7 @@ impl Place {
 }
 
 impl Place {
-    /// About where the median of these points without some of them is: one Newton step from here.
+    /// Returns the approximate median of the points without those in `removed`: one Newton step from x.
     pub(super) fn without(&self, removed: impl Iterator<Item = (Vector2<f64>, f64)>) -> Vector2<f64> {
         let (mut g, [mut hxx, mut hxy, mut hyy]) = (self.gradient, self.hessian);
         for (p, w) in removed {
@@ -361,7 +365,7 @@ impl Place {
     }
 }
 
-/// The geometric median of weighted points after a few steps from a start that is near it.
+/// Returns the geometric median of weighted points, after a few steps from `start`, which must be near it.
 pub(super) fn refined_median(points: &[(Vector2<f64>, f64)], start: Vector2<f64>) -> Vector2<f64> {
     if points.is_empty() {
         return start;

@@ -1,9 +1,10 @@
 //! Dispersion of models around their generalized median [KP, eq. (8)].
 //!
-//! After trimming a model counts over the displacement fields it was kept in: its distance is the mean of `d_f` over these. As models
-//! are then averaged over different fields, this may rise when the farthest are dropped. Two forms beside it do not share that:
-//! \[KP\]'s eq. (8) to the letter, all N'' models over all fields around the median of what was kept, and the mean over the fields of
-//! each field's own median of `d_f` over the models kept in it ([`Dispersions`]).
+//! After trimming, a model's distance is the mean of `d_f` over the displacement fields that were kept. Models are then averaged over
+//! different fields, so this dispersion can rise although the farthest fields were dropped.
+//!
+//! [`Dispersions`] has two other forms without this effect: \[KP\]'s eq. (8) taken literally (all N'' models over all fields, around the
+//! median of the kept fields), and the mean over the fields of each field's median of `d_f` over the models kept in it.
 
 use serde::{Deserialize, Serialize};
 
@@ -11,24 +12,24 @@ use super::distance::{DisplacementFields, vector_distance};
 
 pub use crate::robust::median;
 
-/// The dispersion in forms that can be compared before and after trimming, face units; `None` for a single model.
+/// Other forms of the dispersion, comparable before and after trimming, face units; `None` for a single model.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Dispersions {
-    /// [KP, eq. (8)] to the letter: the median over all models of d over all fields to the median of what was kept.
+    /// [KP, eq. (8)] taken literally: the median over all models of d, over all fields, to the median of the kept fields.
     pub literal: Option<f64>,
-    /// The same around the median of all models.
+    /// As `literal`, around the median of all models.
     pub literal_untrimmed: Option<f64>,
-    /// The mean over the fields of the median of `d_f` over the models kept in the field.
+    /// Mean over the fields of the median of `d_f` over the models kept in the field.
     pub field: Option<f64>,
-    /// The same over all models, around the median of all models.
+    /// As `field`, over all models and around the median of all models.
     pub field_untrimmed: Option<f64>,
 }
 
-/// The median of values with weights: half of the weight lies on either side; without weights that of [`median`].
+/// Returns the median of values with weights: half of the weight lies on either side.
 ///
 /// Where exactly half of the weight lies at or below a value, it is the mean of this value and the next larger one.
 pub fn weighted_median(mut values: Vec<(f64, f64)>) -> Option<f64> {
-    /// Share of the weight by which rounding may miss a half.
+    /// Relative rounding error of the weights within which they count as exactly half.
     const ROUNDING: f64 = 1e-12;
     values.sort_by(|a, b| a.0.total_cmp(&b.0));
     let half = values.iter().map(|v| v.1).sum::<f64>() / 2.0;
@@ -43,7 +44,7 @@ pub fn weighted_median(mut values: Vec<(f64, f64)>) -> Option<f64> {
     None
 }
 
-/// The median of the values that are there, each with its weight.
+/// Returns the median of the values that are not `None`. Weights are by index in `values`; `None` means equal weights.
 pub(super) fn median_of(values: impl IntoIterator<Item = Option<f64>>, weights: Option<&[f64]>) -> Option<f64> {
     let known = values.into_iter().enumerate().filter_map(|(i, value)| Some((i, value?)));
     match weights {
@@ -52,7 +53,7 @@ pub(super) fn median_of(values: impl IntoIterator<Item = Option<f64>>, weights: 
     }
 }
 
-/// The mean over the fields of the median over the models kept in the field of `d_f` to `center`.
+/// Returns the mean over the fields of the median of `d_f` to `center` over the models kept in the field.
 pub(super) fn field_dispersion(
     models: &[DisplacementFields],
     kept: &[Vec<usize>],
@@ -68,15 +69,15 @@ pub(super) fn field_dispersion(
     medians.filter(|medians| !medians.is_empty()).map(|medians| medians.iter().sum::<f64>() / medians.len() as f64)
 }
 
-/// Which of the models are kept in which displacement fields.
+/// The displacement fields in which each model is kept.
 #[derive(Clone, Debug)]
 pub struct KeptFields {
-    /// Fields by model, ascending.
+    /// Kept fields by model, ascending.
     fields: Vec<Vec<usize>>,
 }
 
 impl KeptFields {
-    /// The same information by model, from the kept models by field (`Trimming::kept`).
+    /// Converts the kept models of every field (`Trimming::kept`) to the kept fields of every model.
     pub fn by_model(kept: &[Vec<usize>], model_count: usize) -> Self {
         let mut fields = vec![Vec::new(); model_count];
         for (m, kept) in kept.iter().enumerate() {
@@ -85,7 +86,7 @@ impl KeptFields {
         Self { fields }
     }
 
-    /// Distance of every model to `center`: the mean of `d_f` over the fields it was kept in; `None` where that is no field.
+    /// Returns the distance of every model to `center`: the mean of `d_f` over its kept fields, or `None` if no field is kept.
     ///
     /// For a model kept in all fields this is d [KP, eq. (5)].
     pub fn distances(&self, models: &[DisplacementFields], center: &DisplacementFields) -> Vec<Option<f64>> {
@@ -96,9 +97,9 @@ impl KeptFields {
         models.iter().zip(&self.fields).map(distance).collect()
     }
 
-    /// Dispersion of every live node: the median over the models of the mean of `d_v` to `center` over the fields kept.
+    /// Returns the dispersion of every live node: the median over the models of the mean of `d_v` to `center` over the kept fields.
     ///
-    /// `weights` are the models', where they differ.
+    /// `weights` are the models' weights, or `None` if all are equal.
     pub fn node_dispersion(
         &self,
         models: &[DisplacementFields],
@@ -134,7 +135,8 @@ mod tests {
     fn half_of_the_weight_lies_on_either_side() {
         assert_eq!(weighted_median(vec![]), None);
         assert_eq!(weighted_median(vec![(9.0, 1.0), (1.0, 1.0), (4.0, 1.0), (5.0, 1.0)]), Some(4.5));
-        // 0.3 + 0.3 + 0.4 at 1, 2, 3: the half is passed at 2. Three times a third at 7 against 1 at 2 and 1 at 1: the middle is 2.
+        // 0.3 + 0.3 + 0.4 at 1, 2, 3: half the weight is passed at 2. Second case: a weight of three thirds at 7, 1 at 2 and 1 at 1; the
+        // middle is 2.
         assert_eq!(weighted_median(vec![(3.0, 0.4), (1.0, 0.3), (2.0, 0.3)]), Some(2.0));
         let third = 1.0 / 3.0;
         assert_eq!(weighted_median(vec![(7.0, third), (7.0, third), (7.0, third), (1.0, 1.0), (2.0, 1.0)]), Some(2.0));

@@ -1,8 +1,7 @@
 //! Distances between displacement vectors, frame models and dynamic models [KP, eq. (2) to (5)].
 //!
-//! Letters: N live nodes, N' frames per model. Only live nodes count: followers repeat their leaders and would weigh them twice.
-//! Square roots are IEEE square roots of plain sums of squares and sums have a fixed order, so that every machine gives the same
-//! bits.
+//! Symbols: N live nodes, N' frames per model. Only live nodes count; followers repeat their leaders and would give them double weight.
+//! All machines give identical bits: square roots are IEEE square roots of plain sums of squares, and sums have a fixed order.
 
 use nalgebra::Vector2;
 
@@ -11,7 +10,7 @@ use crate::{
     units::{NodeId, Unit},
 };
 
-/// Partial sums that are kept side by side in [`DisplacementFields::frame_distance`], for the vector unit.
+/// Number of partial sums kept in parallel by [`DisplacementFields::frame_distance`], for vector instructions.
 const LANES: usize = 4;
 
 /// Distance `d_v` of two displacement vectors [KP, eq. (3)], in their unit.
@@ -26,13 +25,13 @@ pub fn vector_distance(a: Vector2<f64>, b: Vector2<f64>) -> f64 {
     length(a.x - b.x, a.y - b.y)
 }
 
-/// Length of a vector: correctly rounded operations only, unlike `hypot`, which differs between platforms.
+/// Length of a vector. It uses only correctly rounded operations; `hypot` differs between platforms.
 #[inline]
 pub(crate) fn length(x: f64, y: f64) -> f64 {
     (x * x + y * y).sqrt()
 }
 
-/// The displacement vectors tau of one dynamic model [KP, eq. (2)]: (N' - 1) fields of N live nodes, flat and by coordinate.
+/// The displacement vectors tau of one dynamic model [KP, eq. (2)]: (N' - 1) fields of N live nodes, stored flat and by coordinate.
 ///
 /// ```
 /// use grimace::statistics::DisplacementFields;
@@ -51,17 +50,17 @@ pub struct DisplacementFields {
 }
 
 impl DisplacementFields {
-    /// The displacement fields of a model over its live nodes.
+    /// Computes the displacement fields of a model over its live nodes.
     ///
     /// # Panics
-    /// If the model lacks a live node (a programmer's error: shapes are checked before).
+    /// If the model lacks a live node (a programmer's error: the caller checks shapes).
     pub fn of_model<U: Unit>(model: &DynamicExpressionModel<U>, live: &[NodeId]) -> Self {
         let fields = (0..model.frame_count() - 1).map(|m| model.displacement_field(m));
         let vectors: Vec<_> = fields.flat_map(|field| live.iter().map(move |n| field[n.index()]).collect::<Vec<_>>()).collect();
         Self::from_vectors(live.len(), &vectors)
     }
 
-    /// Fields from vectors in slot order: field 0 of all nodes, then field 1, and so on.
+    /// Makes fields from vectors in slot order: field 0 of all nodes, then field 1, and so on.
     ///
     /// # Panics
     /// If the vectors do not fill whole fields of `node_count` nodes (a programmer's error).
@@ -74,17 +73,17 @@ impl DisplacementFields {
         Self { node_count, x: vectors.iter().map(|v| v.x).collect(), y: vectors.iter().map(|v| v.y).collect() }
     }
 
-    /// Number of displacement fields, N' - 1.
+    /// Returns the number of displacement fields, N' - 1.
     pub fn field_count(&self) -> usize {
         self.x.len() / self.node_count
     }
 
-    /// Number of live nodes N.
+    /// Returns the number of live nodes N.
     pub fn node_count(&self) -> usize {
         self.node_count
     }
 
-    /// The vector tau of field `m` at the `k`-th live node.
+    /// Returns the vector tau of field `m` at the `k`-th live node.
     ///
     /// # Panics
     /// If there is no such slot (a programmer's error).
@@ -115,7 +114,7 @@ impl DisplacementFields {
         (0..fields).map(|m| self.frame_distance(other, m)).sum::<f64>() / fields as f64
     }
 
-    /// The first coordinate whose magnitude is not below `limit`: field, live node and value.
+    /// Returns field, live node and value of the first coordinate whose magnitude is not below `limit`.
     pub(crate) fn first_beyond(&self, limit: f64) -> Option<(usize, usize, f64)> {
         let slot = (0..self.x.len()).find(|&s| !(self.x[s].abs() < limit && self.y[s].abs() < limit))?;
         let value = if self.x[slot].abs() < limit { self.y[slot] } else { self.x[slot] };
@@ -144,7 +143,7 @@ pub(crate) mod tests {
     use super::*;
     use crate::{model::FrameExpressionModel, units::FaceUnit};
 
-    /// Moderate vectors, many of them exactly zero or repeated, as still faces have them, or equal but for rounding.
+    /// Moderate vectors. Many are exactly zero or repeated, as in still faces, or equal up to rounding.
     pub(crate) fn vectors(count: usize) -> impl Strategy<Value = Vec<Vector2<f64>>> {
         let almost = (-3..4i32, prop_oneof![Just(f64::EPSILON), Just(1e-13), Just(1e-9), Just(1e-5)]);
         let coordinate = prop_oneof![

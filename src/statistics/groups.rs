@@ -1,4 +1,4 @@
-//! Classes of models: every emotion, and every emotion within every group of people.
+//! Splits models into classes: one for every emotion, and one for every emotion within every group of people.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -9,22 +9,22 @@ use crate::{
     units::SequenceId,
 };
 
-/// The emotion labels of the project in the order of every table; other labels follow alphabetically.
+/// The emotion labels of the project in the order of every table. Other labels follow alphabetically.
 pub const EMOTIONS: [&str; 8] = ["anger", "disgust", "fear", "happiness", "sadness", "surprise", "contempt", "neutral"];
 
-/// Group of the models whose metadata column is missing, empty or a word for that ([`is_missing`]).
+/// Group of the models without a value in the grouping column ([`is_missing`]).
 pub const UNKNOWN_GROUP: &str = "unknown";
 
-/// Whether a value of a column to group by, or of strata, says that there is none: it is blank, or one of the words for it.
+/// Returns whether a value of a grouping or stratum column means "missing": it is blank or one of the words for it.
 pub fn is_missing(value: &str) -> bool {
     let value = value.trim();
     value.is_empty() || is_missing_word(value)
 }
 
-/// What a sequence is labelled with: its id, its emotion, and the further columns of the manifest.
+/// Labels of a sequence: its id, its emotion, and the further columns of the manifest.
 pub type SequenceLabels<'a> = (&'a SequenceId, &'a str, &'a BTreeMap<String, String>);
 
-/// What a person should know where words stand for missing values in columns to group by, or of strata.
+/// Returns a note to the user if grouping or stratum columns contain words for a missing value.
 pub fn missing_words_said(labels: &[SequenceLabels<'_>], columns: &[String]) -> Option<String> {
     let mut found: BTreeMap<(&str, &str), usize> = BTreeMap::new();
     for column in columns.iter().collect::<BTreeSet<_>>() {
@@ -43,14 +43,16 @@ pub fn missing_words_said(labels: &[SequenceLabels<'_>], columns: &[String]) -> 
     ))
 }
 
-/// Most values of a column of numbers that may well be names of groups, such as 0 and 1 or the numbers of sites.
+/// Largest number of values of a number column that are taken for group names without further checks, such as 0 and 1 or the numbers of
+/// sites.
 const FEW_NUMBERS: usize = 6;
 
-/// People of a group from which their numbers may well be names of it, however many groups there are.
+/// Mean number of people per group from which numbers are taken for group names, however many groups there are.
 const MANY_PEOPLE: usize = 10;
 
-/// The number that a value of a column is, with a point or a comma before its decimals. What may have a comma between thousands, such as `1,500`,
-/// is none: nobody can tell whether it is one and a half.
+/// Parses a number with a decimal point or a decimal comma.
+///
+/// A value whose comma may separate thousands, such as `1,500`, is ambiguous and gives `None`.
 pub fn number_of(value: &str) -> Option<f64> {
     let value = value.trim();
     let may_be_thousands = value.split_once(',').is_some_and(|(whole, rest)| {
@@ -61,13 +63,13 @@ pub fn number_of(value: &str) -> Option<f64> {
     number.filter(|number: &f64| number.is_finite() && !may_be_thousands)
 }
 
-/// Why a value with a comma is no number.
+/// Returns an addition to a message if a value is rejected because its comma may separate thousands; otherwise an empty text.
 fn thousands_said(value: &str) -> &'static str {
     let point = value.replacen(',', ".", 1);
     if point != value && number_of(&point).is_some() { "; the comma could separate thousands: write a decimal point" } else { "" }
 }
 
-/// What a person should know where values of columns of numbers are neither numbers nor words for a missing value.
+/// Returns a note to the user if number columns contain values that are neither numbers nor words for a missing value.
 pub fn no_numbers_said(labels: &[SequenceLabels<'_>], columns: &[String]) -> Option<String> {
     let mut found: BTreeMap<(&str, &str), BTreeSet<&str>> = BTreeMap::new();
     for ((id, _, metadata), column) in labels.iter().flat_map(|l| columns.iter().map(move |column| (l, column))) {
@@ -83,9 +85,11 @@ pub fn no_numbers_said(labels: &[SequenceLabels<'_>], columns: &[String]) -> Opt
     (!list.is_empty()).then(|| format!("values that are not numbers are ignored: {}", listed(&list, 6)))
 }
 
-/// What a person should know where columns to group by, or of strata, hold measures and not groups: numbers throughout, of more than 6
-/// values that less than 10 people share on the mean, or of more than 2 and more than half as many as there are people. Each value is a group, as
-/// of any column.
+/// Returns a note to the user if grouping or stratum columns seem to hold measurements instead of groups.
+///
+/// A column counts as a measurement if all its values are numbers and either of these holds: it has more than 6 different values, shared
+/// by fewer than 10 people each on average; or it has more than 2 different values and more than half as many as there are people. The
+/// values are still used as groups.
 pub fn measures_said(labels: &[SequenceLabels<'_>], columns: &[String]) -> Option<String> {
     let people = labels.iter().map(|(id, ..)| id.subject.as_str()).collect::<BTreeSet<_>>().len();
     let measure = |column: &String| {
@@ -105,19 +109,19 @@ pub fn measures_said(labels: &[SequenceLabels<'_>], columns: &[String]) -> Optio
     ))
 }
 
-/// A model with what its sequence is labelled with.
+/// A model with the labels of its sequence.
 #[derive(Clone, Debug)]
 pub struct LabelledModel {
     /// The model and its sequence.
     pub model: SequenceModel,
     /// Emotion label.
     pub emotion: String,
-    /// Value by metadata column of the manifest.
+    /// Values of the manifest's further columns, by column name.
     pub metadata: BTreeMap<String, String>,
 }
 
 impl LabelledModel {
-    /// What its sequence is labelled with.
+    /// Returns the labels of its sequence.
     pub fn labels(&self) -> SequenceLabels<'_> {
         (&self.model.id, &self.emotion, &self.metadata)
     }
@@ -126,7 +130,7 @@ impl LabelledModel {
 /// Columns that every sequence has besides its emotion.
 const ID_COLUMNS: [&str; 2] = ["subject", "sequence"];
 
-/// The column of the label.
+/// Name of the emotion column.
 const EMOTION_COLUMN: &str = "emotion";
 
 /// Why models cannot be grouped.
@@ -135,7 +139,7 @@ pub enum GroupError {
     /// A column that no sequence has.
     #[error("no sequence has a column `{column}`; the columns are: {}", known.join(", "))]
     UnknownColumn {
-        /// The column asked for.
+        /// Requested column.
         column: String,
         /// `subject`, `sequence`, and the metadata columns that at least one sequence has, sorted.
         known: Vec<String>,
@@ -143,19 +147,19 @@ pub enum GroupError {
     /// The emotion, by which everything is told apart in any case.
     #[error("cannot group by `{column}`: every emotion always has its own representative, and groups divide each emotion")]
     Emotion {
-        /// The column asked for.
+        /// Requested column.
         column: String,
     },
     /// A column that tells sequences apart, given as one of numbers.
     #[error("`{column}` identifies sequences; --covariate needs another column of the manifest, with a number for every person")]
     NoNumbersOfPeople {
-        /// The column asked for.
+        /// Requested column.
         column: String,
     },
     /// A column of numbers without a number.
     #[error("the column `{column}` has no numbers (a value is {example}), but --covariate needs numbers; use --by for words")]
     NoNumber {
-        /// The column asked for.
+        /// Requested column.
         column: String,
         /// One of its values.
         example: String,
@@ -163,9 +167,9 @@ pub enum GroupError {
     /// A column that is there and empty in every sequence.
     #[error("the column `{column}` is empty in all {sequences} sequences")]
     EmptyColumn {
-        /// The column asked for.
+        /// Requested column.
         column: String,
-        /// Sequences.
+        /// Number of sequences.
         sequences: usize,
     },
     /// More groups than anybody reads; each makes a representative, a FAP file and a part of the report.
@@ -173,23 +177,24 @@ pub enum GroupError {
     TooManyGroups {
         /// The columns grouped by.
         columns: Vec<String>,
-        /// Classes.
+        /// Number of classes.
         found: usize,
-        /// Most classes.
+        /// Largest number of classes allowed.
         limit: usize,
     },
 }
 
-/// Most classes of emotion and group.
+/// Largest number of classes of emotion and group.
 pub const MAX_CLASSES: usize = 1000;
 
-/// Splits models into classes: one for every emotion and, with columns in `by`, one for every emotion and combination of the
-/// columns' values that occurs.
+/// Splits models into classes: one for every emotion and, with columns in `by`, one for every emotion and combination of the columns'
+/// values that occurs.
 ///
-/// A missing or blank value, or a word for it, is the group [`UNKNOWN_GROUP`]; values that differ in case or blanks only are one group
-/// ([`common_spellings`]). Emotions are in the order of [`EMOTIONS`], then alphabetical; within
-/// an emotion the whole of it comes first, then its groups, alphabetically by the values in the order of `by`. A class's models
-/// keep the order of `models`.
+/// A missing or blank value, or a word for it, gives the group [`UNKNOWN_GROUP`]. Values that differ only in case or blanks are one group
+/// ([`common_spellings`]).
+///
+/// Emotions are in the order of [`EMOTIONS`], then alphabetical. Within an emotion the class of all its models comes first, then its
+/// groups, alphabetically by the values in the order of `by`. A class's models keep the order of `models`.
 ///
 /// # Errors
 /// [`GroupError`] for a column that no model has or that is empty in all, and for more than `MAX_CLASSES` classes.
@@ -201,7 +206,7 @@ pub fn group_models<'a>(
     group_models_unchecked(models, by)
 }
 
-/// [`group_models`] for models that are not all there are: a column may be empty in all of them.
+/// [`group_models`] for a part of the models: a column may be empty in all of them.
 ///
 /// # Errors
 /// [`GroupError::TooManyGroups`].
@@ -215,7 +220,7 @@ pub fn group_models_unchecked<'a>(
     Ok(classes.into_iter().map(models_of).collect())
 }
 
-/// [`group_models_unchecked`] of anything that has labels.
+/// [`group_models_unchecked`] for any items with labels.
 ///
 /// # Errors
 /// [`GroupError::TooManyGroups`].
@@ -226,7 +231,7 @@ pub fn group_sequences<'a, T>(
 ) -> Result<Vec<(ClassLabel, Vec<&'a T>)>, GroupError> {
     let all: Vec<SequenceLabels<'a>> = sequences.iter().map(labels).collect();
     let columns = Columns::new(by, all.iter().map(|&(.., metadata)| metadata));
-    // Sorted by emotion, then by group values; the whole emotion has no values, which sorts first.
+    // Sorted by emotion, then by group values. The class of the whole emotion has no values and sorts first.
     let mut classes: BTreeMap<(usize, &str, Vec<&str>), Vec<&'a T>> = BTreeMap::new();
     for (sequence, &(id, emotion, metadata)) in sequences.iter().zip(&all) {
         let rank = EMOTIONS.iter().position(|&e| e == emotion).unwrap_or(EMOTIONS.len());
@@ -243,7 +248,7 @@ pub fn group_sequences<'a, T>(
     Ok(classes.into_iter().map(|((_, emotion, values), of)| (label(emotion, &values), of)).collect())
 }
 
-/// The columns that are grouped by, each with the spelling of its values that most sequences have.
+/// The grouping columns, each with the most frequent spelling of its values.
 struct Columns<'a> {
     by: &'a [String],
     spellings: BTreeMap<&'a str, BTreeMap<String, String>>,
@@ -256,7 +261,7 @@ impl<'a> Columns<'a> {
         Self { by, spellings }
     }
 
-    /// The group of a sequence: a value for every column.
+    /// Returns the group of a sequence: one value per column.
     fn values<'b>(&'b self, id: &'b SequenceId, metadata: &'b BTreeMap<String, String>) -> Vec<&'b str> {
         let value = |column: &String| {
             let value = match column.as_str() {
@@ -280,7 +285,7 @@ fn check_count(by: &[String], found: usize) -> Result<(), GroupError> {
     Ok(())
 }
 
-/// Checks that grouping sequences (id, emotion, metadata) makes no more than 1000 classes.
+/// Checks that grouping sequences gives at most `MAX_CLASSES` (1000) classes.
 ///
 /// # Errors
 /// [`GroupError::TooManyGroups`].
@@ -294,10 +299,11 @@ pub fn check_groups<'a>(by: &'a [String], sequences: impl Iterator<Item = Sequen
     check_count(by, emotions.len() + groups.len())
 }
 
-/// Checks that every column to group by is `subject`, `sequence`, or a metadata column of at least one sequence.
+/// Checks that every grouping column is `subject`, `sequence`, or a metadata column of at least one sequence. Without sequences nothing
+/// is checked.
 ///
 /// # Errors
-/// [`GroupError::UnknownColumn`], [`GroupError::EmptyColumn`], [`GroupError::Emotion`]; without any sequence nothing is checked.
+/// [`GroupError::UnknownColumn`], [`GroupError::EmptyColumn`], [`GroupError::Emotion`].
 pub fn check_columns<'a>(
     by: &[String],
     metadata: impl IntoIterator<Item = &'a BTreeMap<String, String>>,
@@ -326,7 +332,7 @@ pub fn check_columns<'a>(
     }
 }
 
-/// Checks that every column of numbers is a metadata column of at least one sequence, with a number in one of them.
+/// Checks that every number column is a metadata column of at least one sequence and contains at least one number.
 ///
 /// # Errors
 /// As [`check_columns`], and [`GroupError::NoNumber`].
@@ -404,7 +410,7 @@ mod tests {
             ["anger/: cef", "anger/f: e", "anger/m: cf", "surprise/: b", "surprise/m: b", "bliss/: d", "bliss/unknown: d"];
         assert_eq!(classes(&sample(), &["sex"])[..7], expected);
         let both = classes(&sample(), &["sex", "age"]);
-        // Label values are in column order (age, sex); the classes are in the order of the columns asked for.
+        // Label values are in column order (age, sex); classes are in the order of the requested columns.
         assert_eq!(both[..4], ["anger/: cef", "anger/old+f: e", "anger/old+m: f", "anger/unknown+m: c"]);
     }
 
@@ -424,7 +430,7 @@ mod tests {
         );
         assert!(said.ends_with("such as `NA group`)"), "{said}");
         assert_eq!(missing_words_said(&labels(&sample()), &["age".to_owned(), "sex".to_owned()]), None);
-        // A column of nothing else is empty.
+        // A column with only such values is empty.
         let error = group_models(&models[..6], &["land".to_owned()]).unwrap_err();
         assert!(matches!(error, GroupError::EmptyColumn { sequences: 6, .. }), "{error}");
     }
@@ -446,7 +452,7 @@ mod tests {
         );
         assert!(text.contains("`Age_group` with `under 30`"), "{text}");
         assert!(said(&["23", "31,5", " 40"], &["Age"]).is_some());
-        // Seven of twenty, six of twenty, codes of two sexes, words among the numbers, and a column that nobody groups by.
+        // Seven of twenty, six of twenty, codes of two sexes, numbers with words among them, and a column not used for grouping.
         let of = |n: usize| (0..20).map(|k| ["1", "2", "3", "4", "5", "6", "7"][k % n]).collect::<Vec<_>>();
         assert!(said(&of(7), &["Age"]).is_some());
         for values in [of(6), vec!["0", "1", "1"], vec!["23", "31", "45", "old"]] {

@@ -1,10 +1,10 @@
-//! Statistics of normalized dynamic models of one expression [KP, section 4.2 to 4.4].
+//! Statistics of the normalized dynamic models of one expression [KP, section 4.2 to 4.4].
 //!
-//! [`group_models`] splits labelled models into classes; [`representative`] takes one class through [`distance`] (eq. 2 to 5),
+//! [`group_models`] splits labelled models into classes. [`representative`] processes one class with [`distance`] (eq. 2 to 5),
 //! [`trimming`] (eq. 6), [`median`] (eq. 7) and [`dispersion`] (eq. 8).
 //!
-//! Letters as in \[KP\]: N live nodes, N' frames per model, N'' models. All lengths are face units. Results depend neither on the
-//! order in which models are given nor on the number of threads.
+//! Symbols as in \[KP\]: N live nodes, N' frames per model, N'' models. All lengths are in face units. Results depend neither on the
+//! order of the models nor on the number of threads.
 
 pub mod amplitude;
 pub mod bootstrap;
@@ -59,13 +59,13 @@ pub(crate) use weights::sequence_weights;
 /// ```
 #[derive(Clone, Debug)]
 pub struct SequenceModel {
-    /// The sequence.
+    /// Identity of the sequence.
     pub id: SequenceId,
     /// Its normalized dynamic model: N' frames over all nodes, face units.
     pub model: DynamicExpressionModel<FaceUnit>,
 }
 
-/// What the representative is taken of: an emotion, or an emotion within a group of people.
+/// The class that a representative summarizes: an emotion, or an emotion within a group of people.
 ///
 /// ```
 /// use std::collections::BTreeMap;
@@ -80,7 +80,7 @@ pub struct SequenceModel {
 pub struct ClassLabel {
     /// Emotion label.
     pub emotion: String,
-    /// Column and value of every `--by` column, in the order given; empty when not grouped.
+    /// Value of each `--by` column, by column name; empty when not grouped.
     pub group: BTreeMap<String, String>,
 }
 
@@ -95,10 +95,10 @@ pub struct ClassLabel {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum MedianKind {
-    /// The greedy search of [KP, section 4.4].
+    /// Greedy search of [KP, section 4.4].
     #[default]
     Greedy,
-    /// The exact optimum.
+    /// Exact optimum.
     Exact,
 }
 
@@ -114,18 +114,18 @@ pub enum MedianKind {
 pub struct StatisticsOptions {
     /// Share of models trimmed per displacement field, 0 <= alpha < 0.5.
     pub alpha: f64,
-    /// Which median is the representative.
+    /// Which median becomes the representative.
     pub median: MedianKind,
-    /// What has the same weight.
+    /// Whether people or sequences have equal weight.
     #[serde(default)]
     pub weighting: Weighting,
-    /// What is trimmed.
+    /// Whether single displacement fields or whole models are trimmed.
     #[serde(default)]
     pub trim: TrimLevel,
 }
 
 impl StatisticsOptions {
-    /// The default of [`StatisticsOptions::alpha`]: a tenth of the models; \[KP\] names no number.
+    /// Default of [`StatisticsOptions::alpha`]: a tenth of the models. \[KP\] give no number.
     pub const DEFAULT_ALPHA: f64 = 0.1;
 }
 
@@ -140,7 +140,7 @@ impl Default for StatisticsOptions {
     }
 }
 
-/// One line of the trimming trace: how far one model's displacement field is from the others' [KP, eq. 6].
+/// One row of the trimming trace: distance of one model's displacement field from the other models' [KP, eq. 6].
 ///
 /// ```
 /// # use grimace::{model, normalize, units, wireframe};
@@ -180,7 +180,7 @@ pub struct TrimmingRow {
     pub dropped: bool,
 }
 
-/// A generalized median as a sum of distances, and how sure we are of it.
+/// Sums of distances of the generalized medians, with bounds on their error.
 ///
 /// ```
 /// # use grimace::{model, normalize, units, wireframe};
@@ -208,11 +208,11 @@ pub struct TrimmingRow {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MedianSums {
-    /// Sum of distances [KP, eq. 7] of the greedy answer, face units.
+    /// Sum of distances [KP, eq. 7] of the greedy median, face units.
     pub greedy: f64,
-    /// Sum of distances of the exact answer.
+    /// Sum of distances of the exact median, face units.
     pub exact: f64,
-    /// Proven lower bound of the sum of distances of any model.
+    /// Proven lower bound on the sum of distances of any model, face units.
     pub lower_bound: f64,
     /// (greedy - exact) / exact; 0 when both are 0.
     pub greedy_gap: f64,
@@ -220,7 +220,7 @@ pub struct MedianSums {
     pub certificate_gap: f64,
 }
 
-/// How the searches for the medians after trimming went.
+/// Steps and endings of the searches for the medians after trimming.
 ///
 /// ```
 /// # use grimace::{model, normalize, units, wireframe};
@@ -247,13 +247,13 @@ pub struct MedianSums {
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct MedianSearch {
-    /// Displacement vectors that the greedy search replaced.
+    /// Number of displacement vectors that the greedy search replaced.
     pub greedy_replacements: usize,
     /// How the greedy search ended.
     pub greedy_ending: SearchEnding,
-    /// Steps of the exact search over all slots.
+    /// Number of steps of the exact search, summed over all slots.
     pub exact_steps: usize,
-    /// How the exact search ended: the worst over the slots.
+    /// How the exact search ended: the worst ending of any slot.
     pub exact_ending: SearchEnding,
 }
 
@@ -286,23 +286,23 @@ pub struct MedianSearch {
 /// ```
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Representative {
-    /// What it represents.
+    /// The emotion, and group if any.
     pub label: ClassLabel,
-    /// The generalized median, from the canonical neutral, N' frames over all nodes.
+    /// The generalized median: N' frames over all nodes, starting from the canonical neutral.
     #[serde(with = "crate::model::as_points")]
     pub model: DynamicExpressionModel<FaceUnit>,
-    /// Sequences it was computed from (N''), sorted.
+    /// The N'' sequences it was computed from, sorted.
     pub sequences: Vec<SequenceId>,
     /// The trimming trace: (N' - 1) x N'' rows, by field, then by sequence.
     pub trimming: Vec<TrimmingRow>,
-    /// How sure the trimming is, where it was decided from bounds: for more than 2048 models. The distances of
-    /// the trace then carry the error stated there.
+    /// Certainty of the trimming when it was decided from bounds, that is for more than 2048 models. The distances of the trace then have
+    /// the error given there.
     pub certificate: Option<scale::Certificate>,
-    /// Which median it is: the one asked for, or the exact one for more than 2048 models.
+    /// Kind of the median: the requested one, or the exact one for more than 2048 models.
     pub median: MedianKind,
     /// Sums of distances and gaps, after trimming.
     pub sums: MedianSums,
-    /// How the searches for the medians went.
+    /// How the searches for the medians ended.
     pub search: MedianSearch,
     /// Dispersion [KP, eq. 8] after trimming, face units; `None` for a single model.
     pub dispersion: Option<f64>,
@@ -310,19 +310,19 @@ pub struct Representative {
     pub dispersion_untrimmed: Option<f64>,
     /// Other forms of the dispersion, comparable before and after trimming.
     pub dispersions: Dispersions,
-    /// Whether people have different numbers of sequences and each person counts as one all the same.
+    /// Whether the models are weighted: people have different numbers of sequences, and each person counts as one.
     pub weighted: bool,
-    /// Distance of every model (in the order of `sequences`) to the representative over the fields it was kept in; `None` when
-    /// it was trimmed from every field.
+    /// Distance of every model (in the order of `sequences`) to the representative over the fields that were kept; `None` if all its
+    /// fields were trimmed.
     pub distances: Vec<Option<f64>>,
-    /// Distance of every model to the median of all models, before trimming.
+    /// Distance of every model to the median of all models before trimming.
     pub distances_untrimmed: Vec<f64>,
-    /// Per-node dispersion, in node order (0 for nodes that are not live): the median over models of the mean over kept fields of
-    /// `d_v` to the representative, face units.
+    /// Dispersion per node, face units, in node order (0 for nodes that are not live): the median over models of the mean over kept
+    /// fields of `d_v` to the representative.
     pub node_dispersion: Vec<f64>,
 }
 
-/// Why statistics cannot be computed.
+/// Why the statistics cannot be computed.
 ///
 /// ```
 /// # use grimace::{model, normalize, units, wireframe};
@@ -352,13 +352,13 @@ pub enum StatisticsError {
     /// No model.
     #[error("there is no model of `{emotion}` to compute a median from")]
     Empty {
-        /// The class.
+        /// Emotion of the class.
         emotion: String,
     },
     /// alpha outside [0, 0.5).
     #[error("alpha is {alpha}; it must be at least 0 and less than 0.5 (0.1 trims a tenth of the models)")]
     AlphaOutOfRange {
-        /// The value.
+        /// Value of alpha.
         alpha: f64,
     },
     /// Whole models trimmed of too many.
@@ -366,9 +366,9 @@ pub enum StatisticsError {
         "trimming whole models supports at most {limit} sequences, but there are {found}; trim at frame level, or do not trim (alpha 0)"
     )]
     ModelTrimmingOfMany {
-        /// Models.
+        /// Number of models.
         found: usize,
-        /// Most models.
+        /// Largest number of models allowed.
         limit: usize,
     },
     /// Two models of one sequence.
@@ -380,13 +380,13 @@ pub enum StatisticsError {
     /// Models of different shape.
     #[error("{id}: it has {found} {what}, but the others have {expected}; normalize all sequences with the same options")]
     Shape {
-        /// The odd one.
+        /// Sequence of the differing model.
         id: SequenceId,
-        /// `frames` or `nodes`; for nodes the others are the wireframe too.
+        /// `frames` or `nodes`. For nodes, the expected count is that of the other models and of the wireframe.
         what: &'static str,
-        /// Its count.
+        /// Its number of frames or nodes.
         found: usize,
-        /// The others'.
+        /// Number of frames or nodes of the others.
         expected: usize,
     },
     /// A neutral frame that is not the canonical one that normalized models share.
@@ -395,11 +395,11 @@ pub enum StatisticsError {
          ({tolerance}); normalize all sequences with the same wireframe and options"
     )]
     Neutral {
-        /// The odd one.
+        /// Sequence of the differing model.
         id: SequenceId,
-        /// The live node that is farthest off.
+        /// Live node with the largest distance.
         node: NodeId,
-        /// How far, face units.
+        /// Distance in face units.
         distance: f64,
         /// Largest distance allowed.
         tolerance: f64,
@@ -412,13 +412,13 @@ pub enum StatisticsError {
     Displacement {
         /// The sequence.
         id: SequenceId,
-        /// The live node.
+        /// Live node.
         node: NodeId,
         /// Displacement field, from 0.
         field: usize,
-        /// The coordinate of the displacement vector that is too large.
+        /// Coordinate of the displacement vector that is too large, face units.
         found: f64,
-        /// Magnitudes must be below this.
+        /// Limit that magnitudes must stay below.
         limit: f64,
     },
     /// Displacement vectors that cannot be read.

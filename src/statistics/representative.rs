@@ -1,4 +1,4 @@
-//! The representative of one class: distances, trimming, medians and dispersion in order.
+//! Computes the representative of one class: distances, trimming, medians and dispersion, in this order.
 
 use std::{borrow::Borrow, collections::BTreeMap};
 
@@ -23,23 +23,28 @@ use crate::{
     wireframe::Wireframe,
 };
 
-/// Largest distance of a model's neutral node from the other models' that counts as rounding, face units: files carry nine
-/// digits of coordinates of about a thousand face units.
+/// Largest distance of a model's neutral node from the other models' that counts as rounding, face units. Files keep nine digits of
+/// coordinates of about a thousand face units.
 pub const NEUTRAL_TOLERANCE: f64 = 1e-3;
 
-/// Displacements from this size on are refused, face units: what [`MAX_OFFSET`] is from frame to frame, for models made elsewhere.
+/// Displacements of this size or larger are refused, face units. Twice [`MAX_OFFSET`], the largest possible change of an offset from one
+/// frame to the next; it also applies to models from other programs.
 pub const MAX_DISPLACEMENT: f64 = 2.0 * MAX_OFFSET * CANONICAL_ES;
 
 /// Computes the representative of one class: its trimmed generalized median and its dispersion.
 ///
-/// Implements [KP, section 4.2 to 4.4]. `models` are N'' normalized models of N' frames over all nodes of `wireframe`, face units,
-/// in any order; distances are over the wireframe's live nodes. The answer starts at the models' common neutral frame, adds the
-/// median displacement vectors field by field, and moves followers with their leaders. Both medians are computed whichever is
-/// chosen, so that the gap is always known; where rounding makes the greedy vector of a slot better than the exact one, it is
-/// the exact one too. Both dispersions are around medians of the chosen kind. More than 2048 models go another way
-/// (the module `scale`): trimming from bounds, and the exact median whatever the options say. Where people have different numbers of
-/// sequences, each person weighs the same in `d_tf`, trimming, median and dispersion, unless [`StatisticsOptions::weighting`] says
-/// otherwise; sums of distances are then weighted sums.
+/// Implements [KP, section 4.2 to 4.4]. `models` are N'' normalized models of N' frames over all nodes of `wireframe`, face units, in any
+/// order. Distances are over the wireframe's live nodes.
+///
+/// - The median model starts at the models' common neutral frame. The median displacement vectors are added field by field, and followers
+///   move with their leaders.
+/// - Both medians are computed, whichever is chosen, so that the gap between them is known. Where rounding makes the greedy vector of a
+///   slot better than the exact one, the exact median takes the greedy vector.
+/// - Both dispersions are around medians of the chosen kind.
+/// - If people have different numbers of sequences, each person has the same weight in `d_tf`, trimming, median and dispersion, unless
+///   [`StatisticsOptions::weighting`] is set otherwise. Sums of distances are then weighted sums.
+/// - More than 2048 models are processed by the module `scale`: trimming is decided from bounds and counts every sequence equally, and
+///   the median is always the exact one.
 ///
 /// ```
 /// # use grimace::{model, normalize, units, wireframe};
@@ -69,8 +74,8 @@ pub const MAX_DISPLACEMENT: f64 = 2.0 * MAX_OFFSET * CANONICAL_ES;
 /// ```
 ///
 /// # Errors
-/// [`StatisticsError`] for no models, alpha outside 0 <= alpha < 0.5, two models of one sequence, models whose shape or neutral
-/// frame differs from the others', and displacements of 20 eye distances or more.
+/// [`StatisticsError`] for no models, alpha outside 0 <= alpha < 0.5, two models of one sequence, models whose shape or neutral frame
+/// differs from the others', and displacements of 20 eye distances or more.
 pub fn representative<M: Borrow<SequenceModel>>(
     label: ClassLabel,
     models: &[M],
@@ -152,10 +157,10 @@ pub fn representative<M: Borrow<SequenceModel>>(
     })
 }
 
-/// Checks that models can be compared with each other: of one shape, with one neutral frame, and with displacements that faces make.
+/// Checks that models are comparable: same shape, same neutral frame, and plausible displacements.
 ///
 /// # Errors
-/// [`StatisticsError`] for no models, and models whose shape, neutral frame or displacements are not as [`representative`] takes them.
+/// [`StatisticsError`] for no models, and for models whose shape, neutral frame or displacements [`representative`] would refuse.
 pub fn check_models(label: &ClassLabel, models: &[&SequenceModel], wireframe: &Wireframe) -> Result<(), StatisticsError> {
     if models.is_empty() {
         return Err(StatisticsError::Empty { emotion: label.emotion.clone() });
@@ -165,7 +170,7 @@ pub fn check_models(label: &ClassLabel, models: &[&SequenceModel], wireframe: &W
     displacement_fields(models, wireframe.live_nodes()).map(drop)
 }
 
-/// The models by sequence id, which must be different.
+/// Sorts the models by sequence id. Ids must be unique.
 fn sorted<'a, M: Borrow<SequenceModel>>(label: &ClassLabel, models: &'a [M]) -> Result<Vec<&'a SequenceModel>, StatisticsError> {
     let mut models: Vec<&SequenceModel> = models.iter().map(Borrow::borrow).collect();
     models.sort_by(|a, b| a.id.cmp(&b.id));
@@ -178,11 +183,11 @@ fn sorted<'a, M: Borrow<SequenceModel>>(label: &ClassLabel, models: &'a [M]) -> 
     }
 }
 
-/// Checks node counts against the wireframe and frame counts against most of the models.
+/// Checks node counts against the wireframe and frame counts against the most frequent one.
 fn check_shapes(models: &[&SequenceModel], wireframe: &Wireframe) -> Result<(), StatisticsError> {
     let mut frame_counts: BTreeMap<usize, usize> = BTreeMap::new();
     models.iter().for_each(|m| *frame_counts.entry(m.model.frame_count()).or_default() += 1);
-    // Of equally frequent counts the larger: a sequence that was cut short is the likelier mistake.
+    // Of equally frequent counts take the larger one: a truncated sequence is the more likely mistake.
     let frames = frame_counts.iter().max_by_key(|&(frames, models)| (models, frames)).map_or(0, |(&frames, _)| frames);
     let shape = |id: &SequenceId, what, found, expected| {
         if found == expected { Ok(()) } else { Err(StatisticsError::Shape { id: id.clone(), what, found, expected }) }
@@ -194,7 +199,7 @@ fn check_shapes(models: &[&SequenceModel], wireframe: &Wireframe) -> Result<(), 
     Ok(())
 }
 
-/// The neutral frame that the models share: the componentwise median, from which no model may differ by more than rounding.
+/// Returns the neutral frame that the models share: the componentwise median, from which no model may differ by more than rounding.
 fn common_neutral(models: &[&SequenceModel], live: &[NodeId]) -> Result<Vec<Point2<f64>>, StatisticsError> {
     let mut values = vec![0.0; models.len()];
     let mut coordinate = |k: usize, axis: usize| {
@@ -213,7 +218,7 @@ fn common_neutral(models: &[&SequenceModel], live: &[NodeId]) -> Result<Vec<Poin
     Ok(neutral)
 }
 
-/// Every model's displacement fields over the live nodes, checked for magnitude.
+/// Returns every model's displacement fields over the live nodes, after checking their magnitude.
 fn displacement_fields(models: &[&SequenceModel], live: &[NodeId]) -> Result<Vec<DisplacementFields>, StatisticsError> {
     let fields: Vec<_> = models.par_iter().map(|m| DisplacementFields::of_model(&m.model, live)).collect();
     for (m, fields) in models.iter().zip(&fields) {
@@ -225,7 +230,7 @@ fn displacement_fields(models: &[&SequenceModel], live: &[NodeId]) -> Result<Vec
     Ok(fields)
 }
 
-/// For every field the vectors of the member with the smallest sum of distances to the others, the first of several.
+/// Returns, for every field, the vectors of the member with the smallest sum of distances to the others (the first of several).
 fn set_median(fields: &[DisplacementFields], members: &[Vec<usize>], sums: &[Vec<f64>]) -> Vec<Vector2<f64>> {
     let of_field = |(m, (members, sums)): (usize, (&Vec<usize>, &Vec<f64>))| {
         let best = members.iter().zip(sums).min_by(|a, b| a.1.total_cmp(b.1)).map_or(0, |(&i, _)| i);
@@ -234,7 +239,7 @@ fn set_median(fields: &[DisplacementFields], members: &[Vec<usize>], sums: &[Vec
     members.iter().zip(sums).enumerate().flat_map(of_field).collect()
 }
 
-/// The median of all models, before trimming, of the chosen kind.
+/// Returns the median of all models before trimming, of the chosen kind.
 fn untrimmed_median(
     fields: &[DisplacementFields],
     everything: &[Vec<usize>],
@@ -266,7 +271,7 @@ fn median_sums(slots: &Slots, greedy: &Median, exact: &Median) -> MedianSums {
     MedianSums { greedy, exact, lower_bound, greedy_gap: gap(greedy, exact), certificate_gap: gap(exact, lower_bound) }
 }
 
-/// The neutral frame and, frame by frame, the displacement vectors added to it.
+/// Builds a model from the neutral frame by adding the displacement vectors frame by frame.
 pub(super) fn model_from_displacements(
     neutral: Vec<Point2<f64>>,
     center: &DisplacementFields,
@@ -285,7 +290,7 @@ pub(super) fn model_from_displacements(
     Ok(DynamicExpressionModel::new(frames)?)
 }
 
-/// Values of live nodes at their place among all nodes, 0 elsewhere.
+/// Spreads the values of live nodes over all nodes; the other nodes get 0.
 pub(super) fn at_all_nodes(values: &[f64], wireframe: &Wireframe) -> Vec<f64> {
     let mut all = vec![0.0; wireframe.node_count()];
     wireframe.live_nodes().iter().zip(values).for_each(|(n, &value)| all[n.index()] = value);

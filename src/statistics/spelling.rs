@@ -1,17 +1,17 @@
 //! Labels that are spelled in several ways.
 //!
-//! `FEMALE` and ` female` are one group: values are compared without regard to case and blanks, and shown as most people spell them.
-//! `happines` beside `happiness` may be a slip, `joy` beside it another word for the same: such labels are kept apart and named.
+//! Values that differ only in case and blanks are one group (`FEMALE` and ` female`), shown in the most frequent spelling. Labels that
+//! may be a typing error (`happines` and `happiness`) or a synonym (`joy`) are kept apart and reported.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::EMOTIONS;
 use crate::text::composed;
 
-/// Fewest letters of words that are looked at as near twins.
+/// Smallest number of letters of words that are compared as near twins.
 const LEAST_LETTERS: usize = 5;
 
-/// Words for the emotions of [`EMOTIONS`], in lower case. `smile` is none: a smile need not be happy.
+/// Synonyms of the emotions of [`EMOTIONS`], in lower case. `smile` is not included: a smile need not be happy.
 const WORDS: [(&str, &[&str]); 7] = [
     ("anger", &["anger", "angry", "wut", "w\u{fc}tend", "\u{e4}rger"]),
     ("disgust", &["disgust", "disgusted", "ekel"]),
@@ -22,12 +22,13 @@ const WORDS: [(&str, &[&str]); 7] = [
     ("contempt", &["contempt", "contemptuous", "verachtung"]),
 ];
 
-/// Text by which values are compared: accents in their letters, lower case, blanks at the ends removed and others single.
+/// Returns the text by which values are compared: Unicode-composed, in lower case, trimmed, and with single blanks inside.
 pub fn spelling_key(value: &str) -> String {
     composed(value).split_whitespace().collect::<Vec<_>>().join(" ").to_lowercase()
 }
 
-/// The most frequent spelling of every value, of equally frequent ones the first by alphabet, by [`spelling_key`].
+/// Returns the most frequent spelling of every value, by [`spelling_key`]. Of equally frequent spellings it is the first in alphabetical
+/// order.
 pub fn common_spellings<'a>(values: impl IntoIterator<Item = &'a str>) -> BTreeMap<String, String> {
     let mut counts: BTreeMap<String, BTreeMap<&str, usize>> = BTreeMap::new();
     for value in values {
@@ -40,7 +41,8 @@ pub fn common_spellings<'a>(values: impl IntoIterator<Item = &'a str>) -> BTreeM
     counts.into_iter().map(|(key, spellings)| (key, common(spellings))).collect()
 }
 
-/// Pairs of different words of letters that one slip turns into each other: a letter more, less, other, or two exchanged.
+/// Returns pairs of different words that differ by one typing error: one letter added, missing or replaced, or two adjacent letters
+/// exchanged.
 pub fn near_twins<'a>(values: impl IntoIterator<Item = &'a str>) -> Vec<(String, String)> {
     let is_word = |value: &String| value.chars().count() >= LEAST_LETTERS && value.chars().all(char::is_alphabetic);
     let words: Vec<String> = common_spellings(values).into_keys().filter(is_word).collect();
@@ -52,8 +54,9 @@ pub fn near_twins<'a>(values: impl IntoIterator<Item = &'a str>) -> Vec<(String,
     twins
 }
 
-/// The emotion that a label is likely meant for: one of [`EMOTIONS`] that two slips turn into it; `None` for these themselves and for
-/// labels that are like none of them.
+/// Returns the emotion of [`EMOTIONS`] that a misspelled label probably means: one within two typing errors.
+///
+/// Returns `None` for labels that are one of [`EMOTIONS`], and for labels unlike any.
 pub fn likely_emotion(label: &str) -> Option<&'static str> {
     const SLIPS: usize = 2;
     let label = spelling_key(label);
@@ -64,13 +67,13 @@ pub fn likely_emotion(label: &str) -> Option<&'static str> {
     EMOTIONS.into_iter().min_by_key(distance).filter(|emotion| distance(emotion) <= SLIPS)
 }
 
-/// The emotion that a label is a word for, one of [`EMOTIONS`]; `None` where it is no such word as it stands.
+/// Returns the emotion of [`EMOTIONS`] that a label is a synonym of, or `None`. Misspelled words are not recognized.
 fn emotion_of_word(label: &str) -> Option<&'static str> {
     let label = spelling_key(label);
     WORDS.iter().find(|(_, words)| words.contains(&label.as_str())).map(|(emotion, _)| *emotion)
 }
 
-/// Labels that are words for one emotion: those of each emotion that has several, sorted, in the order of [`EMOTIONS`].
+/// Returns the labels that are synonyms of one emotion, sorted, for each emotion that has several, in the order of [`EMOTIONS`].
 pub fn synonyms<'a>(labels: impl IntoIterator<Item = &'a str>) -> Vec<Vec<String>> {
     let keys: BTreeSet<String> = labels.into_iter().map(spelling_key).collect();
     let of = |emotion: &str| keys.iter().filter(|label| emotion_of_word(label) == Some(emotion)).cloned().collect::<Vec<_>>();

@@ -2,8 +2,8 @@
 
 /// A running sum whose rounding error does not grow with the number of terms (Neumaier 1974).
 ///
-/// The error is about 2^-53 of the sum's magnitude plus n 2^-106 of the sum of magnitudes, so the order of the terms, which is
-/// fixed everywhere in this crate anyhow, hardly matters.
+/// The error is about 2^-53 of the sum's magnitude plus n 2^-106 of the sum of magnitudes. The order of the terms, which is fixed
+/// everywhere in this crate anyway, therefore hardly matters.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct CompensatedSum {
     sum: f64,
@@ -19,12 +19,12 @@ impl CompensatedSum {
         self.sum = sum;
     }
 
-    /// The sum of the terms so far.
+    /// Returns the sum of the terms so far.
     pub(crate) fn value(self) -> f64 {
         self.sum + self.correction
     }
 
-    /// The sum of all terms of an iterator.
+    /// Returns the sum of all terms of an iterator.
     pub(crate) fn of(terms: impl IntoIterator<Item = f64>) -> f64 {
         let mut sum = Self::default();
         terms.into_iter().for_each(|term| sum.add(term));

@@ -1,20 +1,20 @@
-//! Rejection of outlying displacement fields [KP, section 4.3 and eq. (6)].
+//! Removes outlying displacement fields [KP, section 4.3 and eq. (6)].
 //!
-//! Trimming is at frame level, as \[KP\] uses it: each of the N' - 1 displacement fields has its own order of the N'' models and
-//! loses its own floor(alpha N''). A model may thus stay in one field and be dropped from another. [`TrimLevel::Model`] drops whole
-//! models instead, by `d_t`, the mean of `d_tf` over the fields. With weights (one person, one weight) the models that are farthest
-//! are dropped while their weight is at most alpha of all.
+//! Trimming is at frame level, as in \[KP\]: each of the N' - 1 displacement fields has its own ranking of the N'' models and loses its
+//! own floor(alpha N''). A model can stay in one field and be dropped from another. [`TrimLevel::Model`] instead drops whole models,
+//! ranked by `d_t`, the mean of `d_tf` over the fields. With weights (one person, one weight), the farthest models are dropped while
+//! their total weight is at most alpha of all.
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::distance::DisplacementFields;
 
-/// Models per block of the pairwise distances: two blocks of one field stay in the cache, and the order of summation depends on
-/// nothing but this number.
+/// Number of models per block of the pairwise distances. Two blocks of one field fit into the cache. The order of summation depends on
+/// nothing else.
 const BLOCK: usize = 32;
 
-/// What is trimmed.
+/// What is trimmed: displacement fields or whole models.
 ///
 /// ```
 /// # use grimace::{model, normalize, units, wireframe};
@@ -44,35 +44,34 @@ const BLOCK: usize = 32;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum TrimLevel {
-    /// Displacement fields, each in its own order: the frame level of \[KP\].
+    /// Displacement fields, each by its own ranking: the frame level of \[KP\].
     #[default]
     Frame,
     /// Whole models.
     Model,
 }
 
-/// What is left of every displacement field, and why.
+/// Result of the trimming: the distances, and the models kept in every field.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trimming {
-    /// `d_tf` [KP, eq. (6)] by field, then by model: mean distance to the other models, in the models' unit; 0 for a single model,
-    /// where the equation has 0 / 0.
+    /// `d_tf` [KP, eq. (6)] by field, then by model: mean distance to the other models, in the models' unit. It is 0 for a single model,
+    /// for which the equation gives 0 / 0.
     pub distances: Vec<Vec<f64>>,
     /// Indices of the models kept, by field, ascending. Never empty.
     pub kept: Vec<Vec<usize>>,
 }
 
 impl Trimming {
-    /// Whether no field of any model was dropped.
+    /// Returns whether nothing was dropped.
     pub fn is_empty(&self) -> bool {
         self.kept.iter().zip(&self.distances).all(|(kept, all)| kept.len() == all.len())
     }
 }
 
-/// Drops from every displacement field the floor(alpha N'') models with the largest `d_tf`.
+/// Drops the floor(alpha N'') models with the largest `d_tf` from every displacement field.
 ///
-/// Implements [KP, section 4.3]. Of two models at exactly the same distance the later one in `models` is dropped first; the
-/// caller sorts by sequence id, so the larger id goes. `row_sums` are those of [`sums_of_distances`] over all models, with the same
-/// `weights`.
+/// Implements [KP, section 4.3]. Of two models at exactly the same distance, the later one in `models` is dropped first; callers sort by
+/// sequence id, so the larger id is dropped. `row_sums` are the result of [`sums_of_distances`] for all models, with the same `weights`.
 pub fn trim_outliers(row_sums: &[Vec<f64>], weights: Option<&[f64]>, alpha: f64, level: TrimLevel) -> Trimming {
     let total = weights.map_or(0.0, |weights| weights.iter().sum());
     let others = |i: usize, n: usize| weights.map_or((n - 1) as f64, |weights| total - weights[i]);
@@ -94,10 +93,10 @@ pub fn trim_outliers(row_sums: &[Vec<f64>], weights: Option<&[f64]>, alpha: f64,
     Trimming { distances, kept }
 }
 
-/// floor(alpha N''): how many of `model_count` models are trimmed from a field.
+/// Returns floor(alpha N''), the number of models trimmed from a field.
 ///
-/// A product that misses a whole number by rounding counts as that number: 0.29 of 100 models is 29, though the product of the two
-/// doubles is 28.999999999999996.
+/// A product just below a whole number because of rounding counts as that number: 0.29 of 100 models is 29, although the product of the
+/// two doubles is 28.999999999999996.
 pub fn trimmed_count(alpha: f64, model_count: usize) -> usize {
     let product = alpha * model_count as f64;
     // alpha and the product are each rounded by at most half an epsilon.
@@ -112,7 +111,7 @@ fn keep(distances: &[f64], dropped: usize) -> Vec<usize> {
     order
 }
 
-/// What stays when the farthest are dropped while their weight is at most `limit`; never all.
+/// Returns the models kept when the farthest are dropped while their total weight is at most `limit`. At least one model is kept.
 fn keep_weighted(distances: &[f64], weights: &[f64], limit: f64) -> Vec<usize> {
     let mut order: Vec<usize> = (0..distances.len()).collect();
     order.sort_by(|&a, &b| distances[a].total_cmp(&distances[b]).then(a.cmp(&b)));
@@ -128,11 +127,11 @@ fn keep_weighted(distances: &[f64], weights: &[f64], limit: f64) -> Vec<usize> {
     order
 }
 
-/// For every field m and every model of `members[m]`: the sum of its distances `d_f` to the other members, each times that one's weight,
-/// in that order.
+/// Returns, for every field m and every model of `members[m]`, the sum of its distances `d_f` to the other members, weighted by their
+/// weights. The order is that of `members[m]`.
 ///
-/// O(sum of squares of the member counts times N). Each pair is computed once, in parallel over pairs of blocks, and the sums of a
-/// model's blocks are added in block order: the bits do not depend on the thread count. Equal models get equal sums.
+/// The time is O(sum of squares of the member counts times N). Each pair is computed once, in parallel over pairs of blocks. The sums of
+/// a model's blocks are added in block order, so the result is identical for any number of threads. Equal models get equal sums.
 ///
 /// # Panics
 /// If a member is not in `models`, or the models differ in shape (a programmer's error).
@@ -148,7 +147,7 @@ pub fn sums_of_distances(models: &[DisplacementFields], members: &[Vec<usize>], 
     let add = |sums: &mut [f64], block: usize, partial: &[f64]| {
         sums[block * BLOCK..].iter_mut().zip(partial).for_each(|(sum, partial)| *sum += partial);
     };
-    // Row r receives its blocks in the order (0, r), ..., (r - 1, r), (r, r), (r, r + 1), ...
+    // Row r adds its blocks in the order (0, r), ..., (r - 1, r), (r, r), (r, r + 1), ...
     for (&(m, row, column), (to_row, to_column)) in pairs.iter().zip(&partial) {
         add(&mut sums[m], row, to_row);
         if row != column {
@@ -158,7 +157,7 @@ pub fn sums_of_distances(models: &[DisplacementFields], members: &[Vec<usize>], 
     sums
 }
 
-/// Sums of distances between the members of two blocks: for the row block's members and for the column block's.
+/// Returns the sums of distances between the members of two blocks, for the row block's members and for the column block's.
 fn block_sums(
     models: &[DisplacementFields],
     members: &[usize],
@@ -233,13 +232,13 @@ mod tests {
 
     #[test]
     fn many_sequences_of_one_person_are_trimmed_by_their_weight() {
-        // Person a at 10 with three sequences, b to e at 0 with one each; 5 people, of whom alpha 0.4 are two: by sequences two of a's
-        // go, by people all three, and one of the four others.
+        // Person a at 10 with three sequences, b to e at 0 with one each. Alpha 0.4 of 5 people is two. Counted by sequences, two of a's
+        // are dropped; by people, all three and one of the four others.
         let people = models(&[10.0, 10.0, 10.0, 0.0, 0.0, 0.0, 0.0]);
         let third = 1.0 / 3.0;
         let weights = [third, third, third, 1.0, 1.0, 1.0, 1.0];
         let sums = sums_of_distances(&people, &all(&people), Some(&weights));
-        // From a to the four others, 40, over a weight of 5 - 1/3; from b to a's one person, 10, over 4.
+        // From a to the four others: 40, divided by a weight of 5 - 1/3. From b to person a: 10, divided by 4.
         let trimming = trim_outliers(&sums, Some(&weights), 0.4, TrimLevel::Frame);
         approx::assert_relative_eq!(trimming.distances[0][0], 40.0 / (5.0 - third), max_relative = 1e-12);
         approx::assert_relative_eq!(trimming.distances[0][3], 2.5, max_relative = 1e-12);
@@ -270,7 +269,7 @@ mod tests {
         let sums = sums_of_distances(&line, &all(&line), None);
         let expected: Vec<f64> = (0..100).map(|i| f64::from(i * (i + 1) / 2 + (99 - i) * (100 - i) / 2)).collect();
         assert_eq!(sums, [expected]);
-        // Only the members count: 3, 50 and 90 are 47 + 87, 47 + 40 and 87 + 40 apart.
+        // Only the members count: 3, 50 and 90 have distances 47 + 87, 47 + 40 and 87 + 40.
         assert_eq!(sums_of_distances(&line, &[vec![3, 50, 90]], None), [[134.0, 87.0, 127.0]]);
     }
 

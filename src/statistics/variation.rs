@@ -1,9 +1,10 @@
-//! How people differ from each other: principal components of the models of one emotion, the mean beside the median, and pointwise bands.
+//! Variation between people: principal components of the models of one emotion, their mean, and pointwise bands.
 //!
-//! A model is the neutral offsets of its live nodes in all frames after the neutral one. Components are the eigenvectors of the
-//! covariance of these over people, each person weighing the same however many sequences they have; its sign is that in which the
-//! component goes along with the mean motion. The mean and the components are not robust, which is why the representative is the
-//! median: an outlier shows as a component of its own.
+//! The data of a model are the neutral offsets of its live nodes in all frames after the neutral one. The components are the eigenvectors
+//! of the covariance of these data over people. Each person has the same weight, however many sequences they have. The sign of a
+//! component is chosen so that it points along the mean motion.
+//!
+//! Mean and components are not robust, which is why the representative is the median: an outlier appears as a component of its own.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen, Vector2};
 use rayon::prelude::*;
@@ -15,19 +16,19 @@ use crate::{
     wireframe::Wireframe,
 };
 
-/// Most components that are given.
+/// Largest number of components.
 pub const MOST_COMPONENTS: usize = 10;
 
-/// Fewest people: two differ in one direction only.
+/// Smallest number of people. Two people differ in one direction only.
 pub const LEAST_PEOPLE: usize = 3;
 
-/// Sequences above which there are no components: the products of all of them take too long.
+/// Largest number of sequences for components. Products of more sequences take too long.
 pub const MOST_SEQUENCES: usize = 2048;
 
-/// Share of all variance under which a component is rounding.
+/// Share of the total variance below which a component is rounding error.
 const LEAST_SHARE: f64 = 1e-9;
 
-/// Shares of the people under the limits of the bands.
+/// Quantiles of the bands: shares of the people below the limits.
 pub const QUANTILES: [f64; 5] = [0.05, 0.25, 0.5, 0.75, 0.95];
 
 /// Why there are no components.
@@ -59,13 +60,13 @@ pub enum VariationError {
     /// Too few to vary.
     #[error("found {found} {}; principal components need at least {LEAST_PEOPLE} people", if *found == 1 { "person" } else { "people" })]
     TooFewPeople {
-        /// People.
+        /// Number of people.
         found: usize,
     },
     /// More than memory is planned for.
     #[error("there are {found} sequences; principal components are computed for at most {MOST_SEQUENCES}")]
     TooMany {
-        /// Sequences.
+        /// Number of sequences.
         found: usize,
     },
     /// Everybody moves alike.
@@ -76,7 +77,7 @@ pub enum VariationError {
     Model(#[from] ModelError),
 }
 
-/// One direction in which people differ.
+/// One direction in which people differ: a principal component.
 ///
 /// ```
 /// # use grimace::{model, normalize, units, wireframe};
@@ -103,11 +104,11 @@ pub enum VariationError {
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Component {
-    /// Share of the variance over people, 0 to 1.
+    /// Share of the variance between people, 0 to 1.
     pub share: f64,
-    /// Standard deviation along it, face units: the root of the sum of squares over all nodes and frames.
+    /// Standard deviation along the component, face units: the root of the sum of squares over all nodes and frames.
     pub deviation: f64,
-    /// Offsets of the live nodes from the mean at one standard deviation, face units: by frame after the neutral one, then by node.
+    /// Offsets of the live nodes from the mean at one standard deviation, face units, by frame after the neutral one, then by node.
     pub offsets: Vec<Vec<Vector2<f64>>>,
 }
 
@@ -140,15 +141,15 @@ pub struct Component {
 pub struct Variation {
     /// The mean model.
     pub mean: DynamicExpressionModel<FaceUnit>,
-    /// People.
+    /// Number of people.
     pub people: usize,
     /// Components, the largest first.
     pub components: Vec<Component>,
-    /// Scores of every sequence in the components, standard deviations, by id.
+    /// Scores of every sequence in the components, in standard deviations, sorted by sequence id.
     pub scores: Vec<(SequenceId, Vec<f64>)>,
 }
 
-/// Neutral offsets of the live nodes, all frames after the neutral one, x and y in turn.
+/// Returns the neutral offsets of the live nodes in all frames after the neutral one, x and y alternating.
 pub(super) fn offsets_of(model: &SequenceModel, live: &[NodeId]) -> DVector<f64> {
     let frames = (1..model.model.frame_count()).map(|m| model.model.neutral_offsets(m));
     DVector::from_vec(
@@ -165,7 +166,7 @@ pub(super) fn offsets_of(model: &SequenceModel, live: &[NodeId]) -> DVector<f64>
     )
 }
 
-/// Weights of sequences, adding up to the number of people.
+/// Returns weights of sequences that give every person the same weight and add up to the number of people.
 fn person_weights(models: &[&SequenceModel]) -> Vec<f64> {
     let equal = || {
         let people: std::collections::BTreeSet<&str> = models.iter().map(|m| m.id.subject.as_str()).collect();
@@ -175,8 +176,9 @@ fn person_weights(models: &[&SequenceModel]) -> Vec<f64> {
 }
 
 impl Variation {
-    /// The variation of the models of one emotion, of one shape and from one neutral frame (as [`super::representative`] checks), in any
-    /// order.
+    /// Computes the variation of the models of one emotion, given in any order.
+    ///
+    /// The models must have one shape and one neutral frame, as [`super::representative`] checks.
     ///
     /// # Errors
     /// [`VariationError`] for fewer than 3 people, more than 2048 sequences, and sequences that are all equal.
@@ -196,7 +198,7 @@ impl Variation {
         let (size, total) = (data[0].len(), weights.iter().sum::<f64>());
         let mut mean = DVector::zeros(size);
         data.iter().zip(&weights).for_each(|(x, w)| mean.axpy(w / total, x, 1.0));
-        // Rows whose products are the covariance over people.
+        // Rows whose products are the covariance between people.
         let scaled = |(x, w): (&DVector<f64>, &f64)| (x - &mean) * (w / (people - 1) as f64).sqrt();
         let rows: Vec<DVector<f64>> = data.iter().zip(&weights).map(scaled).collect();
         let variance: f64 = rows.iter().map(DVector::norm_squared).sum();
@@ -208,7 +210,7 @@ impl Variation {
             .into_iter()
             .take_while(|(value, _)| *value > LEAST_SHARE * variance)
             .map(|(value, direction)| {
-                // Along with the mean motion; where it has none along it, the largest coordinate is positive.
+                // The sign is that of the mean motion. If the mean has no motion along the component, the largest coordinate is positive.
                 let along = direction.dot(&mean);
                 let largest = direction.iter().copied().fold(0.0, |most: f64, v| if v.abs() > most.abs() { v } else { most });
                 let sign = if along.abs() > 1e-9 * mean.norm() { along } else { largest };
@@ -233,7 +235,7 @@ impl Variation {
         Ok(Self { mean, people, components: components.into_iter().map(component).collect(), scores })
     }
 
-    /// The mean moved along a component by that many standard deviations.
+    /// Returns the mean moved along a component by the given number of standard deviations.
     ///
     /// # Errors
     /// [`ModelError`] when a position is not finite.
@@ -257,7 +259,7 @@ impl Variation {
     }
 }
 
-/// A model of a neutral frame and offsets of the live nodes by frame; followers follow.
+/// Builds a model from a neutral frame and offsets of the live nodes by frame. Followers move with their leaders.
 pub(super) fn moved(
     neutral: &FrameExpressionModel<FaceUnit>,
     offsets: &[Vec<Vector2<f64>>],
@@ -272,9 +274,9 @@ pub(super) fn moved(
     DynamicExpressionModel::new([neutral.clone()].into_iter().chain(offsets.iter().map(frame)).collect())
 }
 
-/// Eigenvalues, the largest first, and unit eigenvectors of the sum of the rows' outer products, at most [`MOST_COMPONENTS`].
+/// Returns eigenvalues and unit eigenvectors of the sum of the rows' outer products, the largest first, at most [`MOST_COMPONENTS`].
 fn directions(rows: &[DVector<f64>], size: usize) -> Vec<(f64, DVector<f64>)> {
-    // Through the smaller of the two matrices of products that have the same eigenvalues.
+    // Uses the smaller of the two matrices of products, which have the same eigenvalues.
     let count = rows.len();
     let matrix = if count <= size {
         let products: Vec<Vec<f64>> =
@@ -303,17 +305,17 @@ fn directions(rows: &[DVector<f64>], size: usize) -> Vec<(f64, DVector<f64>)> {
     order.into_iter().take(MOST_COMPONENTS).map(|k| (eigen.eigenvalues[k].max(0.0), direction(k))).collect()
 }
 
-/// A value of everybody in one frame: mean and [`QUANTILES`], each person weighing the same.
+/// Distribution of a value over people in one frame: mean and [`QUANTILES`], each person with the same weight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Band {
     /// Mean.
     pub mean: f64,
-    /// Values under which these shares of the people lie.
+    /// Values of the [`QUANTILES`].
     pub quantiles: [f64; 5],
 }
 
 impl Band {
-    /// The band of values with weights; `None` without values.
+    /// Computes the band of (value, weight) pairs, or returns `None` if there are none.
     pub fn of(values: &[(f64, f64)]) -> Option<Self> {
         let mut sorted = values.to_vec();
         sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -327,7 +329,8 @@ impl Band {
     }
 }
 
-/// The value of sorted ones at which the weights reach `limit`: where they do so exactly, its mean with the next.
+/// Returns the first of the sorted values at which the cumulative weight reaches `limit`. If it is exactly `limit`, the result is the
+/// mean of this value and the next.
 fn weighted_quantile(sorted: &[(f64, f64)], limit: f64) -> Option<f64> {
     const ROUNDING: f64 = 1e-9;
     let mut below = 0.0;
@@ -341,7 +344,7 @@ fn weighted_quantile(sorted: &[(f64, f64)], limit: f64) -> Option<f64> {
     sorted.last().map(|v| v.0)
 }
 
-/// Weights of sequences for [`Band::of`], in the order of the models.
+/// Returns weights of sequences for [`Band::of`], in the order of the models.
 pub fn band_weights(models: &[&SequenceModel]) -> Vec<f64> {
     person_weights(models)
 }
@@ -377,7 +380,7 @@ mod tests {
         assert_eq!((v.components.len(), v.people), (2, 4));
         approx::assert_relative_eq!(v.components[0].share, 0.8, max_relative = 1e-9);
         approx::assert_relative_eq!(v.components[0].deviation, (8.0f64 / 3.0).sqrt(), max_relative = 1e-9);
-        // Along with the mean motion, which goes to x: b is above, a below.
+        // The sign is that of the mean motion along x: b is above the mean, a below.
         let score = 2.0 / (8.0f64 / 3.0).sqrt();
         approx::assert_relative_eq!(v.scores[1].1[0], score, max_relative = 1e-9);
         approx::assert_relative_eq!(v.scores[0].1[0], -score, max_relative = 1e-9);
@@ -410,11 +413,11 @@ mod tests {
 
     #[test]
     fn bands_are_quantiles_of_people() {
-        // 1 to 20, of one weight: under 1.5 lies a twentieth, under 5.5 a quarter.
+        // 1 to 20 with equal weights: a twentieth is below 1.5, a quarter below 5.5.
         let values: Vec<(f64, f64)> = (1..=20).map(|v| (f64::from(v), 1.0)).collect();
         let band = Band::of(&values).unwrap();
         assert_eq!((band.mean, band.quantiles), (10.5, [1.5, 5.5, 10.5, 15.5, 19.5]));
-        // Somebody with half of the weight at 7.
+        // One person with half of the weight at 7.
         let band = Band::of(&[(7.0, 2.0), (1.0, 1.0), (9.0, 1.0)]).unwrap();
         assert_eq!((band.mean, band.quantiles[2]), (6.0, 7.0));
         assert_eq!(Band::of(&[]), None);

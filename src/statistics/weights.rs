@@ -1,4 +1,4 @@
-//! One person, one weight: sequences of people who have several count as one person together.
+//! Weights by which every person counts equally: the sequences of one person together count as one.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::units::SequenceId;
 
-/// What has the same weight in trimming, median and dispersion.
+/// What has equal weight in trimming, median and dispersion: people or sequences.
 ///
 /// ```
 /// # use grimace::{model, normalize, units, wireframe};
@@ -38,14 +38,14 @@ use crate::units::SequenceId;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Weighting {
-    /// Every person: each of a person's n sequences in a class counts 1 / n.
+    /// People: each of a person's n sequences in a class has weight 1 / n.
     #[default]
     Person,
-    /// Every sequence, as in \[KP\].
+    /// Sequences, as in \[KP\].
     Sequence,
 }
 
-/// The weights of sequences; `None` where all are equal.
+/// Returns the weights of sequences, or `None` when all are equal.
 pub fn sequence_weights<'a>(ids: impl IntoIterator<Item = &'a SequenceId> + Clone, weighting: Weighting) -> Option<Vec<f64>> {
     if weighting == Weighting::Sequence {
         return None;
@@ -70,7 +70,7 @@ mod tests {
         let ids = [id("a", "1"), id("a", "2"), id("b", "1")];
         assert_eq!(sequence_weights(&ids, Weighting::Person), Some(vec![0.5, 0.5, 1.0]));
         assert_eq!(sequence_weights(&ids, Weighting::Sequence), None);
-        // Two each: nobody weighs more than another.
+        // Two sequences each: all weights are equal.
         assert_eq!(sequence_weights(&[id("a", "1"), id("a", "2"), id("b", "1"), id("b", "2")], Weighting::Person), None);
         assert_eq!(sequence_weights(&[], Weighting::Person), None);
     }

@@ -1,15 +1,15 @@
-//! From the motion of feature points to weights over time: every frame solved, then made smooth.
+//! Computes weights over time from the motion of feature points: solves every frame, then smooths the weights in time.
 //!
-//! Each frame and region is a search of its own, and two searches may give different answers to nearly the same question: taken as
-//! they are, the frames would flicker. So the answers are split into what the paper splits them into, direction and length. The
-//! length of every frame is the target's, untouched. The direction, `u = w / L` (weights per length of motion), is smoothed in time
-//! by the x that makes
+//! Each frame and region is searched independently. Two searches can return different weights for nearly the same target, which
+//! would make the animation flicker. The weights of a frame are therefore split, as in the paper, into a length and a direction.
+//! The length is the length of the target motion and stays unchanged. The direction, `u = w / L` (weights per length of motion),
+//! is smoothed in time by the x that minimizes
 //!
 //! `sum_t L_t^2 |x_t - u_t|^2 + sigma^2 mean(L^2) sum_t |x_(t+1) - x_t|^2`
 //!
-//! smallest, sigma in frames: E. Whittaker's smoother (*On a new method of graduation*, 1923) with first differences. Frames that move
-//! far count for more; a frame near neutral, whose directions mean little, takes them from its neighbours. The smoother is an average
-//! with positive shares: non-negative weights stay so, and where the direction does not change nothing does.
+//! with sigma in frames. This is E. Whittaker's smoother (*On a new method of graduation*, 1923) with first differences. Frames
+//! with a large motion have a large weight; a frame near neutral, whose direction is uncertain, takes it from its neighbours. The
+//! smoother is an average with positive weights: non-negative weights stay non-negative, and a constant direction stays constant.
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -24,17 +24,18 @@ use super::{
     target::{moving_points, staying_points, summed_length},
 };
 
-/// Default width of the smoothing in time, frames.
+/// Default width sigma of the smoothing in time, in frames.
 pub const SMOOTHING_FRAMES: f64 = 2.0;
-/// Least emphasis, and one over the greatest: beyond, squares of what moves are lost in rounding.
+/// Smallest emphasis; the largest is its reciprocal. Beyond these limits, squared motions are lost in rounding.
 const LEAST_EMPHASIS: f64 = 1e-6;
-/// Widths of the smoothing, frames, that its system of equations can tell from none and from an average over all.
+/// Range of the smoothing width, in frames. Below it the smoother's equations cannot be told from no smoothing, above it from an
+/// average over all frames.
 const LEAST_SMOOTHING: f64 = 1e-6;
 const MOST_SMOOTHING: f64 = 1e5;
-/// Default number of starts of the bound.
+/// Default number of starts of the search for the bound.
 pub const BOUND_STARTS: usize = 8;
 
-/// How a motion becomes a surface.
+/// Options for turning a motion into a surface.
 ///
 /// ```
 /// use grimace::synthesis::{RegionScheme, SynthesisOptions};
@@ -45,21 +46,21 @@ pub const BOUND_STARTS: usize = 8;
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SynthesisOptions {
-    /// How weights are found.
+    /// Method that finds the weights.
     pub solver: Solver,
     /// Parameters of the genetic algorithm.
     pub ga: GaOptions,
-    /// How the face is parted.
+    /// How the face is divided into regions.
     pub regions: RegionScheme,
-    /// Width of the overlap of two regions over the width of the face.
+    /// Width of the overlap of two regions, as a fraction of the width of the face.
     pub overlap: f64,
     /// Emphasis level c [ZL, section 5]: a factor on the input motion, greater than 0.
     pub emphasis: f64,
-    /// Width sigma of the smoothing in time, frames; 0 for none.
+    /// Width sigma of the smoothing in time, in frames; 0 for none.
     pub smoothing_frames: f64,
-    /// Starts of the search for the bound; 0 for no bound.
+    /// Number of starts of the search for the bound; 0 for no bound.
     pub bound_starts: usize,
-    /// Which weights refinement and bound allow.
+    /// Signs of weights that refinement and bound allow.
     pub signs: Signs,
 }
 
@@ -79,7 +80,7 @@ impl Default for SynthesisOptions {
 }
 
 impl SynthesisOptions {
-    /// Checks the ranges that [`Regions::new`] does not.
+    /// Checks the ranges that [`Regions::new`] does not check.
     ///
     /// # Errors
     /// [`SynthesisError::Option`].
@@ -98,7 +99,7 @@ impl SynthesisOptions {
     }
 }
 
-/// A bank made ready for searches.
+/// A bank prepared for searches.
 ///
 /// ```
 /// # let mesh = vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
@@ -128,7 +129,7 @@ pub struct Synthesizer<'b> {
 }
 
 impl<'b> Synthesizer<'b> {
-    /// Reads the feature points' motion and parts the face.
+    /// Reads the motion of the bank's feature points and divides the face into regions.
     ///
     /// # Errors
     /// [`SynthesisError::Option`] for options out of range.
@@ -153,17 +154,17 @@ impl<'b> Synthesizer<'b> {
         &self.options
     }
 
-    /// The goal of a region; `None` when nothing in it should move. `motion` is emphasized already.
+    /// The goal of a region; `None` when nothing in it should move. `motion` must already be emphasized.
     pub fn goal(&self, motion: &FpMotion, region: usize) -> Option<Goal> {
         Goal::new(&self.basis, motion, |point| self.regions.point_shares(region)[point] > 0.0)
     }
 
-    /// The goal of all feature points, whatever the regions.
+    /// The goal of all feature points, regardless of regions. `motion` must already be emphasized.
     pub fn whole_goal(&self, motion: &FpMotion) -> Option<Goal> {
         Goal::new(&self.basis, motion, |_| true)
     }
 
-    /// Solves one frame; `frame` only chooses the random streams.
+    /// Solves one frame. `frame` only selects the random streams.
     pub fn solve(&self, motion: &FpMotion, frame: usize) -> FrameAnswer {
         let motion = motion.emphasized(self.options.emphasis);
         let count = self.regions.count();
@@ -215,8 +216,10 @@ impl<'b> Synthesizer<'b> {
         }
     }
 
-    /// Fitness and share shown of each region and of the joined surface, from the weights; for [`Solver::Rbf`] from its surface. `motion` is
-    /// emphasized. A bound that an answer exceeds was none, and rises to it.
+    /// Computes the fitness and the share shown, for each region and for the joined surface.
+    ///
+    /// They follow from the weights, for [`Solver::Rbf`] from its surface. `motion` must already be emphasized. A bound below the
+    /// fitness of the answer is raised to that fitness.
     fn measure(&self, answer: &mut FrameAnswer, motion: &FpMotion) {
         let rbf = (self.options.solver == Solver::Rbf).then(|| {
             let surface = interpolate(self.bank, motion);
@@ -249,13 +252,13 @@ impl<'b> Synthesizer<'b> {
             }
         }
         if rbf.is_some() {
-            // The bound is that of mixtures of the bank, which this is not.
+            // The bound holds for mixtures of the bank only; this surface is not one.
             answer.weights.clear();
             answer.region_bound.fill(None);
         }
     }
 
-    /// The feature points that a goal calls moving, in its order.
+    /// Indices of the feature points that a goal treats as moving, in the goal's order.
     pub(super) fn moving_points(&self, motion: &FpMotion, is_in: &dyn Fn(usize) -> bool) -> Vec<usize> {
         moving_points(motion, self.bank.feature_points().len(), is_in)
     }
@@ -276,7 +279,7 @@ impl<'b> Synthesizer<'b> {
         sum
     }
 
-    /// Displacements of the surface of an answer to `motion` (as given, not emphasized).
+    /// Vertex displacements of the surface for an answer to `motion` (as given, not emphasized).
     pub fn surface(&self, answer: &FrameAnswer, motion: &FpMotion) -> Vec<[f32; 3]> {
         if self.options.solver == Solver::Rbf {
             interpolate(self.bank, &motion.emphasized(self.options.emphasis))
@@ -285,9 +288,10 @@ impl<'b> Synthesizer<'b> {
         }
     }
 
-    /// Solves all frames and makes them smooth in time. Frames are spread over threads; the answer does not depend on their number.
+    /// Solves all frames and smooths the weights in time. Frames run in parallel; the result does not depend on the number of
+    /// threads.
     ///
-    /// `done` is told of every frame solved.
+    /// `done` is called after every solved frame.
     pub fn animate(&self, motions: &[FpMotion], done: impl Fn() + Sync) -> Vec<FrameAnswer> {
         let solve = |(frame, motion)| {
             let answer = self.solve(motion, frame);
@@ -327,7 +331,7 @@ impl<'b> Synthesizer<'b> {
     }
 }
 
-/// The tridiagonal system of the smoother, eliminated.
+/// The tridiagonal system of the smoother after elimination.
 struct Smoother<'a> {
     lengths: &'a [f64],
     tie: f64,
@@ -353,7 +357,7 @@ impl<'a> Smoother<'a> {
         Some(Self { lengths, tie, pivots })
     }
 
-    /// The smoothed weights per length, from the weights.
+    /// Returns the smoothed weights per length of motion.
     fn directions(&self, weights: &[f64]) -> Vec<f64> {
         // L^2 u = L w.
         let mut x: Vec<f64> = weights.iter().zip(self.lengths).map(|(w, l)| w * l).collect();
@@ -368,10 +372,10 @@ impl<'a> Smoother<'a> {
     }
 }
 
-/// How much the motion of the feature points jumps: root mean square of the second differences in time over that of the motion.
+/// Jitter of the motion of feature points: the root mean square of the second differences in time, divided by that of the motion.
 ///
-/// 0 for a motion of constant speed. Of the target it says how smooth the input was, of the result whether the surface flickers.
-/// `None` for fewer than three frames or no motion.
+/// It is 0 for a motion of constant speed. For the target it measures how smooth the input is, for the result how much the
+/// surface flickers. `None` for fewer than three frames or no motion.
 pub fn jump(motions: &[Vec<[f64; 3]>]) -> Option<f64> {
     let square = |v: [f64; 3]| v.iter().map(|c| c * c).sum::<f64>();
     let mut jumps = (0.0, 0_usize);
@@ -387,7 +391,7 @@ pub fn jump(motions: &[Vec<[f64; 3]>]) -> Option<f64> {
 }
 
 impl Synthesizer<'_> {
-    /// Motion of the feature points of every answer; for [`Solver::Rbf`] what its surface does there.
+    /// Motion of the feature points in every answer; for [`Solver::Rbf`] it is read from the interpolated surface.
     pub fn point_motions(&self, answers: &[FrameAnswer], motions: &[FpMotion]) -> Vec<Vec<[f64; 3]>> {
         let of = |(answer, motion): (&FrameAnswer, &FpMotion)| {
             if self.options.solver == Solver::Rbf {
@@ -400,7 +404,8 @@ impl Synthesizer<'_> {
         answers.iter().zip(motions).map(of).collect()
     }
 
-    /// Summed length of the moving feature points in an answer over that of the target; 1 where lengths agree.
+    /// Summed length of motion of the moving feature points in an answer, divided by that of the target; 1 when the lengths
+    /// agree.
     pub fn length_ratio(&self, answer: &FrameAnswer, motion: &FpMotion) -> Option<f64> {
         let motion = motion.emphasized(self.options.emphasis);
         let goal = self.whole_goal(&motion)?;
@@ -420,7 +425,7 @@ mod tests {
     use super::*;
     use crate::synthesis::testing;
 
-    /// Three points asked to go 2 to the right, answered by half of that, and as much up.
+    /// The target moves three points by 2 to the right; the answer moves them by 1 to the right and 1 up.
     fn halved(bound: f64) -> FrameAnswer {
         let bank = testing::bank().select(&[0, 1]).unwrap();
         let synthesizer = Synthesizer::new(&bank, SynthesisOptions::default()).unwrap();
@@ -433,7 +438,7 @@ mod tests {
 
     #[test]
     fn the_share_shown_counts_lengths_along_the_motion_asked_for() {
-        // The cosine of 45 degrees, and 1 of 2.
+        // The cosine of 45 degrees; and 1 of 2.
         let answer = halved(0.9);
         assert_relative_eq!(answer.fitness.unwrap(), 0.5_f64.sqrt(), epsilon = 1e-9);
         assert_relative_eq!(answer.shown.unwrap(), 0.5, epsilon = 1e-9);
@@ -449,7 +454,7 @@ mod tests {
 
     #[test]
     fn the_smoother_keeps_what_is_constant_and_averages_what_jumps() {
-        // Weights in proportion to the lengths: direction 2 in every frame, also in the frame that rests.
+        // Weights in proportion to the lengths: direction 2 in every frame, also in the frame without motion.
         let lengths = [0.0, 1.0, 2.0, 3.0];
         let smoother = Smoother::new(&lengths, 2.0).unwrap();
         for x in smoother.directions(&[0.0, 2.0, 4.0, 6.0]) {

@@ -1,4 +1,4 @@
-//! What is found for one frame.
+//! The answer for one frame: weights, fitness and bound.
 
 use super::search::Run;
 
@@ -24,20 +24,23 @@ use super::search::Run;
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameAnswer {
-    /// Weights of the members, region by region; zeros where nothing should move, empty for [`Solver::Rbf`](super::Solver::Rbf).
+    /// Weights of the members for each region; zeros where nothing should move, empty for [`Solver::Rbf`](super::Solver::Rbf).
     pub weights: Vec<Vec<f64>>,
     /// Fitness in each region; `None` where nothing should move.
     pub region_fitness: Vec<Option<f64>>,
     /// Fitness of the joined surface over all feature points; `None` where nothing should move.
     pub fitness: Option<f64>,
-    /// Share of the motion asked for that the joined surface shows: how far its feature points go along their directions, summed, over how far
-    /// they should; 0 or more, 1 where all of it is shown. A fitness says nothing of it. `None` where nothing should move.
+    /// Share of the target motion that the joined surface shows; `None` where nothing should move.
+    ///
+    /// It is the summed motion of the feature points along their target directions, divided by the summed length of the target.
+    /// It is 0 or more, and 1 when all of the motion is shown. The fitness does not measure this.
     pub shown: Option<f64>,
-    /// The same in each region.
+    /// Share of the target motion shown in each region.
     pub region_shown: Vec<Option<f64>>,
-    /// The bound of the fitness in each region, never less than the fitness; `None` where nothing should move or no bound was asked for.
+    /// Best known fitness in each region (the bound), never less than the fitness; `None` where nothing should move or no bound
+    /// was requested.
     pub region_bound: Vec<Option<f64>>,
-    /// Runs of the genetic algorithm, region by region.
+    /// Runs of the genetic algorithm for each region.
     pub runs: Vec<Vec<Run>>,
 }
 
@@ -47,12 +50,12 @@ impl FrameAnswer {
         mean(self.region_fitness.iter().flatten())
     }
 
-    /// Mean share of the motion shown of the regions that move.
+    /// Mean share of the motion shown in the regions that move.
     pub fn mean_region_shown(&self) -> Option<f64> {
         mean(self.region_shown.iter().flatten())
     }
 
-    /// Mean fitness over mean bound of the regions, 1 at the bound.
+    /// Mean fitness of the regions divided by their mean bound; 1 at the bound.
     pub fn share_of_bound(&self) -> Option<f64> {
         let pairs = self.region_fitness.iter().zip(&self.region_bound).filter_map(|(f, b)| f.zip(*b));
         let (fitness, bound) = pairs.fold((0.0, 0.0), |(f, b), (x, y)| (f + x, b + y));

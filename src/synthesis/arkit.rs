@@ -1,4 +1,4 @@
-//! Shapes with `ARKit` names: which coefficient they stand for, the six expressions made of them, and the CSV file of 52 columns.
+//! Shapes with `ARKit` names: their coefficients, the six expressions mixed from them, and CSV files of the 52 coefficients.
 
 use std::{io, path::Path};
 
@@ -10,8 +10,10 @@ use crate::{
     output::{OutputError, nine_digits, write_atomic},
 };
 
-/// The coefficient that a shape stands for: its own name, `_L` and `_R` or `.L` and `.R` read as sides, and a side dropped where
-/// `ARKit` has none (`browInnerUp_L`). `None` for other names. Case does not matter.
+/// Index of the coefficient that a shape represents; `None` for other names.
+///
+/// The name is compared without regard to case. `_L` and `_R` or `.L` and `.R` are read as sides; a side is ignored where `ARKit`
+/// has none (`browInnerUp_L`).
 pub fn coefficient(shape: &str) -> Option<usize> {
     let find = |name: &str| COEFFICIENTS.iter().position(|c| c.eq_ignore_ascii_case(name));
     let sided = ["_L", "_R", ".L", ".R"].iter().zip(["Left", "Right", "Left", "Right"]);
@@ -22,10 +24,10 @@ pub fn coefficient(shape: &str) -> Option<usize> {
     })
 }
 
-/// -1 for a shape of the right side by its name, 1 for the left, 0 for neither.
+/// Side of a shape by its name: -1 right, 1 left, 0 neither.
 pub fn side(shape: &str) -> f64 {
     let ends = |list: [&str; 3]| list.iter().any(|end| shape.ends_with(end));
-    // jawLeft and mouthLeft move the middle to a side.
+    // jawLeft and mouthLeft move the whole mouth sideways.
     let whole = ["jawLeft", "jawRight", "mouthLeft", "mouthRight"].iter().any(|n| n.eq_ignore_ascii_case(shape));
     match (whole, ends(["_L", ".L", "Left"]), ends(["_R", ".R", "Right"])) {
         (false, true, _) => 1.0,
@@ -34,23 +36,25 @@ pub fn side(shape: &str) -> f64 {
     }
 }
 
-/// How far the lids come together in their middle by shapes of the embedded head, over how far they do by `eyeBlink`. The first two have no
-/// `ARKit` name, as no eyeball turns with them.
+/// How far shapes of the embedded head close the lids in their middle, relative to `eyeBlink`. The first two shapes have no
+/// `ARKit` name because no eyeball turns with them.
 const LID_SHARES: [(&str, f64); 3] = [("lidsDown", 0.664), ("lidsUp", -0.213), ("eyeWide", -0.350)];
 
-/// How far a shape shuts an eye, over `eyeBlink`; `None` for shapes that are not in the table.
+/// How far a shape closes an eye, relative to `eyeBlink`; `None` for shapes that are not in the table.
 pub(super) fn lid_share(shape: &str) -> Option<f64> {
     let whole = ["_L", ".L", "Left", "_R", ".R", "Right"].iter().find_map(|end| shape.strip_suffix(end)).unwrap_or(shape);
     LID_SHARES.iter().find(|(name, _)| *name == whole).map(|(_, share)| *share)
 }
 
-/// How far a shape without an `ARKit` name shuts an eye, over `eyeBlink`: the embedded head's lids, and shapes of other banks that are called as they are.
+/// How far a shape without an `ARKit` name closes an eye, relative to `eyeBlink`: the lids of the embedded head and shapes of
+/// other banks with the same names.
 fn lids_alone(shape: &str) -> Option<f64> {
     lid_share(shape).filter(|_| coefficient(shape).is_none())
 }
 
-/// The six dominant expressions as weights of shapes with `ARKit` names, from `arkit_expressions.csv` (after the action units that FACS
-/// names for them); `None` when no emotion finds a shape.
+/// Returns the six dominant expressions as weights of shapes with `ARKit` names; `None` when no emotion finds a shape.
+///
+/// The weights come from `arkit_expressions.csv`, which follows the action units that FACS names for the emotions.
 pub fn dominant_expressions(shapes: &[String]) -> Option<Vec<(String, Vec<f64>)>> {
     #[derive(Deserialize)]
     struct Row {
@@ -73,14 +77,18 @@ pub fn dominant_expressions(shapes: &[String]) -> Option<Vec<(String, Vec<f64>)>
     expressions.iter().all(|(_, weights)| weights.iter().any(|&w| w != 0.0)).then_some(expressions)
 }
 
-/// Weights of shapes as the 52 coefficients, from the weights of members in each region.
+/// Converts weights of members in each region to the 52 coefficients; `None` when no shape has an `ARKit` name.
 ///
-/// `shapes` names the shapes and, for a mixed bank, `composition` says how members are made of them; without one members are shapes. A
-/// coefficient with a side takes the weights of the regions of that side; brows, eyes, nose and the squint of the cheeks those of the
-/// upper regions, everything else of the lower ones; several regions and several shapes of one coefficient their mean. What the embedded
-/// head's lids do by shapes without an `ARKit` name counts as `eyeBlink` and `eyeWide`: two such shapes may nearly cancel, and what is left of them
-/// shuts the eye. Values may lie outside the coefficients' range, 0 to 1: `limit` brings them there. `None` when no shape has an `ARKit`
-/// name.
+/// `names` are the members. For a mixed bank, `composition` gives the shapes that the members are made of; without it, members
+/// are shapes. The rules are:
+///
+/// - A coefficient with a side takes the weights of the regions of that side.
+/// - Brows, eyes, nose and cheek squint take the weights of the upper regions, all other coefficients those of the lower ones.
+/// - Several regions, and several shapes of one coefficient, are averaged.
+/// - Lid shapes of the embedded head without an `ARKit` name count as `eyeBlink` and `eyeWide`. Two such shapes can nearly
+///   cancel; the remainder closes the eye.
+///
+/// Values can lie outside the range of the coefficients, 0 to 1; `limit` clamps them.
 pub fn coefficients(
     names: &[String],
     composition: Option<&Composition>,
@@ -89,7 +97,7 @@ pub fn coefficients(
 ) -> Option<[f64; 52]> {
     let shapes = composition.map_or(names, |c| &c.shapes[..]);
     let mut sums = [(0.0, 0.0); 52];
-    // How far lids of the left and of the right eye are shut by shapes that have no name.
+    // How far shapes without an `ARKit` name close the lids of the left and of the right eye.
     let mut lids = [0.0; 2];
     for (shape, name) in shapes.iter().enumerate() {
         let mean_where = |seen: &str, side: f64| {
@@ -126,12 +134,12 @@ pub fn coefficients(
     any.then_some(values)
 }
 
-/// Coefficients of the left and of the right eye that shuts, and that opens.
+/// Coefficients that close the left and the right eye, and that open them wide.
 const BLINKS: [&str; 2] = ["eyeBlinkLeft", "eyeBlinkRight"];
 const WIDES: [&str; 2] = ["eyeWideLeft", "eyeWideRight"];
 
-/// Adds to the coefficients of an eye how far it is `shut` beside them, over `eyeBlink`, or opened, below 0: first it takes from the one that
-/// does the opposite, then it adds to the other.
+/// Adds `shut` to the coefficients of an eye: how far unnamed shapes close it, relative to `eyeBlink`, or open it if negative. It
+/// first reduces the opposite coefficient, then increases the other.
 fn count_lids(values: &mut [f64; 52], shut: f64, (blink, wide): (&str, &str)) {
     let (Some(blink), Some(wide), Some(opened)) = (coefficient(blink), coefficient(wide), lid_share(wide).map(f64::abs)) else {
         return;
@@ -142,7 +150,7 @@ fn count_lids(values: &mut [f64; 52], shut: f64, (blink, wide): (&str, &str)) {
     values[add] += (shut.abs() - taken) / if shut < 0.0 { opened } else { 1.0 };
 }
 
-/// Whether a region shows a coefficient.
+/// Whether a coefficient takes the weights of a region.
 fn is_seen_in(coefficient: &str, side: f64, region: &str) -> bool {
     let upper = ["brow", "eye", "nose", "cheekSquint"].iter().any(|start| coefficient.starts_with(start));
     let height = if upper { !region.starts_with("lower") } else { !region.starts_with("upper") };
@@ -153,17 +161,17 @@ fn is_seen_in(coefficient: &str, side: f64, region: &str) -> bool {
 /// A coefficient that was limited to its range.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Limited {
-    /// The coefficient.
+    /// Name of the coefficient.
     pub coefficient: &'static str,
-    /// In how many frames.
+    /// Number of frames in which it was limited.
     pub frames: usize,
-    /// The value farthest outside.
+    /// The value farthest outside the range.
     pub farthest: f64,
 }
 
-/// Brings coefficients into their range, 0 to 1, and says which were not.
+/// Clamps coefficients to their range, 0 to 1, and returns those that were outside.
 pub fn limit(frames: &mut [[f64; 52]]) -> Vec<Limited> {
-    /// Rounding is no news.
+    /// Excess due to rounding, which is not reported.
     const TOLERANCE: f64 = 1e-9;
     let outside = |value: f64| (value - value.clamp(0.0, 1.0)).abs();
     let limited = COEFFICIENTS.iter().enumerate().filter_map(|(k, coefficient)| {
@@ -177,13 +185,14 @@ pub fn limit(frames: &mut [[f64; 52]]) -> Vec<Limited> {
     limited
 }
 
-/// Shapes that no coefficient stands for or counts, which files of coefficients therefore lack.
+/// Shapes that no coefficient represents; files of coefficients therefore lack them.
 pub fn unnamed<'a>(names: &'a [String], composition: Option<&'a Composition>) -> Vec<&'a str> {
     let shapes = composition.map_or(names, |c| &c.shapes[..]);
     shapes.iter().map(String::as_str).filter(|shape| coefficient(shape).is_none() && lids_alone(shape).is_none()).collect()
 }
 
-/// Columns of Live Link Face behind the coefficients: the head and the eyes, of which a bank knows nothing; they are 0.
+/// Columns that Live Link Face writes after the coefficients: rotations of head and eyes. A bank does not have them, so they are
+/// 0.
 const LIVE_LINK_ROTATIONS: [&str; 9] = [
     "HeadYaw",
     "HeadPitch",
@@ -196,22 +205,22 @@ const LIVE_LINK_ROTATIONS: [&str; 9] = [
     "RightEyeRoll",
 ];
 
-/// The time of a frame as `HH:MM:SS:FF.sss`: hours, minutes, seconds, the frame within the second at the whole rate nearest to `fps`, and
-/// thousandths of a frame, always 0. Frames that are more than a second apart begin with the nearest second.
+/// Formats the time of a frame as `HH:MM:SS:FF.sss`: hours, minutes, seconds, the frame within the second at the integer rate
+/// nearest to `fps`, and thousandths of a frame, always 0. Frames more than a second apart start at the nearest second.
 fn timecode(frame: usize, fps: f64) -> String {
     let rate = (fps.round() as usize).max(1);
     let (seconds, within) = if fps < 1.0 { ((frame as f64 / fps).round() as usize, 0) } else { (frame / rate, frame % rate) };
     format!("{:02}:{:02}:{:02}:{within:02}.000", seconds / 3600, seconds / 60 % 60, seconds % 60)
 }
 
-/// A coefficient as it is written: below what a weight means it is 0, and not what rounding left of it.
+/// Formats a coefficient. A value below the smallest meaningful weight is a rounding residue and is written as 0.
 fn written(value: f64) -> String {
     const LEAST: f64 = 1e-9;
     nine_digits(if value.abs() < LEAST { 0.0 } else { value })
 }
 
-/// Writes the coefficients as Live Link Face records them: `Timecode,BlendShapeCount` (61), the 52 coefficients with a capital
-/// first letter, nine angles.
+/// Writes the coefficients in the format of Live Link Face: `Timecode,BlendShapeCount` (61), the 52 coefficients with a capital
+/// first letter, and nine angles.
 ///
 /// # Errors
 /// [`OutputError`].
@@ -289,15 +298,15 @@ mod tests {
             let found = of(weights);
             assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-9), "{found:?}, not {expected:?}");
         };
-        // Two that nearly cancel: 0.2 + 2 * 0.664 - 2 * 0.213; the other eye by half.
+        // Two shapes that nearly cancel: 0.2 + 2 * 0.664 - 2 * 0.213; the other eye by half.
         near([0.2, 0.0, 2.0, 2.0, 0.5, 0.0], [1.102, 0.0, 0.332, 0.0]);
-        // An eye that is opened wide is so less by lids that sink, and shuts by what is left of them: 0.664 - 0.35.
+        // Sinking lids first make a wide-open eye less wide; the remainder closes it: 0.664 - 0.35.
         near([0.0, 1.0, 0.5, 0.0, 0.0, 0.0], [0.0, 1.0 - 0.332 / 0.35, 0.0, 0.0]);
         near([0.0, 1.0, 1.0, 0.0, 0.0, 0.0], [0.314, 0.0, 0.0, 0.0]);
-        // And the other way: 0.213 - 0.1 is left to open it.
+        // The opposite direction: 0.213 - 0.1 remains to open it.
         near([0.1, 0.0, 0.0, 1.0, 0.0, 0.3], [0.0, 0.113 / 0.35, 0.3, 0.0]);
         assert!(unnamed(&shapes, None).is_empty());
-        // Where lids are searched by region, those of the upper ones count.
+        // When lids are solved by region, the upper regions count.
         let quarters: Vec<Vec<f64>> = RegionScheme::Quarters
             .names()
             .iter()
@@ -310,7 +319,7 @@ mod tests {
     #[test]
     fn live_link_has_its_names_and_timecodes() {
         assert_eq!(timecode(0, 60.0), "00:00:00:00.000");
-        // Frame 215 999 at 60 a second: the last of the first hour; then 30000/1001 counts 30 frames for a second.
+        // Frame 215 999 at 60 per second: the last of the first hour; then 30000/1001, which counts 30 frames in a second.
         assert_eq!((timecode(215_999, 60.0), timecode(31, 29.97)), ("00:59:59:59.000".to_owned(), "00:00:01:01.000".to_owned()));
         // A frame every two and a half seconds.
         assert_eq!([1, 2].map(|frame| timecode(frame, 0.4)), ["00:00:03:00.000", "00:00:05:00.000"]);
@@ -348,7 +357,7 @@ mod tests {
         let values = coefficients(&shapes, None, RegionScheme::Halves, &weights).unwrap();
         assert_eq!((values[at("mouthSmileLeft")], values[at("mouthSmileRight")]), (0.5, 0.2));
         assert!((values[at("jawOpen")] - 0.6).abs() < 1e-12);
-        // One member of half a smile and a full jaw, weighing 0.5; a second of 4 jaws, weighing 1.
+        // One member of half a smile and a full jaw, with weight 0.5; a second of 4 jaws, with weight 1.
         let composition = Composition { shapes, weights: vec![vec![0.5, 0.5, 1.0, 0.0], vec![0.0, 0.0, 4.0, 0.0]] };
         let members = names(&["a", "b"]);
         let values = coefficients(&members, Some(&composition), RegionScheme::Whole, &[vec![0.5, 1.0]]).unwrap();

@@ -11,7 +11,7 @@ use crate::{
     units::FeaturePoint,
 };
 
-/// The vertex that stands for a feature point.
+/// The vertex that represents a feature point.
 ///
 /// ```
 /// use grimace::synthesis::candide_bank;
@@ -25,11 +25,11 @@ use crate::{
 pub struct FeaturePointVertex {
     /// The feature point.
     pub fp: FeaturePoint,
-    /// Its vertex.
+    /// Index of its vertex.
     pub vertex: u32,
 }
 
-/// Of which shapes the members of a mixed bank are made.
+/// How the members of a mixed bank are composed of shapes.
 ///
 /// ```
 /// use grimace::synthesis::candide_bank;
@@ -44,11 +44,11 @@ pub struct FeaturePointVertex {
 pub struct Composition {
     /// Names of the shapes.
     pub shapes: Vec<String>,
-    /// Weights of the shapes, member by member.
+    /// Weights of the shapes for each member.
     pub weights: Vec<Vec<f64>>,
 }
 
-/// What a bank says of itself.
+/// Description of a bank: origin, unit, licence, composition and colours.
 ///
 /// ```
 /// use grimace::synthesis::BankInfo;
@@ -58,34 +58,35 @@ pub struct Composition {
 /// ```
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct BankInfo {
-    /// Program and version that made it.
+    /// Program and version that made the bank.
     pub made_by: String,
-    /// Unit of lengths, in words.
+    /// Name of the unit of lengths.
     pub unit: String,
     /// What it was made from.
     pub source: String,
-    /// Whose work it is, with the licence.
+    /// Authors and licence.
     pub credit: String,
-    /// How the members were mixed, where they were.
+    /// How the members are mixed from shapes; `None` for members that are not mixed.
     pub composition: Option<Composition>,
-    /// Colours of all vertices, sRGB, of a mesh with more than skin: eyes, teeth, brows.
+    /// Colours of all vertices, sRGB, for a mesh with parts other than skin: eyes, teeth, brows.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub paint: Option<Vec<[u8; 3]>>,
 }
 
-/// Displacements in memory, or in a mapped file.
+/// Displacements of all members, in memory or in a mapped file.
 #[derive(Debug)]
 pub(super) enum Displacements {
     /// All members, one after another.
     Owned(Vec<[f32; 3]>),
-    /// From a byte of a mapped file on.
+    /// In a mapped file, starting at this byte.
     Mapped(Mmap, usize),
 }
 
 /// An expression bank: V vertices, M members, F feature points.
 ///
-/// Every displacement is finite, every feature point a vertex of the mesh, names and feature points differ. Read from a file the
-/// displacements stay there (mapped), so that a bank of any size costs little more memory than its neutral mesh.
+/// Every displacement is finite, every feature point is a vertex of the mesh, and names and feature points are unique. When a
+/// bank is read from a file, the displacements stay there (memory-mapped). A bank of any size therefore needs little more memory
+/// than its neutral mesh.
 ///
 /// ```
 /// use grimace::{mesh::TriangleMesh, synthesis::{Bank, BankInfo, FeaturePointVertex}};
@@ -109,11 +110,11 @@ pub struct Bank {
 }
 
 impl Bank {
-    /// A bank in memory; `displacements` has V vectors for each of the M names.
+    /// Creates a bank in memory. `displacements` has V vectors for each of the M names.
     ///
     /// # Errors
-    /// [`BankError`] for no members or feature points, wrong counts, numbers that are not finite, and names or feature points
-    /// given twice.
+    /// [`BankError`] when there are no members or feature points, counts do not match, numbers are not finite, or names or
+    /// feature points occur twice.
     pub fn new(
         mesh: TriangleMesh,
         names: Vec<String>,
@@ -130,7 +131,7 @@ impl Bank {
         Self::from_parts(mesh, names, feature_points, info, Displacements::Owned(displacements))
     }
 
-    /// Checks everything but the number of displacements, which is the caller's.
+    /// Checks everything except the number of displacements, which the caller checks.
     pub(super) fn from_parts(
         mesh: TriangleMesh,
         names: Vec<String>,
@@ -149,17 +150,17 @@ impl Bank {
         Ok(bank)
     }
 
-    /// Marks a bank that was read from a file of version 1.
+    /// Marks a bank as read from a file of version 1.
     pub(super) fn of_old_file(self) -> Self {
         Self { is_old_file: true, ..self }
     }
 
-    /// Whether it was read from a file of version 1, which `grimace bank convert` writes anew.
+    /// Whether the bank was read from a file of version 1. `grimace bank convert` rewrites such a file.
     pub fn is_old_file(&self) -> bool {
         self.is_old_file
     }
 
-    /// Whether the displacements are used where they are in their file.
+    /// Whether the displacements are used directly from their mapped file.
     pub fn is_mapped(&self) -> bool {
         matches!(self.displacements, Displacements::Mapped(..))
     }
@@ -167,7 +168,7 @@ impl Bank {
     /// Opens a bank file; the displacements stay in the file.
     ///
     /// # Errors
-    /// [`BankError::Format`] for a file that is damaged or of another version, and as [`Bank::new`].
+    /// [`BankError::Format`] for a file that is damaged or of another version; and the errors of [`Bank::new`].
     pub fn open(path: &Path) -> Result<Self, BankError> {
         file::open(path)
     }
@@ -206,7 +207,7 @@ impl Bank {
         &self.feature_points
     }
 
-    /// Place of a feature point among [`Bank::feature_points`].
+    /// Index of a feature point in [`Bank::feature_points`].
     pub fn feature_point_index(&self, fp: FeaturePoint) -> Option<usize> {
         self.feature_points.iter().position(|p| p.fp == fp)
     }
@@ -216,20 +217,20 @@ impl Bank {
         self.feature_point_index(fp).map(|k| self.mesh.positions()[self.feature_points[k].vertex as usize])
     }
 
-    /// Colours of all vertices, sRGB, where the mesh has more than skin.
+    /// Colours of all vertices, sRGB; `None` when the mesh is only skin.
     pub fn paint(&self) -> Option<&[[u8; 3]]> {
         self.info.paint.as_deref()
     }
 
-    /// What the bank says of itself.
+    /// Description of the bank.
     pub fn info(&self) -> &BankInfo {
         &self.info
     }
 
-    /// Displacements from neutral of all vertices in member `member`, the bank's unit.
+    /// Displacements of all vertices from neutral in a member, in the bank's unit.
     ///
     /// # Panics
-    /// If there is no such member (a programmer's error).
+    /// If `member` is not less than the number of members (a programming error).
     pub fn displacements(&self, member: usize) -> &[[f32; 3]] {
         let count = self.mesh.vertex_count();
         match &self.displacements {
@@ -241,10 +242,10 @@ impl Bank {
         }
     }
 
-    /// A bank of some of the members, in the order asked for.
+    /// Returns a bank of the given members, in the given order.
     ///
     /// # Errors
-    /// As [`Bank::new`]; [`BankError::Number`] for a member that is not there.
+    /// The errors of [`Bank::new`]; [`BankError::Number`] for a member that does not exist.
     pub fn select(&self, members: &[usize]) -> Result<Self, BankError> {
         let mut displacements = Vec::with_capacity(members.len() * self.vertex_count());
         for &member in members {
@@ -264,7 +265,7 @@ impl Bank {
     }
 }
 
-/// Everything of a bank but its displacements.
+/// Everything in a bank except its displacements.
 #[derive(Clone, Copy, Debug)]
 pub struct BankHead<'a> {
     /// The neutral mesh.
@@ -273,7 +274,7 @@ pub struct BankHead<'a> {
     pub names: &'a [String],
     /// Feature points.
     pub feature_points: &'a [FeaturePointVertex],
-    /// What the bank says of itself.
+    /// Description of the bank.
     pub info: &'a BankInfo,
 }
 
@@ -304,7 +305,7 @@ pub(super) fn check_head(mesh: &TriangleMesh, names: &[String], feature_points: 
     Ok(())
 }
 
-/// Checks the displacements of a member: as many as the neutral mesh has vertices, finite, and none longer than [`MAX_DIAGONALS`].
+/// Checks the displacements of a member: one for each neutral vertex, finite, and none longer than [`MAX_DIAGONALS`].
 pub(super) fn check_member(name: &str, displacements: &[[f32; 3]], neutral: &TriangleMesh) -> Result<(), BankError> {
     let expected = neutral.vertex_count();
     if displacements.len() != expected {
@@ -323,5 +324,5 @@ pub(super) fn check_member(name: &str, displacements: &[[f32; 3]], neutral: &Tri
     }
 }
 
-/// Longest displacement of a member, in diagonals of the neutral mesh: a vertex that goes further is none of that face.
+/// Longest displacement of a member, in diagonals of the neutral mesh; longer ones mean that the mesh is not of the same face.
 const MAX_DIAGONALS: f64 = 10.0;

@@ -1,4 +1,4 @@
-//! `bank build`: from a source to a bank file, one member in memory at a time.
+//! `bank build`: writes a bank file from a source, with one member in memory at a time.
 
 use std::{
     borrow::Cow,
@@ -13,7 +13,7 @@ use super::{
 };
 use crate::{mesh::Subdivision, output::MADE_BY, units::FeaturePoint};
 
-/// What is built.
+/// Options of [`build_bank`].
 ///
 /// ```
 /// use grimace::synthesis::BuildOptions;
@@ -23,26 +23,26 @@ use crate::{mesh::Subdivision, output::MADE_BY, units::FeaturePoint};
 /// ```
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct BuildOptions {
-    /// CSV file `fp,vertex`; `None` for the source's own, or placing by landmarks.
+    /// CSV file `fp,vertex`; `None` uses the source's own feature points, or places them by landmarks.
     pub feature_points: Option<PathBuf>,
-    /// CSV file `landmark,vertex`, to place feature points by.
+    /// CSV file `landmark,vertex` for placing feature points.
     pub landmarks: Option<PathBuf>,
-    /// Part of the surface that is kept, by its name in the source's manifest.
+    /// Part of the surface to keep, by its name in the source's manifest.
     pub part: Option<String>,
-    /// Mesh of a glTF file; by default the one with most targets of `ARKit` names.
+    /// Mesh of a glTF file; by default the one with the most targets that have `ARKit` names.
     pub mesh: Option<String>,
-    /// Rounds of smooth subdivision.
+    /// Number of rounds of smooth subdivision.
     pub subdivide: usize,
-    /// Unit of lengths, in words; `None` for what the source says.
+    /// Name of the unit of lengths; `None` uses the source's.
     pub unit: Option<String>,
-    /// Whose work it is; `None` for what the source says.
+    /// Authors and licence; `None` uses the source's.
     pub credit: Option<String>,
 }
 
-/// Most rounds of subdivision: 256 triangles of one.
+/// Largest number of rounds of subdivision: each triangle becomes 256.
 pub const MAX_SUBDIVIDE: usize = 4;
 
-/// What came out.
+/// Summary of a built bank.
 ///
 /// ```
 /// use grimace::synthesis::{BuildOptions, build_bank};
@@ -62,24 +62,26 @@ pub const MAX_SUBDIVIDE: usize = 4;
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct BuildSummary {
-    /// Vertices of the bank.
+    /// Number of vertices.
     pub vertices: usize,
-    /// Its triangles.
+    /// Number of triangles.
     pub triangles: usize,
-    /// Its members.
+    /// Number of members.
     pub members: usize,
-    /// Its feature points.
+    /// Feature points with their vertices.
     pub feature_points: Vec<FeaturePointVertex>,
-    /// Where they came from, in words.
+    /// Description of where the feature points came from.
     pub feature_points_from: String,
-    /// Feature points of a face's skin that it does not have.
+    /// Feature points of a face's skin that the bank does not have.
     pub missing: Vec<FeaturePoint>,
-    /// Meshes of the source that were not taken, with the number of their morph targets.
+    /// Meshes of the source that were not used, with their number of morph targets.
     pub other_meshes: Vec<String>,
 }
 
-/// Builds a bank file from a source. Memory: the neutral mesh, the subdivision rule and one member (for `NumPy` arrays and folders; a
-/// glTF file is in memory as a whole).
+/// Builds a bank file from a source.
+///
+/// It needs memory for the neutral mesh, the subdivision rule and one member (for `NumPy` arrays and folders; a glTF file is
+/// loaded as a whole).
 ///
 /// ```
 /// use grimace::synthesis::{Bank, BuildOptions, build_bank};
@@ -149,7 +151,7 @@ pub fn build_bank(source_path: &Path, output: &Path, options: &BuildOptions) -> 
     })
 }
 
-/// Subdivision keeps the numbers of old vertices, so that feature points are found on the coarse mesh.
+/// Finds the feature points. They are placed on the coarse mesh, because subdivision keeps the indices of old vertices.
 fn feature_points(
     options: &BuildOptions,
     source: &BankSource,

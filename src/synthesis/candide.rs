@@ -1,9 +1,9 @@
-//! The embedded bank: Candide-3 made smooth, with its own motion units as shapes.
+//! The embedded bank `candide`: a smooth Candide-3 with its own motion units as shapes.
 //!
-//! Everything is computed from the wireframe's tables when it is asked for: the skin (all triangles but those of the eyes) is refined by
-//! four rounds of Loop subdivision, and so are the displacements of its nodes. Loop's scheme smooths the nodes too, which would narrow
-//! eyes and lips; so coarse values are pushed out first until the refined nodes are nearly where Candide-3 has them. Two eyeballs fill
-//! the eyes and rest.
+//! It is computed from the wireframe's tables on demand. Four rounds of Loop subdivision refine the skin (all triangles except
+//! those of the eyes) and the displacements of its nodes. Loop's scheme also smooths the nodes, which would narrow eyes and lips;
+//! so coarse values are first pushed outwards until the refined nodes are near their Candide-3 positions. Two eyeballs that do
+//! not move fill the eyes.
 
 use nalgebra::Vector3;
 
@@ -18,18 +18,18 @@ use crate::{
     wireframe::{Emotion, ExpressionUnit, Fapus, Tables, Wireframe, expressions, find_unit, settle_offsets},
 };
 
-/// Rounds of subdivision: about 23K vertices and 46K triangles with the eyes, as the meshes of \[ZL\].
+/// Rounds of subdivision: about 23K vertices and 46K triangles with the eyes, like the meshes of \[ZL\].
 const ROUNDS: usize = 4;
-/// Members of the bank \[ZL\].
+/// Number of members of the bank \[ZL\].
 const MEMBERS: usize = 30;
-/// The nodes of the iris boxes: triangles with one of them are eyeball, not skin.
+/// Nodes of the iris boxes: a triangle with one of them is eyeball, not skin.
 const EYEBALL: std::ops::RangeInclusive<u16> = 67..=74;
-/// Distance from the midline, model units, over which a unit of one side passes from nothing to all.
+/// Distance across the midline, model units, over which the effect of a one-sided unit rises from 0 to 1.
 const SIDE_RAMP: f64 = 0.12;
-/// The jaw drop (AUV 11) moves one bone: it has no sides.
+/// The jaw drop (AUV 11) moves one bone, so it has no sides.
 const JAW_DROP: u16 = 11;
 
-/// A side of a motion unit.
+/// A motion unit, or one side of it.
 struct Shape {
     name: String,
     unit: ExpressionUnit,
@@ -37,7 +37,7 @@ struct Shape {
     side: f64,
 }
 
-/// The shapes that the six expressions use: FAPs as they are, action unit vectors by sides.
+/// The shapes that the six expressions use: FAPs unchanged, action unit vectors split into sides.
 fn shapes(wireframe: &Wireframe, fapus: &Fapus) -> Vec<Shape> {
     let mut shapes: Vec<Shape> = Vec::new();
     for row in expressions().iter().filter(|r| Emotion::BASIC.contains(&r.emotion)) {
@@ -58,13 +58,13 @@ fn shapes(wireframe: &Wireframe, fapus: &Fapus) -> Vec<Shape> {
     shapes
 }
 
-/// The wireframe with its tables, and the smooth surface over it.
+/// The wireframe with its tables, and its smooth surface.
 struct Candide {
     wireframe: Wireframe,
     shapes: Vec<Shape>,
     /// Offsets of every node in every shape at weight 1.
     offsets: Vec<Vec<Vector3<f64>>>,
-    /// Node of every coarse vertex of the skin.
+    /// The node of every coarse vertex of the skin.
     nodes: Vec<NodeId>,
     rule: Subdivision,
     mesh: TriangleMesh,
@@ -105,7 +105,7 @@ impl Candide {
         self.shapes.iter().map(|s| s.name.clone()).collect()
     }
 
-    /// The dense displacements of node offsets; the eyeballs rest.
+    /// Returns the dense displacements for node offsets; the eyeballs do not move.
     fn refine(&self, offsets: &[Vector3<f64>]) -> Vec<[f32; 3]> {
         let coarse: Vec<[f32; 3]> = self.nodes.iter().map(|n| offsets[n.index()].map(|c| c as f32).into()).collect();
         let mut fine = refine_through(&self.rule, &coarse);
@@ -113,7 +113,7 @@ impl Candide {
         fine
     }
 
-    /// Node offsets of a mixture: lips kept apart, the forehead taken along by the brows.
+    /// Node offsets of a mixture; lips do not pass through each other, and brows move the forehead.
     fn mixture(&self, weights: &[f64]) -> Vec<Vector3<f64>> {
         let mut sum = vec![Vector3::zeros(); self.wireframe.node_count()];
         for (offsets, weight) in self.offsets.iter().zip(weights) {
@@ -132,7 +132,7 @@ impl Candide {
 
     fn performance(&self, options: &PerformanceOptions) -> Vec<Recipe> {
         let side = |s: &Shape| match s.unit {
-            // FAPs are named after their side: `raise_l_cornerlip`, `stretch_r_cornerlip_o`.
+            // The names of FAPs contain their side: `raise_l_cornerlip`, `stretch_r_cornerlip_o`.
             ExpressionUnit::Fap(_) if s.name.contains("_l_") => 1.0,
             ExpressionUnit::Fap(_) if s.name.contains("_r_") => -1.0,
             _ => arkit::side(&s.name),
@@ -164,7 +164,7 @@ impl Candide {
         self.bank(names, displacements, Some(Composition { shapes: self.names(), weights }))
     }
 
-    /// The models of a performance that become a bank of 30, and the others.
+    /// Splits the models of a performance into those that become a bank of 30 and the others.
     fn split(&self, recipes: &[Recipe]) -> (Vec<usize>, Vec<usize>) {
         let motion = |r: &Recipe| {
             let offsets = self.mixture(&r.weights);
@@ -178,10 +178,11 @@ impl Candide {
     }
 }
 
-/// Rounds of pushing values out; each leaves about half of what was missing.
+/// Rounds of pushing values outwards; each leaves about half of the remaining difference.
 const PUSHES: usize = 3;
 
-/// Refined values that pass close to the coarse ones, which are pushed out by what smoothing takes from them.
+/// Refines values so that they pass close to the coarse ones: pushes the coarse values outwards by the amount that smoothing
+/// removes.
 fn refine_through(rule: &Subdivision, values: &[[f32; 3]]) -> Vec<[f32; 3]> {
     let mut pushed = values.to_vec();
     for _ in 0..PUSHES {
@@ -205,10 +206,10 @@ fn node_offsets(wireframe: &Wireframe, fapus: &Fapus, shape: &Shape) -> Vec<Vect
     offsets
 }
 
-/// Centre of the left eyeball and its radius, model units: it fills the opening between the lids from behind.
+/// Centre and radius of the left eyeball, model units: it fills the opening between the lids from behind.
 const EYE_CENTRE: [f32; 3] = [0.298, 0.163, -0.225];
 const EYE_RADIUS: f32 = 0.2;
-/// Rings and sectors of an eyeball's front.
+/// Rings and sectors of the front of an eyeball.
 const EYE_GRID: (u32, u32) = (28, 56);
 
 /// Adds the fronts of two eyeballs.
@@ -225,27 +226,27 @@ fn with_eyeballs(skin: &TriangleMesh) -> Result<TriangleMesh, BankError> {
     Ok(TriangleMesh::new(positions, triangles)?)
 }
 
-/// The embedded shapes: Candide-3's motion units that the six expressions use, over its smooth surface.
+/// Returns the embedded shapes: Candide-3's motion units that the six expressions use, on its smooth surface.
 ///
 /// # Errors
-/// [`BankError`], which for the embedded tables would mean a mistake in them.
+/// [`BankError`], only if the embedded tables are defective.
 pub fn candide_shapes() -> Result<Bank, BankError> {
     let candide = Candide::new()?;
     let displacements = candide.offsets.iter().flat_map(|o| candide.refine(o)).collect();
     candide.bank(candide.names(), displacements, None)
 }
 
-/// The six expressions as weights of [`candide_shapes`], by [`expressions`].
+/// Returns the six expressions as weights of [`candide_shapes`], from [`expressions`].
 ///
 /// # Errors
-/// As [`candide_shapes`].
+/// Same as [`candide_shapes`].
 pub fn candide_expressions() -> Result<Vec<(String, Vec<f64>)>, BankError> {
     Ok(Candide::new()?.expressions())
 }
 
-/// The embedded bank: the six dominant expressions and 24 intermediates of a performance of them (seed 1).
+/// Returns the embedded bank: the six dominant expressions and 24 intermediates of a performance of them (seed 1).
 ///
-/// Where a mixture of units would push the lips through each other they meet in the middle.
+/// Where a mixture of units would push the lips through each other, they meet in the middle.
 ///
 /// ```
 /// use grimace::synthesis::candide_bank;
@@ -257,7 +258,7 @@ pub fn candide_expressions() -> Result<Vec<(String, Vec<f64>)>, BankError> {
 /// ```
 ///
 /// # Errors
-/// As `candide_shapes`.
+/// Same as `candide_shapes`.
 pub fn candide_bank() -> Result<Bank, BankError> {
     let candide = Candide::new()?;
     let recipes = candide.performance(&PerformanceOptions::default());
@@ -265,10 +266,10 @@ pub fn candide_bank() -> Result<Bank, BankError> {
     candide.mixed_bank(&chosen.iter().map(|&k| &recipes[k]).collect::<Vec<_>>())
 }
 
-/// As [`candide_bank`] with a seed, and beside it the models of the performance that are not in the bank.
+/// Returns [`candide_bank`] for a seed, and a second bank of the models of the performance that are not in the first.
 ///
 /// # Errors
-/// As `candide_shapes`.
+/// Same as `candide_shapes`.
 pub fn candide_study(seed: u64) -> Result<(Bank, Bank), BankError> {
     let candide = Candide::new()?;
     let recipes = candide.performance(&PerformanceOptions { seed, ..PerformanceOptions::default() });
@@ -290,7 +291,7 @@ mod tests {
         assert_eq!(bank.names()[..6], ["anger", "disgust", "fear", "happiness", "sadness", "surprise"]);
         let at = |text: &str| bank.feature_point_position(text.parse().unwrap()).unwrap();
         assert!((at("8.3")[0] + at("8.4")[0]).abs() < 1e-5 && (at("8.3")[1] - at("8.4")[1]).abs() < 1e-5);
-        // The nodes are nearly where Candide-3 has them: the mouth is 0.492 wide, the lids 0.082 apart.
+        // The nodes are near their Candide-3 positions: the mouth is 0.492 wide, the lids 0.082 apart.
         assert!((at("8.3")[0] - 0.246).abs() < 0.01, "{:?}", at("8.3"));
         assert!((at("3.1")[1] - at("3.3")[1] - 0.082).abs() < 0.012);
     }
@@ -302,7 +303,8 @@ mod tests {
 
     #[test]
     fn shapes_mix_to_the_bank_but_for_what_is_settled() {
-        // Sadness opens no lips and raises the inner brows: without the forehead's share the mixture of shapes is the member.
+        // Sadness does not open the lips but raises the inner brows: without the forehead's share the mixture of shapes equals
+        // the member.
         let shapes = candide_shapes().unwrap();
         let (name, weights) = candide_expressions().unwrap().swap_remove(4);
         assert_eq!(name, "sadness");

@@ -1,10 +1,10 @@
-//! The crossovers of [ZL, section 3] as the parents' shares in their offspring.
+//! The crossovers of [ZL, section 3], as the shares of the parents in their offspring.
 
 use serde::{Deserialize, Serialize};
 
 use super::random::unit;
 
-/// How two parents make an offspring.
+/// How two parents produce an offspring.
 ///
 /// ```
 /// use grimace::synthesis::Crossover;
@@ -26,10 +26,10 @@ pub enum Crossover {
 }
 
 impl Crossover {
-    /// Shares of the first and the second parent; they sum to 1.
+    /// Returns the shares of the first and the second parent; they sum to 1.
     ///
-    /// \[ZL\] call line a case of BLX-alpha "when t = 0.5" and midpoint a case of line "when alpha = 0 and t = 0.5"; by the formulas
-    /// line is the case alpha = 0, midpoint the case alpha = 0 and t = 0.5. The formulas were followed.
+    /// \[ZL\] call line a case of BLX-alpha "when t = 0.5" and midpoint a case of line "when alpha = 0 and t = 0.5". By their
+    /// formulas, line is the case alpha = 0, and midpoint the case alpha = 0 and t = 0.5. This code follows the formulas.
     pub fn shares(self, random: &mut impl rand::Rng) -> (f64, f64) {
         let (t, alpha) = match self {
             Self::Midpoint => (0.5, 0.0),
@@ -40,7 +40,7 @@ impl Crossover {
         (first, 1.0 - first)
     }
 
-    /// `midpoint`, `line` or `blx-0.2`.
+    /// Name of the crossover: `midpoint`, `line` or `blx-0.2`.
     pub fn name(self) -> String {
         match self {
             Self::Midpoint => "midpoint".to_owned(),
@@ -75,7 +75,7 @@ mod tests {
 
     #[test]
     fn the_formula_of_blx_holds() {
-        // P1 = 3, P2 = 7, alpha = 0.2: D = 0.8. The offspring is t 2.2 + (1 - t) 7.8, whatever t was.
+        // P1 = 3, P2 = 7, alpha = 0.2: D = 0.8. The offspring is t 2.2 + (1 - t) 7.8 for any t.
         let mut random = ChaCha8Rng::seed_from_u64(3);
         let mut again = random.clone();
         let (a, b) = Crossover::Blx { alpha: 0.2 }.shares(&mut random);

@@ -1,16 +1,18 @@
-//! Reading a dense face model: the folder of a bank in `NumPy` arrays, with the modes of identity.
+//! Reads a dense face model: the folder of a bank in `NumPy` arrays, with identity modes.
 
 use std::path::Path;
 
 use super::{BankError, source::BankSource};
 use crate::{mesh::read_npy_rows, pose::DenseFaces};
 
-/// Reads a face model from a folder with `neutral_vertices.npy` (V x 3), `triangles.npy` or `quads.npy`, `expression_deltas.npy`,
-/// `identity_deltas.npy` (modes x V x 3), and a `manifest.json` that names the expressions and the vertices of the 68 landmarks. At most
-/// `modes` modes are read.
+/// Reads a face model from a folder.
+///
+/// The folder holds `neutral_vertices.npy` (V x 3), `triangles.npy` or `quads.npy`, `expression_deltas.npy`,
+/// `identity_deltas.npy` (modes x V x 3), and a `manifest.json` that names the expressions and the vertices of the 68 landmarks.
+/// At most `modes` modes are read.
 ///
 /// # Errors
-/// [`BankError`] when an array does not read or the landmarks are not told.
+/// [`BankError`] when an array cannot be read or the landmarks are missing.
 pub fn read_dense_faces(folder: &Path, modes: usize) -> Result<DenseFaces, BankError> {
     let mut source = BankSource::open(folder, None)?;
     let landmarks = source.about.landmarks.clone().ok_or_else(|| BankError::Source {

@@ -1,4 +1,4 @@
-//! The banks that come with the library, by name.
+//! The banks that are embedded in the library, by name.
 
 use std::path::Path;
 
@@ -7,17 +7,17 @@ use super::{Bank, BankError, candide, head};
 /// A bank that needs no file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EmbeddedBank {
-    /// An average head with eyes, mouth and colours, `head`.
+    /// `head`: an average head with eyes, mouth and colours.
     Head,
-    /// Candide-3 made smooth, `candide`.
+    /// `candide`: a smooth Candide-3.
     Candide,
 }
 
 impl EmbeddedBank {
-    /// All of them.
+    /// All embedded banks.
     pub const ALL: [Self; 2] = [Self::Head, Self::Candide];
 
-    /// The word that stands for it.
+    /// Its name on the command line.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Head => "head",
@@ -25,15 +25,15 @@ impl EmbeddedBank {
         }
     }
 
-    /// The one that a path stands for, unless there is a file of that name.
+    /// The embedded bank that a path names; `None` when a file of that name exists.
     pub fn of_path(path: &Path) -> Option<Self> {
         Self::ALL.into_iter().find(|bank| path.as_os_str() == bank.name()).filter(|_| !path.is_file())
     }
 
-    /// The bank.
+    /// Returns the bank.
     ///
     /// # Errors
-    /// [`BankError`], which for the embedded tables would mean a mistake in them.
+    /// [`BankError`], only if the embedded tables are defective.
     pub fn bank(self) -> Result<Bank, BankError> {
         match self {
             Self::Head => head::head_bank(),
@@ -41,10 +41,10 @@ impl EmbeddedBank {
         }
     }
 
-    /// The shapes that its members are mixed of.
+    /// Returns the shapes that its members are mixed of.
     ///
     /// # Errors
-    /// As [`Self::bank`].
+    /// Same as [`Self::bank`].
     pub fn shapes(self) -> Result<Bank, BankError> {
         match self {
             Self::Head => head::head_shapes(),

@@ -1,4 +1,4 @@
-//! Why a bank or a synthesis fails.
+//! Errors of banks and synthesis.
 
 use std::path::PathBuf;
 
@@ -67,7 +67,7 @@ pub enum BankError {
     /// A bank that would be written over what it is built from.
     #[error("{}: the bank would overwrite a file that it is built from; give it another name", path.display())]
     OverSource {
-        /// The bank file to be.
+        /// The bank file to be written.
         path: PathBuf,
     },
     /// Not a single member.
@@ -84,9 +84,9 @@ pub enum BankError {
     VertexCount {
         /// The member.
         name: String,
-        /// Its vertices.
+        /// Its number of vertices.
         found: usize,
-        /// Those of the neutral mesh.
+        /// Number of vertices of the neutral mesh.
         expected: usize,
     },
     /// A member whose triangles differ from the neutral mesh.
@@ -117,7 +117,7 @@ pub enum BankError {
         vertex: usize,
         /// Length of its displacement, units of the mesh.
         length: f64,
-        /// The longest that is taken.
+        /// Largest allowed length.
         limit: f64,
     },
     /// A feature point past the mesh.
@@ -127,7 +127,7 @@ pub enum BankError {
         fp: FeaturePoint,
         /// Its vertex.
         vertex: u64,
-        /// Vertices there are.
+        /// Number of vertices.
         count: usize,
     },
     /// A feature point that MPEG-4 does not have.
@@ -152,9 +152,9 @@ pub enum BankError {
     /// A member or shape that is not there.
     #[error("there is no `{name}`; choose from {}", found.join(", "))]
     NoSuchMember {
-        /// The name asked for.
+        /// The requested name.
         name: String,
-        /// The names there are.
+        /// The names that exist.
         found: Vec<String>,
     },
     /// A part of the surface that the source does not name.
@@ -167,15 +167,15 @@ pub enum BankError {
         }
     )]
     NoSuchPart {
-        /// The part asked for.
+        /// The requested part.
         name: String,
-        /// Those there are.
+        /// The parts that exist.
         found: Vec<String>,
     },
     /// A number that does not fit.
     #[error("{what} is {found}; {expected} was expected")]
     Number {
-        /// What it is.
+        /// Name of the quantity.
         what: &'static str,
         /// The number.
         found: String,
@@ -210,9 +210,9 @@ pub enum SynthesisError {
     /// A head and a portrait that cannot be put on each other.
     #[error("the bank has only {found} of the feature points of a portrait; it needs {needed} to show a portrait")]
     Portrait {
-        /// Feature points shared.
+        /// Number of shared feature points.
         found: usize,
-        /// How many it takes.
+        /// Number required.
         needed: usize,
     },
     /// A CSV file that does not read.
@@ -229,7 +229,7 @@ pub enum SynthesisError {
     Normalize {
         /// The track.
         path: PathBuf,
-        /// Why.
+        /// The reason.
         source: NormalizeError,
     },
     /// Frames that make no model.
@@ -260,7 +260,7 @@ pub enum SynthesisError {
     NotFaceUnits {
         /// The file.
         path: PathBuf,
-        /// What it is instead.
+        /// The unit found instead.
         source: NotFaceUnits,
     },
     /// A motion that no face makes.
@@ -268,7 +268,7 @@ pub enum SynthesisError {
     Implausible {
         /// The file.
         path: PathBuf,
-        /// Frame, point and offset.
+        /// Frame, feature point and offset.
         source: Implausible,
     },
     /// The bank's feature points do not say how large the face is.
@@ -288,7 +288,7 @@ pub enum SynthesisError {
     Option {
         /// The option.
         what: &'static str,
-        /// As given.
+        /// The value given.
         found: String,
         /// What was expected.
         expected: &'static str,

@@ -1,4 +1,4 @@
-//! Files of a synthesized animation: glTF, meshes, arrays, weights, and pictures.
+//! Writes the files of a synthesized animation: glTF, meshes, arrays, weights, and pictures.
 
 use std::{borrow::Cow, path::Path};
 
@@ -21,23 +21,23 @@ use crate::{
 /// An animation: a synthesizer's answers to the frames of a motion.
 #[derive(Clone, Copy, Debug)]
 pub struct Animation<'a> {
-    /// What made it.
+    /// The synthesizer that made the answers.
     pub synthesizer: &'a Synthesizer<'a>,
     /// The motion.
     pub motions: &'a [FpMotion],
     /// One answer for every frame.
     pub answers: &'a [FrameAnswer],
-    /// Its name.
+    /// Name of the animation.
     pub name: &'a str,
     /// Frames per second.
     pub fps: f64,
-    /// What the skin wears, instead of the bank's colours.
+    /// Texture of the skin; `None` for the bank's colours.
     pub texture: Option<&'a HeadTexture>,
 }
 
-/// How rough the surfaces are: 0 mirrors, 1 is dull.
+/// Roughness of the materials: 0 is a mirror, 1 is matt.
 const ROUGHNESS: [(&str, f32); 4] = [("skin", 0.65), ("eyes", 0.12), ("mouth", 0.3), ("hair", 0.8)];
-/// Quality of the texture's JPEG.
+/// JPEG quality of the texture.
 const TEXTURE_QUALITY: u8 = 90;
 
 fn jpeg_bytes(picture: &RgbImage) -> Result<Vec<u8>, image::ImageError> {
@@ -46,18 +46,22 @@ fn jpeg_bytes(picture: &RgbImage) -> Result<Vec<u8>, image::ImageError> {
     Ok(jpeg)
 }
 
-/// Distance of the pupils of a head, m: the mean of grown people.
+/// Distance between the pupils of a head, m: the adult mean.
 const EYE_SEPARATION_M: f64 = 0.063;
 
-/// Writes animations of one bank by one scheme of regions as binary glTF, in metres at the size of a head: the members with a weight in any
-/// frame as morph targets under their names, shared by an animation each. With several regions there is a target for every member and
-/// region, `NAME.REGION`, that moves the vertices of the region by their share. A target whose weights pass 1 is larger by as much, and its
-/// weights smaller: viewers take weights from 0 to 1. Weights below 0 stay as they are. A surface without weights ([`Solver::Rbf`]) has
-/// a target for every frame. Skin, eyes, the inside of the mouth and hair have a material each; with a texture the skin wears it, and hairs,
-/// which the portrait has its own of, are left out.
+/// Writes animations as binary glTF, in metres at the size of a head. All must have the same bank and the same scheme of regions.
+///
+/// - The file has one animation for each item. The animations share the morph targets.
+/// - Members with a weight in any frame become morph targets under their names. With several regions there is one target for
+///   every member and region, `NAME.REGION`, which moves the vertices by their share in the region.
+/// - Viewers accept weights from 0 to 1. A target whose weights exceed 1 is enlarged, and its weights are divided by the same
+///   factor. Weights below 0 stay as they are.
+/// - A surface without weights ([`Solver::Rbf`]) becomes one target for every frame.
+/// - Skin, eyes, the inside of the mouth and hair have one material each. With a texture, the skin uses it, and hair is left out
+///   because the portrait shows its own.
 ///
 /// # Errors
-/// [`SynthesisError`] when the texture cannot be encoded or the file not be written.
+/// [`SynthesisError`] when the texture cannot be encoded or the file cannot be written.
 pub fn write_gltf(path: &Path, animations: &[Animation<'_>]) -> Result<(), SynthesisError> {
     let Some(first) = animations.first() else { return Ok(()) };
     let (bank, regions, texture) = (first.synthesizer.bank(), first.synthesizer.regions(), first.texture);
@@ -106,7 +110,7 @@ pub fn write_gltf(path: &Path, animations: &[Animation<'_>]) -> Result<(), Synth
         let surface = |k: usize| Cow::Owned(animations[places[k].0].surface(places[k].1));
         return Ok(write_atomic(path, |out| write_glb(out, (bank.mesh(), &look), &targets, &surface, &shown, metres))?);
     }
-    // Least and largest weight of a target.
+    // Smallest and largest weight of a target.
     let span = |region: usize, member: usize| {
         let weights = animations.iter().flat_map(|a| a.answers).map(move |a| a.weights[region][member]);
         weights.fold((0.0_f64, 0.0_f64), |(low, high), w| (low.min(w), high.max(w)))
@@ -146,7 +150,7 @@ pub fn write_gltf(path: &Path, animations: &[Animation<'_>]) -> Result<(), Synth
     Ok(write_atomic(path, |out| write_glb(out, (bank.mesh(), &look), &targets, &displacements, &shown, metres))?)
 }
 
-/// Frames whose surfaces are in memory at once while files are written.
+/// Number of frames whose surfaces are in memory at once while files are written.
 const BATCH: usize = 8;
 
 impl Animation<'_> {
@@ -155,10 +159,10 @@ impl Animation<'_> {
         self.synthesizer.surface(&self.answers[frame], &self.motions[frame])
     }
 
-    /// Hands over the surfaces in order; a few at a time are computed, by all threads.
+    /// Passes the surfaces to `take` in order. They are computed a few at a time, in parallel.
     ///
     /// # Errors
-    /// What `take` fails with.
+    /// The errors of `take`.
     pub fn for_each_surface<E>(&self, mut take: impl FnMut(usize, Vec<[f32; 3]>) -> Result<(), E>) -> Result<(), E> {
         for start in (0..self.answers.len()).step_by(BATCH) {
             let end = (start + BATCH).min(self.answers.len());
@@ -181,15 +185,15 @@ impl Animation<'_> {
         })
     }
 
-    /// Name of the OBJ or PLY file of a frame: `frame_000.obj`.
+    /// Returns the file name of the OBJ or PLY file of a frame: `frame_000.obj`.
     pub fn mesh_name(frame: usize, as_ply: bool) -> String {
         format!("frame_{frame:03}.{}", if as_ply { "ply" } else { "obj" })
     }
 
-    /// Writes one OBJ or PLY file for every frame into a folder; `wrote` is told the name of each.
+    /// Writes one OBJ or PLY file for every frame into a folder; calls `wrote` with the name of each.
     ///
     /// # Errors
-    /// [`OutputError`], and what `wrote` fails with.
+    /// [`OutputError`], and the errors of `wrote`.
     pub fn write_meshes(
         &self,
         folder: &Path,
@@ -206,7 +210,7 @@ impl Animation<'_> {
         })
     }
 
-    /// Writes `frame,region` and a column of weights for every member.
+    /// Writes the weights as CSV: `frame,region` and one column for every member.
     ///
     /// # Errors
     /// [`OutputError`].
@@ -225,8 +229,10 @@ impl Animation<'_> {
         })
     }
 
-    /// Writes `frame,region,fitness,bound,share_of_bound,shown`: a row for every frame and region, and of several regions one named `joined` for
-    /// the joined surface, whose bound is unknown. What does not move has no numbers.
+    /// Writes `frame,region,fitness,bound,share_of_bound,shown`: one row for every frame and region.
+    ///
+    /// With several regions, a row `joined` describes the joined surface, whose bound is unknown. Regions that do not move have
+    /// empty cells.
     ///
     /// # Errors
     /// [`OutputError`].
@@ -252,7 +258,7 @@ impl Animation<'_> {
         })
     }
 
-    /// Writes `frame,region,run,generation,offspring,best`, the course of every run of the genetic algorithm [ZL, Fig. 6b].
+    /// Writes `frame,region,run,generation,offspring,best`: the progress of every run of the genetic algorithm [ZL, Fig. 6b].
     ///
     /// # Errors
     /// [`OutputError`].
@@ -276,7 +282,7 @@ impl Animation<'_> {
         })
     }
 
-    /// Up to `count` frames, evenly spread from the first to the last.
+    /// Returns the indices of up to `count` frames, evenly spaced from the first to the last.
     fn chosen_frames(&self, count: usize) -> Vec<usize> {
         let frames = self.answers.len();
         let count = count.min(frames);
@@ -291,13 +297,14 @@ impl Animation<'_> {
         }
     }
 
-    /// The frame that moves most.
+    /// Index of the frame with the largest motion.
     pub fn apex(&self) -> usize {
         let length = |k: &usize| self.motions[*k].total_length();
         (0..self.motions.len()).max_by(|a, b| length(a).total_cmp(&length(b)).then(b.cmp(a))).unwrap_or(0)
     }
 
-    /// Writes a sheet of eight frames, from the front and from the side, each with its fitness and the share of the motion that it shows.
+    /// Writes a sheet of eight frames, from the front and from the side, each with its fitness and the share of the motion that
+    /// it shows.
     ///
     /// # Errors
     /// [`SynthesisError`] when the picture cannot be encoded or written.
@@ -319,7 +326,7 @@ impl Animation<'_> {
         write_png(path, &contact_sheet(&pictures, frames.len()))
     }
 
-    /// Writes the frame that moves most from seven sides as a PNG file.
+    /// Writes the frame with the largest motion, seen from seven directions, as a PNG file.
     ///
     /// # Errors
     /// [`SynthesisError`] when the picture cannot be encoded or written.
@@ -337,7 +344,7 @@ impl Animation<'_> {
         write_png(path, &contact_sheet(&pictures, TURNTABLE_VIEWS))
     }
 
-    /// Writes the animation while the head turns as an endless GIF file.
+    /// Writes the animation on a turning head as an endless GIF file.
     ///
     /// # Errors
     /// [`SynthesisError`] when a picture cannot be encoded or written.
@@ -348,7 +355,7 @@ impl Animation<'_> {
             .map(|step| {
                 let share = step as f32 / GIF_FRAMES as f32;
                 let yaw = GIF_YAW * (share * std::f32::consts::TAU).sin();
-                // Twice there and back during one turn.
+                // The animation plays forward and back twice during one turn.
                 let play = 1.0 - (1.0 - (2.0 * share).fract() * 2.0).abs();
                 let frame = (play * (self.answers.len() - 1) as f32).round() as usize;
                 scene.draw(&self.surface(frame), View::front(GIF_SIZE.0, GIF_SIZE.1).turned(yaw))
@@ -358,14 +365,14 @@ impl Animation<'_> {
     }
 }
 
-/// Frames on a contact sheet, the size of a cell in px, and the turn of the second row in degrees.
+/// Number of frames on a contact sheet, size of a cell in px, and yaw of the second row in degrees.
 const SHEET_COLUMNS: usize = 8;
 const SHEET_CELL: (u32, u32) = (220, 260);
 const SHEET_YAW: f32 = 38.0;
-/// Views of the turntable and the largest turn in degrees.
+/// Number of views on the turntable and their largest yaw in degrees.
 const TURNTABLE_VIEWS: usize = 7;
 const TURNTABLE_YAW: f32 = 60.0;
-/// Frames of the GIF animation, their duration in 1/100 s, its size in px and its largest turn in degrees.
+/// Number of frames of the GIF animation, their duration in 1/100 s, its size in px and its largest yaw in degrees.
 const GIF_FRAMES: usize = 48;
 const GIF_CENTISECONDS: u32 = 6;
 const GIF_SIZE: (u32, u32) = (280, 330);
@@ -379,7 +386,7 @@ pub fn write_png(path: &Path, picture: &RgbImage) -> Result<(), SynthesisError> 
     Ok(write_bytes(path, &png_bytes(picture)?)?)
 }
 
-/// A picture of a bank: neutral from three sides, its feature points, and every member.
+/// Writes a picture of a bank: neutral from three sides, its feature points, and every member.
 ///
 /// # Errors
 /// [`SynthesisError`] when it cannot be encoded or written.
@@ -404,10 +411,10 @@ pub fn write_bank_picture(bank: &super::Bank, path: &Path) -> Result<(), Synthes
     write_png(path, &contact_sheet(&pictures, 6))
 }
 
-/// Reads displacements as [`Animation::write_npy`] writes them, and compares every frame with a surface: the surface errors.
+/// Reads displacements in the format of [`Animation::write_npy`] and returns the surface error of every frame against them.
 ///
 /// # Errors
-/// [`SynthesisError`] for an array that does not read, is of another shape, or has numbers that are not finite.
+/// [`SynthesisError`] for an array that cannot be read, has another shape, or contains numbers that are not finite.
 pub fn compare_with_truth(animation: &Animation<'_>, path: &Path) -> Result<Vec<Option<f64>>, SynthesisError> {
     let mut rows = crate::mesh::read_npy_rows(path).map_err(super::BankError::from)?;
     let expected = [animation.answers.len(), animation.synthesizer.bank().vertex_count(), 3];

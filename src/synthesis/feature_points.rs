@@ -1,4 +1,4 @@
-//! Which vertices are the feature points: from a CSV file, or placed by 68 landmarks.
+//! Assigns feature points to vertices: from a CSV file, or by 68 landmarks.
 
 use std::path::Path;
 
@@ -14,11 +14,12 @@ use crate::{
     wireframe::{LandmarkConfidence, LandmarkRow, Tables, Wireframe},
 };
 
-/// The 56 feature points, as group and points.
+/// The 56 feature points, as group and point numbers.
 ///
-/// \[ZL\] take 56 of MPEG-4's 84 and list them in a figure only: none of tongue, teeth, ears, hair and head, and some "too close to each
-/// other (e.g. some points in the eye area)" left out. Without tongue (4), teeth (4), ears (10), hair (6) and the head's centre (1) 59
-/// are left; here the pupils (3.5, 3.6), which are no skin, and the middle of the nose bone (9.12, between 9.13 and 9.14) go too.
+/// \[ZL\] use 56 of MPEG-4's 84 and list them only in a figure. They leave out tongue, teeth, ears, hair and head, and some
+/// points "too close to each other (e.g. some points in the eye area)". Without tongue (4), teeth (4), ears (10), hair (6) and
+/// the centre of the head (1), 59 remain. This list also leaves out the pupils (3.5, 3.6), which are not skin, and the middle of
+/// the nose bone (9.12, between 9.13 and 9.14).
 const FEATURE_POINTS: [(u8, &[u8]); 6] = [
     (2, &[1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14]),
     (3, &[1, 2, 3, 4, 7, 8, 9, 10, 11, 12, 13, 14]),
@@ -28,7 +29,7 @@ const FEATURE_POINTS: [(u8, &[u8]); 6] = [
     (9, &[1, 2, 3, 4, 5, 6, 7, 13, 14, 15]),
 ];
 
-/// The 56 feature points that a face's skin can have, in the order of the standard.
+/// Returns the 56 feature points that the skin of a face can have, in the order of the standard.
 pub fn skin_feature_points() -> impl Iterator<Item = FeaturePoint> {
     FEATURE_POINTS.iter().flat_map(|&(group, points)| points.iter().map(move |&point| FeaturePoint { group, point }))
 }
@@ -36,7 +37,8 @@ pub fn skin_feature_points() -> impl Iterator<Item = FeaturePoint> {
 /// Reads a CSV file with the columns `fp` and `vertex` (from 0).
 ///
 /// # Errors
-/// [`BankError::Input`] for a file or row that does not read; [`BankError::NoSuchVertex`] for a vertex past the mesh.
+/// [`BankError::Input`] for a file or row that cannot be read; [`BankError::NoSuchVertex`] for a vertex that the mesh does not
+/// have.
 pub fn read_feature_points(path: &Path, vertex_count: usize) -> Result<Vec<FeaturePointVertex>, BankError> {
     let file = CsvFile::open(path)?;
     let [fp, vertex] = file.require(["fp", "vertex"])?;
@@ -53,10 +55,10 @@ pub fn read_feature_points(path: &Path, vertex_count: usize) -> Result<Vec<Featu
     Ok(points)
 }
 
-/// Reads a CSV file with the columns `landmark` (0 to 67) and `vertex`: the vertices of the 68 landmarks.
+/// Reads a CSV file with the columns `landmark` (0 to 67) and `vertex`, and returns the vertices of the 68 landmarks.
 ///
 /// # Errors
-/// [`BankError`] for a file or row that does not read, and unless every landmark is given once.
+/// [`BankError`] for a file or row that cannot be read, or unless every landmark is given exactly once.
 pub fn read_landmark_vertices(path: &Path) -> Result<Vec<u32>, BankError> {
     let file = CsvFile::open(path)?;
     let [landmark, vertex] = file.require(["landmark", "vertex"])?;
@@ -75,7 +77,7 @@ pub fn read_landmark_vertices(path: &Path) -> Result<Vec<u32>, BankError> {
     })
 }
 
-/// Writes `fp,vertex`.
+/// Writes the CSV file `fp,vertex`.
 ///
 /// # Errors
 /// [`OutputError`].
@@ -90,21 +92,22 @@ pub fn write_feature_points(path: &Path, points: &[FeaturePointVertex]) -> Resul
 
 /// Number of landmarks of the iBUG 300-W scheme.
 const LANDMARKS: usize = 68;
-/// A warped node farther than this from every vertex, over the width of the face, is not on the surface.
+/// Largest distance of a warped node from the nearest vertex, as a fraction of the width of the face; beyond it, the node is not
+/// on the surface.
 const OFF_SURFACE: f64 = 0.08;
-/// Weight of depth when the nearest vertex is looked for: Candide-3's depth is the coarsest of its coordinates.
+/// Weight of depth in the search for the nearest vertex: depth is the coarsest of Candide-3's coordinates.
 const DEPTH_WEIGHT: f64 = 0.5;
 
 /// Places the 56 feature points on a mesh by the vertices of its 68 landmarks, in the order of the standard.
 ///
-/// A feature point whose Candide-3 node corresponds to a single landmark takes that landmark's vertex. For the others the neutral
-/// Candide-3 is warped onto the mesh (the biharmonic spline `|r|` with an affine part, exact at the landmarks of medium and high
-/// confidence) and the vertex nearest to the warped node is taken. Points that the surface does not have, and points whose vertex is
-/// taken already, are left out.
+/// A feature point whose Candide-3 node corresponds to a single landmark takes the vertex of that landmark. For the others, the
+/// neutral Candide-3 is warped onto the mesh (the biharmonic spline `|r|` with an affine part, exact at the landmarks of medium
+/// and high confidence), and the feature point takes the vertex nearest to the warped node. Points that the surface does not
+/// have, and points whose vertex is already taken, are left out.
 ///
 /// # Errors
-/// [`BankError::Number`] for another number of landmarks, [`BankError::NoSuchVertex`] for vertices past the mesh, and
-/// [`BankError::Source`] when the landmarks do not determine a warp.
+/// [`BankError::Number`] for another number of landmarks, [`BankError::NoSuchVertex`] for vertices that the mesh does not have,
+/// and [`BankError::Source`] when the landmarks do not determine a warp.
 pub fn place_feature_points(mesh: &TriangleMesh, landmarks: &[u32]) -> Result<Vec<FeaturePointVertex>, BankError> {
     if landmarks.len() != LANDMARKS {
         let (found, expected) = (landmarks.len().to_string(), LANDMARKS.to_string());
@@ -142,7 +145,7 @@ fn trusted_landmarks(tables: &Tables) -> impl Iterator<Item = &LandmarkRow> {
     tables.landmarks.iter().filter(|r| r.confidence != LandmarkConfidence::Low)
 }
 
-/// Where the landmarks of medium and high confidence are on Candide-3 and on a mesh that has them at these vertices.
+/// Positions of the landmarks of medium and high confidence on Candide-3 and on a mesh.
 pub fn landmark_pairs(
     positions: &[[f32; 3]],
     landmarks: &[u32],
@@ -152,7 +155,7 @@ pub fn landmark_pairs(
     let (mut nodes, mut places): (Vec<Vector3<f64>>, Vec<Vector3<f64>>) = (Vec::new(), Vec::new());
     for row in trusted_landmarks(tables) {
         let node = row.nodes.iter().map(|&(n, w)| wireframe.vertices()[n.index()].coords * w).sum();
-        // Candide-3's inner lips coincide in neutral: one of the two says where they are.
+        // Candide-3's inner lips coincide in neutral: one of the two landmarks is enough.
         if !nodes.contains(&node) {
             nodes.push(node);
             places.push(Vector3::from(positions[landmarks[usize::from(row.landmark)] as usize].map(f64::from)));
@@ -161,7 +164,7 @@ pub fn landmark_pairs(
     (nodes, places)
 }
 
-/// Landmarks between which there is no smooth map.
+/// The error for landmarks between which there is no smooth map.
 pub fn no_warp() -> BankError {
     BankError::Number { what: "the landmarks' place", found: "on a line or a point".to_owned(), expected: "a face".to_owned() }
 }
@@ -193,7 +196,7 @@ mod tests {
 
     #[test]
     fn candide_itself_gets_its_own_nodes_back() {
-        // Landmarks of Candide's own mesh: single nodes as they are, interpolated ones by their first node.
+        // Landmarks of Candide's own mesh: single nodes unchanged, interpolated ones by their first node.
         let (w, tables) = (Wireframe::candide3(), Tables::candide3());
         let positions = w.vertices().iter().map(|p| [p.x as f32, p.y as f32, p.z as f32]).collect();
         let triangles = w.triangles().iter().map(|t| t.map(|n| u32::from(n.0))).collect();

@@ -1,4 +1,4 @@
-//! The bank file: safetensors, little endian, used in place.
+//! The bank file: safetensors, little endian, memory-mapped.
 //!
 //! | tensor | type | shape | content |
 //! | --- | --- | --- | --- |
@@ -7,8 +7,8 @@
 //! | `feature_points` | U32 | F x 3 | group, point, vertex |
 //! | `displacements` | F32 | M x V x 3 | displacements from neutral, member by member |
 //!
-//! The format's `__metadata__` has one entry, `grimace`: JSON with `schema_version`, `names` of the members and [`BankInfo`]. Files of
-//! version 1 had a layout of their own and are still read ([`super::old_file`]).
+//! The format's `__metadata__` has one entry, `grimace`: JSON with `schema_version`, `names` of the members and [`BankInfo`].
+//! Files of version 1 have a different layout and can still be read ([`super::old_file`]).
 
 use std::{borrow::Cow, collections::HashMap, fs::File, io, path::Path};
 
@@ -26,11 +26,11 @@ use crate::{mesh::TriangleMesh, output::write_atomic, units::FeaturePoint};
 /// Version of the bank file.
 pub const BANK_VERSION: u32 = 2;
 
-/// The entry of the metadata that is ours.
+/// Name of our entry in the metadata.
 const ENTRY: &str = "grimace";
-/// Longest header, bytes: what readers of the format take.
+/// Largest header that readers of the format accept, bytes.
 const MOST_HEADER: usize = 100_000_000;
-/// The header's length stands in this many bytes before it, and tensors begin at a multiple of them.
+/// Number of bytes that hold the header's length; tensors begin at a multiple of it.
 const WORD: usize = 8;
 
 #[derive(Serialize, Deserialize)]
@@ -41,10 +41,10 @@ struct Description {
     info: BankInfo,
 }
 
-/// The length and the header of a file, padded so that the tensors are aligned.
+/// Returns the length and the header of a file, padded so that the tensors are aligned.
 fn header(head: &BankHead<'_>) -> io::Result<Vec<u8>> {
     let description = Description { schema_version: BANK_VERSION, names: head.names.to_vec(), info: head.info.clone() };
-    // One entry: of several the order would be that of a hash table.
+    // Only one entry: the order of several would be that of a hash table.
     let entries = HashMap::from([(ENTRY.to_owned(), serde_json::to_string(&description)?)]);
     let (vertices, members) = (head.mesh.vertex_count(), head.names.len());
     let mut end = 0_usize;
@@ -71,10 +71,10 @@ fn header(head: &BankHead<'_>) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Writes a bank file, asking for one member's displacements after another and keeping none.
+/// Writes a bank file. It requests the displacements of one member at a time and keeps none in memory.
 ///
 /// # Errors
-/// [`BankError::Output`]; what `member` fails with; and as [`Bank::new`] for a head or a member that makes no bank.
+/// [`BankError::Output`]; the errors of `member`; and those of [`Bank::new`] for an invalid head or member.
 pub fn write<'a>(
     path: &Path,
     head: &BankHead<'_>,
@@ -130,7 +130,7 @@ pub(super) fn open(path: &Path) -> Result<Bank, BankError> {
     read(map).map_err(error)
 }
 
-/// Where the tensors begin, and the header.
+/// Reads the header; returns it with the offset of the tensors.
 fn read_header(bytes: &[u8]) -> Result<(usize, Metadata), String> {
     let none =
         "it is not a bank: it is neither a safetensors file nor starts with GRIMBANK; make a bank with `grimace bank build`";
@@ -159,7 +159,7 @@ fn read(map: Mmap) -> Result<Bank, String> {
         return Err(format!("it has version {found}, but this program reads versions 1 and {BANK_VERSION}"));
     }
     let description: Description = serde_json::from_str(text).map_err(described)?;
-    // The bytes of a tensor of rows of three, checked: its type, its shape.
+    // Returns the bytes of a tensor with rows of three, after checking its type and shape.
     let tensor = |name: &str, dtype: Dtype, shape: &[Option<usize>]| {
         let info = metadata.info(name).ok_or_else(|| format!("it has no tensor `{name}`"))?;
         let fits = info.shape.len() == shape.len() && info.shape.iter().zip(shape).all(|(n, want)| want.is_none_or(|w| *n == w));
@@ -188,13 +188,13 @@ fn read(map: Mmap) -> Result<Bank, String> {
         let at = values.as_ptr().addr() - map.as_ptr().addr();
         Displacements::Mapped(map, at)
     } else {
-        // A header that another program wrote need not leave them aligned.
+        // Headers written by other programs may leave the tensors unaligned.
         Displacements::Owned(rows(values, f32::from_le_bytes))
     };
     Bank::from_parts(mesh, description.names, points, description.info, displacements).map_err(|e| e.to_string())
 }
 
-/// Rows of three numbers of four bytes each.
+/// Decodes rows of three numbers of four bytes each.
 fn rows<T>(bytes: &[u8], number: fn([u8; 4]) -> T) -> Vec<[T; 3]> {
     let (numbers, _) = bytes.as_chunks::<4>();
     let (rows, _) = numbers.as_chunks::<3>();
@@ -204,8 +204,8 @@ fn rows<T>(bytes: &[u8], number: fn([u8; 4]) -> T) -> Vec<[T; 3]> {
 /// Maps a file for reading.
 #[allow(unsafe_code)]
 fn map(file: &File) -> io::Result<Mmap> {
-    // SAFETY: the map is only read, as bytes of any value. Bank files are replaced by renaming, never written in place, by this
-    // program; another program that shortens one in place while it is in use ends this one, as it would end any that maps files.
+    // SAFETY: the map is only read, as bytes of any value. This program replaces bank files by renaming and never writes them in
+    // place. If another program shortens a mapped file in place, this process ends, as any process that maps files would.
     unsafe { Mmap::map(file) }
 }
 
@@ -245,7 +245,7 @@ mod tests {
         let read = Bank::open(&path).unwrap();
         assert_same(&read, &testing::bank());
         assert!(read.is_mapped() && !read.is_old_file());
-        // The same bank is the same bytes.
+        // The same bank gives the same bytes.
         let again = path.with_extension("again");
         read.write(&again).unwrap();
         assert_eq!(fs::read(&again).unwrap(), bytes);
@@ -314,7 +314,7 @@ mod tests {
         says(&[&whole[..], &[0]].concat(), "the file is truncated or damaged");
         says(&replaced("{", "["), "it is not a bank");
         says(&replaced("[4,3]", "[4,4]"), "its header cannot be read");
-        // Sizes whose product or sum leaves 64 bits.
+        // Sizes whose product or sum exceeds 64 bits.
         says(&replaced("[4,3]", "[9223372036854775807,3]"), "its header cannot be read");
         says(&replaced("[0,48]", "[0,18446744073709551615]"), "its header cannot be read");
         says(&replaced("[0,48]", "[4,48]"), "its header cannot be read");

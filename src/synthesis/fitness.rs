@@ -2,11 +2,10 @@
 
 use super::target::{Goal, norm};
 
-/// The mean cosine between candidate and target motion over the M feature points with a target motion.
+/// Mean cosine between candidate and target motion over the M feature points with a target motion, -1 to 1.
 ///
-/// Implements [ZL, section 3], `F = sum(cos theta_i) / M`. A candidate's motion of length 0 has no angle, of which the paper says
-/// nothing: it counts as cosine 0, neither right nor wrong. `motion` has three numbers for each moving feature point, any unit;
-/// the result is in -1 to 1.
+/// Implements [ZL, section 3], `F = sum(cos theta_i) / M`. The paper does not define the angle of a candidate motion of length 0;
+/// it counts as cosine 0 here. `motion` has three numbers for each moving feature point, in any unit.
 pub fn fitness(goal: &Goal, motion: &[f64]) -> f64 {
     let pairs = motion.as_chunks::<3>().0.iter().zip(goal.directions().as_chunks::<3>().0);
     let sum: f64 = pairs
@@ -30,7 +29,7 @@ mod tests {
     fn the_mean_cosine_over_points_that_should_move() {
         let bank = testing::bank();
         let basis = FpBasis::new(&bank);
-        // Three feature points: the first should go along x, the second stay, the third along y.
+        // Three feature points: the first should move along x, the second not at all, the third along y.
         let offsets = vec![Some(Vector3::x()), Some(Vector3::zeros()), Some(2.0 * Vector3::y())];
         let goal = Goal::new(&basis, &FpMotion { offsets, planar: false }, |_| true).unwrap();
         assert_eq!(goal.moving(), 2);

@@ -1,29 +1,30 @@
-//! Where a synthesized surface folds: triangles that are turned over against the neutral mesh.
+//! Detects folds of a synthesized surface: triangles that are flipped relative to the neutral mesh.
 
 use rayon::prelude::*;
 
 use super::{Bank, FpMotion, FrameAnswer, Synthesizer};
 use crate::mesh::TriangleMesh;
 
-/// A bank's own members turn some triangles over, in lips and lids that roll. More than so many times what the worst of them turns,
+/// Factor on the largest number of triangles that a member of the bank itself flips, in lips and lids that roll. A surface folds
+/// only if it flips more than that,
 const MEMBERS: usize = 2;
-/// and more than this share of the mesh, is a surface that folds.
+/// and more than this fraction of the triangles of the mesh.
 const SHARE: f64 = 0.005;
 
-/// A surface that folds.
+/// Where an animation folds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Folded {
-    /// The first frame that does, from 0.
+    /// Index of the first frame that folds, from 0.
     pub first: usize,
-    /// The frame with most triangles turned over; the first of equals.
+    /// Index of the frame with the most flipped triangles; the first of several.
     pub worst: usize,
-    /// Triangles that are turned over there.
+    /// Number of flipped triangles in that frame.
     pub turned: usize,
-    /// Triangles of the mesh.
+    /// Number of triangles of the mesh.
     pub of: usize,
 }
 
-/// Triangles whose front looks away from where it looks in neutral.
+/// Number of triangles whose normal points away from its neutral direction.
 fn turned(mesh: &TriangleMesh, displacements: &[[f32; 3]]) -> usize {
     let moved = |v: u32| -> [f32; 3] {
         let (p, d) = (mesh.positions()[v as usize], displacements[v as usize]);
@@ -41,7 +42,7 @@ fn turned(mesh: &TriangleMesh, displacements: &[[f32; 3]]) -> usize {
     mesh.triangles().iter().filter(is_turned).count()
 }
 
-/// Most triangles that a surface turns over without being said to fold.
+/// Largest number of flipped triangles that does not count as a fold.
 fn limit(bank: &Bank) -> usize {
     let most = (0..bank.member_count()).into_par_iter().map(|member| turned(bank.mesh(), bank.displacements(member))).max();
     let share = SHARE * bank.mesh().triangles().len() as f64;
@@ -49,7 +50,7 @@ fn limit(bank: &Bank) -> usize {
 }
 
 impl Synthesizer<'_> {
-    /// Whether the surfaces of answers to `motions` (as given, not emphasized) fold, and where.
+    /// Checks whether the surfaces of answers to `motions` (as given, not emphasized) fold, and where.
     pub(crate) fn folded(&self, answers: &[FrameAnswer], motions: &[FpMotion]) -> Option<Folded> {
         let mesh = self.bank().mesh();
         let count = |(answer, motion): (&FrameAnswer, &FpMotion)| turned(mesh, &self.surface(answer, motion));
@@ -70,18 +71,19 @@ mod tests {
     fn a_square_that_is_folded_has_one_triangle_turned_over() {
         let bank = testing::bank();
         let turned_by = |corner: [f32; 3]| turned(bank.mesh(), &[[0.0; 3], [0.0; 3], [0.0; 3], corner]);
-        // Vertex 3, at (0, 1), of the triangle 0 2 3 goes over the diagonal; up to there it only gets smaller, and it may rise by any height.
+        // Vertex 3, at (0, 1), of the triangle 0 2 3 crosses the diagonal. Before that the triangle only shrinks; the vertex may
+        // also rise by any height.
         assert_eq!(turned_by([1.5, -0.5, 0.0]), 1);
         assert_eq!(turned_by([0.4, -0.4, 0.0]), 0);
         assert_eq!(turned_by([0.0, 0.0, 9.0]), 0);
-        // No member turns a triangle over, so that one of two is more than the limit.
+        // No member flips a triangle, so one of two is more than the limit.
         assert_eq!(limit(&bank), 0);
     }
 
     #[test]
     fn an_emphasis_that_folds_the_surface_is_said_from_its_first_frame_on() {
         let square = testing::bank().mesh().clone();
-        // One member, which brings vertex 3, at (0, 1), 0.4 of the way to (1, 0): beyond half of the way a triangle is turned over.
+        // One member, which moves vertex 3, at (0, 1), 0.4 of the way to (1, 0): beyond half of the way a triangle is flipped.
         let member = vec![[0.0; 3], [0.0; 3], [0.0; 3], [0.4, -0.4, 0.0]];
         let points = [("8.3", 3), ("8.4", 1)].map(|(fp, vertex)| FeaturePointVertex { fp: fp.parse().unwrap(), vertex });
         let bank = Bank::new(square, vec!["fold".to_owned()], member.clone(), points.to_vec(), BankInfo::default()).unwrap();

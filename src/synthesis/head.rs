@@ -1,7 +1,7 @@
-//! The embedded head: an average face with eyes, a mouth, brows and colours, its expression shapes, and the bank made of them.
+//! The embedded head: an average face with eyes, mouth, brows and colours, its expression shapes, and the bank mixed from them.
 //!
-//! The skin and its shapes are those of `candide/head_mesh.bin`, which `grimace learn head-mesh` reduces from ICT-FaceKit; the rest is
-//! made when asked for ([`super::head_parts`]).
+//! The skin and its shapes come from `candide/head_mesh.bin`, which `grimace learn head-mesh` reduces from ICT-FaceKit. The other
+//! parts are generated on demand ([`super::head_parts`]).
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -19,7 +19,8 @@ use crate::{
 const FILE: &str = "candide/head_mesh.bin";
 const EMBEDDED: &[u8] = include_bytes!("../../candide/head_mesh.bin");
 
-/// What the six expressions are mixed of and what faces do beside: movements of both sides, the bank's members after the six.
+/// Movements of both sides that become the bank's members after the six expressions: the shapes the expressions are mixed of, and
+/// other common ones.
 const MOVEMENTS: [&str; 24] = [
     "browDown",
     "browInnerUp",
@@ -47,24 +48,26 @@ const MOVEMENTS: [&str; 24] = [
     "mouthShrugUpper",
 ];
 
-/// Shapes of eyes that look are called after their lids here: these stand for lids that open or sink, no eyeball turns, and on a face that
-/// knows the `ARKit` names of the shapes the eyes would roll. How far they shut an eye counts as `eyeBlink` and `eyeWide` there (`arkit::LID_SHARES`).
+/// Names in the bank of the shapes that model looking eyes in the source.
+///
+/// Here they only open or lower the lids; no eyeball turns. Under their `ARKit` names they would roll the eyes of another face.
+/// In files of coefficients they count as `eyeBlink` and `eyeWide` (`arkit::LID_SHARES`).
 const LIDS: [(&str, &str); 2] = [("eyeLookDown", "lidsDown"), ("eyeLookUp", "lidsUp")];
 
-/// The name of a shape in the bank.
+/// Returns the name of a shape in the bank.
 fn bank_name(shape: &str) -> String {
     let lids = LIDS.iter().find_map(|(eyes, lids)| Some(format!("{lids}{}", shape.strip_prefix(eyes)?)));
     lids.unwrap_or_else(|| shape.to_owned())
 }
 
-/// In ICT-FaceKit's blink the lids nearly meet; at this strength they do.
+/// Strength of the blink: in ICT-FaceKit's blink the lids nearly meet; at this strength they meet.
 const BLINK: (&str, f32) = ("eyeBlink", 1.08);
 
-/// Landmarks along the jaw, and the distance up to which skin moves with the bone, cm.
+/// Landmarks along the jaw, and the distance from them up to which skin moves with the jaw bone, cm.
 const JAW_LINE: std::ops::RangeInclusive<usize> = 5..=11;
 const JAW_REACH: f32 = 1.2;
 
-/// A turn about a point, then a shift: what the jaw does in a shape.
+/// A rotation about a point followed by a shift: the motion of the jaw in a shape.
 struct Turn {
     from: Vector3<f64>,
     to: Vector3<f64>,
@@ -72,7 +75,7 @@ struct Turn {
 }
 
 impl Turn {
-    /// The rigid motion nearest to the one of these places (Kabsch).
+    /// Fits the rigid motion nearest to these pairs of positions (Kabsch).
     fn of(places: &[([f32; 3], [f32; 3])]) -> Option<Self> {
         let vector = |v: [f32; 3]| Vector3::from(v.map(f64::from));
         let count = places.len() as f64;
@@ -104,7 +107,7 @@ struct Head {
     parts: Parts,
     mesh: TriangleMesh,
     colours: Vec<[u8; 3]>,
-    /// The skin that moves with the bone of the jaw.
+    /// Vertices of the skin that move with the jaw bone.
     jaw: Vec<u32>,
 }
 
@@ -126,7 +129,7 @@ impl Head {
         Ok(Self { skin: head, parts, mesh, colours, jaw })
     }
 
-    /// The displacements of skin and parts in a shape.
+    /// Returns the displacements of skin and parts in a shape.
     fn displacements(&self, shape: usize) -> Vec<[f32; 3]> {
         let skin = &self.skin.shapes[shape];
         let places: Vec<_> = self.jaw.iter().map(|&v| (self.skin.positions[v as usize], skin[v as usize])).collect();
@@ -168,23 +171,23 @@ impl Head {
     }
 }
 
-/// Whether a shape is a movement, of both sides or one of them.
+/// Whether a shape is a movement or one side of it.
 fn is_of(shape: &str, movement: &str) -> bool {
     shape == movement || shape.strip_prefix(movement).is_some_and(|side| side == "_L" || side == "_R")
 }
 
-/// The embedded head's shapes: 52 movements of `ARKit` names, each of one side where it has sides.
+/// Returns the shapes of the embedded head: 52 movements with `ARKit` names, one for each side where the movement has sides.
 ///
 /// # Errors
-/// [`BankError`], which for the embedded file would mean a mistake in it.
+/// [`BankError`], only if the embedded file is defective.
 pub fn head_shapes() -> Result<Bank, BankError> {
     Head::new()?.shapes()
 }
 
-/// The embedded head: the six dominant expressions and 24 movements of both sides, 30 members.
+/// Returns the bank of the embedded head: the six dominant expressions and 24 movements of both sides, 30 members.
 ///
-/// The members after the six are not frames of a performance, as [`super::candide_bank`] has them, but what such frames are mixed of:
-/// weights of a motion in the plane are not negative, and no mixture of mixtures shows one movement alone.
+/// The members after the six expressions are single movements, not frames of a performance as in [`super::candide_bank`]. The
+/// weights of a planar motion are not negative, and no non-negative mixture of mixed frames shows one movement alone.
 ///
 /// ```
 /// use grimace::synthesis::head_bank;
@@ -196,7 +199,7 @@ pub fn head_shapes() -> Result<Bank, BankError> {
 /// ```
 ///
 /// # Errors
-/// As `head_shapes`.
+/// Same as `head_shapes`.
 pub fn head_bank() -> Result<Bank, BankError> {
     let head = Head::new()?;
     let shapes = head.shapes()?;
@@ -234,7 +237,7 @@ mod tests {
         dot(sub(a, b), sub(a, b)).sqrt()
     }
 
-    /// Vertices of the left eyeball: those of the parts that lie on it.
+    /// Vertices of the left eyeball: those of the parts that lie on its sphere.
     fn left_eyeball(head: &Head) -> Vec<usize> {
         let skin = head.skin.positions.len();
         let on_ball = |v: &usize| (distance(head.mesh.positions()[*v], EYE_CENTRE) - EYE_RADIUS).abs() < 1e-3;
@@ -246,7 +249,7 @@ mod tests {
         let bank = head_bank().unwrap();
         let shapes = &bank.info().composition.as_ref().unwrap().shapes;
         assert!(bank.names().iter().any(|name| name == "lidsUp") && shapes.iter().any(|shape| shape == "lidsDown_L"));
-        // No coefficient of the eyes' gaze can be other than 0.
+        // No coefficient of the eyes' gaze can differ from 0.
         let gaze =
             |name: &String| arkit::coefficient(name).is_some_and(|k| crate::features::COEFFICIENTS[k].starts_with("eyeLook"));
         for (k, shape) in shapes.iter().enumerate().filter(|(_, shape)| gaze(shape)) {
@@ -256,7 +259,7 @@ mod tests {
 
     #[test]
     fn lids_count_as_far_as_they_move() {
-        // How far the lids of the left eye come together in the middle, feature points 3.1 and 3.3, over the blink.
+        // How far the lids of the left eye close in the middle (feature points 3.1 and 3.3), relative to the blink.
         let shapes = head_shapes().unwrap();
         let lid = |fp: &str| {
             let point = shapes.feature_point_index(fp.parse().unwrap()).unwrap();
@@ -318,7 +321,7 @@ mod tests {
         let ball = left_eyeball(&head);
         assert_eq!(ball.len(), 1 + 15 * 40);
         let skin = &head.skin.triangles;
-        // The share of the ball's vertices with no skin before them.
+        // The fraction of the eyeball's vertices with no skin in front of them.
         let bare = |positions: &[[f32; 3]]| {
             let is_bare = |&&v: &&usize| {
                 let [x, y, z] = positions[v];
@@ -351,7 +354,7 @@ mod tests {
         for pair in jaw.windows(2) {
             assert!((distance(still[pair[0]], still[pair[1]]) - distance(open[pair[0]], open[pair[1]])).abs() < 1e-3);
         }
-        // In front the teeth drop by nearly 3 cm, at the tongue's root by less.
+        // In front the teeth drop by nearly 3 cm, at the root of the tongue by less.
         assert!(jaw.iter().all(|&v| still[v][1] - open[v][1] > if still[v][2] > 10.0 { 2.5 } else { 0.5 }));
     }
 

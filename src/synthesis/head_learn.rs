@@ -1,4 +1,4 @@
-//! `grimace learn head-mesh`: the embedded head from a dense face model.
+//! `grimace learn head-mesh`: makes the embedded head from a dense face model.
 
 use std::path::Path;
 
@@ -13,18 +13,20 @@ use crate::{
     synthesis::FeaturePointVertex,
 };
 
-/// Where the neck is cut, cm: below this height at depth 0, and deeper by this share towards the front.
+/// Where the neck is cut, cm: below this height at depth 0, and lower by this fraction of the depth towards the front.
 const NECK: (f32, f32) = (-10.6, 0.22);
-/// Farthest that a vertex may be from its mirror image, and a vertex of the middle from the middle, cm.
+/// Largest allowed distance of a vertex from its mirror image, and of a middle vertex from the midline, cm.
 const SYMMETRY: f32 = 0.02;
-/// A correction of `jawOpen`, which alone turns the lips inside out.
+/// A corrective shape for `jawOpen`; used alone, it turns the lips inside out.
 const LEFT_OUT: &str = "mouthClose";
 
-/// Reduces a symmetric face model in centimetres with shapes of `ARKit` names and 68 landmarks to [`HeadMesh`]: the neck is cut, and the
-/// right side mirrors the left. With the BLAKE3 of what it was made from.
+/// Reduces a symmetric face model to a [`HeadMesh`]; returns it with the BLAKE3 hash of its source.
+///
+/// The model is in centimetres, with shapes that have `ARKit` names and with 68 landmarks. The neck is cut off, and the right
+/// side becomes the mirror image of the left.
 ///
 /// # Errors
-/// [`BankError`] for a folder that is no model, without landmarks, or not symmetric.
+/// [`BankError`] for a folder that is no model, or for a model without landmarks or without symmetry.
 pub fn learn_head_mesh(folder: &Path) -> Result<(HeadMesh, String), BankError> {
     let error = |reason: String| BankError::Source { path: folder.to_owned(), reason };
     let mut source = BankSource::open(folder, None)?;
@@ -49,7 +51,7 @@ pub fn learn_head_mesh(folder: &Path) -> Result<(HeadMesh, String), BankError> {
     used.sort_unstable();
     used.dedup();
     let (middle, left): (Vec<u32>, Vec<u32>) = used.into_iter().partition(|&v| is_middle(v));
-    // Source vertices in the order of the head.
+    // Source vertices in the order of the head mesh.
     let order: Vec<u32> = left.iter().chain(&middle).copied().chain(left.iter().map(|&v| twins[v as usize])).collect();
     let mut place = vec![None; mesh.vertex_count()];
     order.iter().enumerate().for_each(|(new, &old)| place[old as usize] = Some(new as u32));
@@ -90,9 +92,9 @@ pub fn learn_head_mesh(folder: &Path) -> Result<(HeadMesh, String), BankError> {
     Ok((head, hash.finalize().to_hex().to_string()))
 }
 
-/// The vertex that mirrors every vertex; a vertex of the middle mirrors itself.
+/// Returns the mirror vertex of every vertex; a middle vertex mirrors itself.
 fn mirror_images(positions: &[[f32; 3]]) -> Result<Vec<u32>, String> {
-    // Only what lies near in x is compared.
+    // Only vertices with a similar x are compared.
     let mut by_x: Vec<u32> = (0..positions.len() as u32).collect();
     by_x.sort_by(|&a, &b| positions[a as usize][0].total_cmp(&positions[b as usize][0]).then(a.cmp(&b)));
     let far = |a: [f32; 3], b: [f32; 3]| dot(sub(a, b), sub(a, b));

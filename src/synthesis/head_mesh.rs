@@ -1,8 +1,9 @@
-//! The embedded head as it ships: the left half of a symmetric mesh and of its expression shapes, in whole numbers, compressed.
+//! File format of the embedded head: the left half of a symmetric mesh and of its expression shapes, quantized and compressed.
 //!
-//! A file is [`MAGIC`], the length of a JSON description (u32, little-endian), the description, and a PNG picture of one byte a pixel:
-//! the numbers, first the high bytes of all, then the low bytes. Numbers are differences, from a vertex to a neighbour that comes before
-//! it, or from a corner of a triangle to the one before; `2n` for `n >= 0` and `-2n - 1` below.
+//! A file consists of [`MAGIC`], the length of a JSON description (u32, little-endian), the description, and a PNG picture with
+//! one byte per pixel. The picture holds the numbers: first the high bytes of all, then the low bytes. Numbers are differences:
+//! of a vertex from a neighbour with a lower index, or of a corner of a triangle from the previous corner. A number `n >= 0` is
+//! stored as `2n`, a negative one as `-2n - 1`.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,46 +11,46 @@ use super::FeaturePointVertex;
 
 /// First bytes of the file.
 const MAGIC: &[u8; 8] = b"grimhead";
-/// Version of the file.
+/// Version of the file format.
 const SCHEMA: u32 = 1;
-/// One step of positions and of displacements, the mesh's unit (cm): 0.01 and 0.02 mm.
+/// Quantization step of positions and of displacements in the mesh's unit (cm): 0.01 and 0.02 mm.
 const STEPS: [f32; 2] = [0.001, 0.002];
-/// Width of the picture, px.
+/// Width of the PNG picture, px.
 const WIDTH: usize = 1024;
 
-/// From what a head was made.
+/// Origin of a head mesh.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct HeadMeshOrigin {
     /// Program and version.
     pub made_by: String,
-    /// The command.
+    /// The command that made it.
     pub command: String,
-    /// BLAKE3 of the mesh and the shapes it was made from, in hexadecimal.
+    /// BLAKE3 hash of the source mesh and shapes, in hexadecimal.
     pub blake3: String,
-    /// Whose work it is, with the licence.
+    /// Authors and licence.
     pub credit: String,
 }
 
-/// A symmetric head with expression shapes; its unit is the centimetre.
+/// A symmetric head with expression shapes, in centimetres.
 ///
-/// Vertices are those of the left half, those of the middle, then those of the right half in the order of the left.
+/// Vertices are ordered: left half, middle, then right half in the order of the left.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HeadMesh {
-    /// Vertices of the left half.
+    /// Number of vertices of the left half.
     pub left: usize,
-    /// Vertices of the middle.
+    /// Number of vertices of the middle.
     pub middle: usize,
     /// Neutral positions.
     pub positions: Vec<[f32; 3]>,
     /// Triangles; the second half mirrors the first.
     pub triangles: Vec<[u32; 3]>,
-    /// Vertices of the 68 landmarks.
+    /// Vertex indices of the 68 landmarks.
     pub landmarks: Vec<u32>,
     /// Feature points.
     pub feature_points: Vec<FeaturePointVertex>,
     /// Names of the shapes.
     pub names: Vec<String>,
-    /// Displacements of all vertices, shape by shape.
+    /// Displacements of all vertices for each shape.
     pub shapes: Vec<Vec<[f32; 3]>>,
 }
 
@@ -58,27 +59,27 @@ struct Description {
     schema: u32,
     left: usize,
     middle: usize,
-    /// Of one half.
+    /// Number of triangles of one half.
     triangles: usize,
     landmarks: Vec<u32>,
     feature_points: Vec<(String, u32)>,
-    /// Shapes of which the file has numbers; the twin of a sided one follows from it.
+    /// Names of the shapes stored in the file; the twin of a one-sided shape follows from it.
     shapes: Vec<String>,
     origin: HeadMeshOrigin,
 }
 
-/// The name of a shape's mirror image; `None` for a shape of both sides.
+/// Name of a shape's mirror image; `None` for a shape of both sides.
 pub fn twin(name: &str) -> Option<String> {
     let swap = |from: &str, to: &str| name.strip_suffix(from).map(|start| format!("{start}{to}"));
     [("_L", "_R"), ("_R", "_L"), ("Left", "Right"), ("Right", "Left")].iter().find_map(|(from, to)| swap(from, to))
 }
 
-/// The left one of two twins, or a shape of both sides.
+/// Whether a shape is stored: the left one of two twins, or a shape of both sides.
 fn is_stored(name: &str) -> bool {
     !name.ends_with("_R") && !name.ends_with("Right")
 }
 
-/// The vertex that mirrors a vertex.
+/// Returns the vertex that mirrors a vertex.
 pub fn mirrored(vertex: u32, left: usize, middle: usize) -> u32 {
     let (left, half) = (left as u32, (left + middle) as u32);
     match vertex {
@@ -88,7 +89,7 @@ pub fn mirrored(vertex: u32, left: usize, middle: usize) -> u32 {
     }
 }
 
-/// A neighbour with a lower number of every vertex of the left half and the middle, where it has one.
+/// Returns for every vertex of the left half and the middle a neighbour with a lower index, if it has one.
 fn parents(half: usize, triangles: &[[u32; 3]]) -> Vec<Option<usize>> {
     let mut parents = vec![None; half];
     for &[a, b, c] in triangles {
@@ -112,7 +113,7 @@ fn unfolded(number: u16) -> i32 {
     if number.is_multiple_of(2) { half } else { -half - 1 }
 }
 
-/// The vertices of the right half take the parents' mirror images.
+/// Parent of a vertex; vertices of the right half have the mirror images of the parents.
 fn parent(parents: &[Option<usize>], vertex: usize, left: usize, middle: usize) -> Option<usize> {
     let half = left + middle;
     if vertex < half { parents[vertex] } else { parents[vertex - half].map(|p| mirrored(p as u32, left, middle) as usize) }
@@ -142,10 +143,10 @@ fn unpng(bytes: &[u8]) -> Result<Vec<u8>, String> {
 }
 
 impl HeadMesh {
-    /// The file.
+    /// Encodes the file.
     ///
     /// # Errors
-    /// In words, when the mesh is larger than the file can say.
+    /// A message when the mesh is too large for the format.
     pub fn to_bytes(&self, origin: &HeadMeshOrigin) -> Result<Vec<u8>, String> {
         let (left, middle) = (self.left, self.middle);
         let half = left + middle;
@@ -191,10 +192,10 @@ impl HeadMesh {
         Ok(file)
     }
 
-    /// Reads a file.
+    /// Decodes a file.
     ///
     /// # Errors
-    /// In words, for what is no such file.
+    /// A message when the bytes are not such a file.
     pub fn from_bytes(bytes: &[u8]) -> Result<(Self, HeadMeshOrigin), String> {
         let rest = bytes.strip_prefix(MAGIC).ok_or("it does not begin as a head does")?;
         let (length, rest) = rest.split_first_chunk::<4>().ok_or("it ends early")?;
@@ -272,7 +273,7 @@ impl HeadMesh {
 mod tests {
     use super::*;
 
-    /// Two triangles that share an edge in the middle; one shape of both sides and one of the left.
+    /// Two triangles that share an edge in the middle; one shape of both sides and one of the left side.
     fn small() -> HeadMesh {
         HeadMesh {
             left: 1,

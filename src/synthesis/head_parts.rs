@@ -1,7 +1,7 @@
-//! What a face model leaves out and a head needs: eyeballs, the inside of the mouth, teeth, a tongue, brows, and colours.
+//! Generates the parts of a head that the face model lacks: eyeballs, inside of the mouth, teeth, tongue, brows, and colours.
 //!
-//! Lengths are centimetres in the axes of face space, colours sRGB bytes. Everything is symmetric: of pairs the left one is made, and
-//! mirrored.
+//! Lengths are in centimetres along the axes of face space; colours are sRGB bytes. Everything is symmetric: the left part of a
+//! pair is generated and mirrored.
 
 use nalgebra::Point2;
 
@@ -14,18 +14,18 @@ use crate::{
 /// Colour of a vertex.
 pub type Colour = [u8; 3];
 
-/// What a vertex beside the skin goes with.
+/// What a vertex of a part moves with.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Attached {
-    /// It rests with the skull.
+    /// It does not move relative to the skull.
     Skull,
-    /// It turns with the jaw.
+    /// It rotates with the jaw.
     Jaw,
-    /// It moves with three vertices of the skin in these shares, which for what lies deeper in the mouth are less than 1 together.
+    /// It moves with three vertices of the skin, with these shares. Their sum is less than 1 for vertices deep in the mouth.
     Skin([(u32, f32); 3]),
 }
 
-/// Vertices beside the skin, numbered from the skin's last on.
+/// Vertices of all parts; their indices continue those of the skin.
 #[derive(Debug)]
 pub struct Parts {
     first: u32,
@@ -33,9 +33,9 @@ pub struct Parts {
     pub positions: Vec<[f32; 3]>,
     /// Colours.
     pub colours: Vec<Colour>,
-    /// What each goes with.
+    /// What each vertex moves with.
     pub attached: Vec<Attached>,
-    /// Triangles; their corners may be of the skin.
+    /// Triangles; their corners can also be skin vertices.
     pub triangles: Vec<[u32; 3]>,
 }
 
@@ -47,17 +47,17 @@ impl Parts {
         self.first + self.positions.len() as u32 - 1
     }
 
-    /// Triangles between a point and a closed row around it.
+    /// Adds triangles between a point and a closed ring around it.
     fn fan(&mut self, pole: u32, row: &[u32]) {
         self.triangles.extend((0..row.len()).map(|k| [pole, row[k], row[(k + 1) % row.len()]]));
     }
 
-    /// Joins a closed row to the one before it; the first to a point.
+    /// Joins a closed ring to the previous ring, or the first ring to a point.
     fn go_on(&mut self, pole: u32, before: &[u32], row: &[u32]) {
         if before.is_empty() { self.fan(pole, row) } else { self.join(before, row, true) }
     }
 
-    /// Triangles between two rows of as many vertices; closed, the last is joined to the first.
+    /// Adds triangles between two rows with the same number of vertices; if `closed`, the last vertex is joined to the first.
     fn join(&mut self, upper: &[u32], lower: &[u32], closed: bool) {
         let count = upper.len();
         for k in 0..if closed { count } else { count - 1 } {
@@ -67,7 +67,7 @@ impl Parts {
     }
 }
 
-/// All parts of a head.
+/// Generates all parts of a head.
 pub fn parts(head: &HeadMesh, skin: &TriangleMesh) -> Parts {
     let first = skin.vertex_count() as u32;
     let mut parts = Parts { first, positions: Vec::new(), colours: Vec::new(), attached: Vec::new(), triangles: Vec::new() };
@@ -82,13 +82,13 @@ pub fn parts(head: &HeadMesh, skin: &TriangleMesh) -> Parts {
     parts
 }
 
-/// Centre of the left eyeball and its radius: as far in front as no lid lets it through in any shape.
+/// Centre of the left eyeball, cm: as far forward as possible without the ball passing through a lid in any shape.
 pub const EYE_CENTRE: [f32; 3] = [3.15, 3.65, 8.18];
-/// See [`EYE_CENTRE`].
+/// Radius of an eyeball, cm; see [`EYE_CENTRE`].
 pub const EYE_RADIUS: f32 = 1.3;
-/// Where the pupil looks, over and beside the middle of the ball, as a share of the radius.
+/// Offset of the pupil from the middle of the ball, sideways and upwards, as a fraction of the radius.
 const GAZE: [f32; 2] = [-0.01, -0.06];
-/// Rings of an eyeball: distance from the pupil's middle, cm along the ball, and colour.
+/// Rings of an eyeball: distance from the middle of the pupil along the ball, cm, and colour.
 const EYE_RINGS: [(f32, Colour); 15] = [
     (0.10, [10, 10, 12]),
     (0.21, [12, 12, 14]),
@@ -133,26 +133,26 @@ fn eyeball(parts: &mut Parts, side: f32) {
     }
 }
 
-/// Rings of the mouth's inside behind the lips: share of the way to [`MOUTH_BACK`], width and height over those of the border between lips
-/// and inside, share of the lips' motion, colour.
+/// Rings of the inside of the mouth behind the lips: fraction of the way to [`MOUTH_BACK`], width and height relative to the
+/// inner border of the lips, share of the lips' motion, colour.
 const MOUTH_RINGS: [(f32, f32, f32, f32, Colour); 4] = [
     (0.20, 1.22, 1.75, 0.95, [128, 62, 58]),
     (0.50, 1.30, 2.60, 0.75, [92, 36, 34]),
     (0.80, 1.15, 2.60, 0.55, [54, 18, 18]),
     (1.00, 0.60, 1.40, 0.45, [26, 8, 8]),
 ];
-/// Depth of the mouth's back, cm.
+/// Depth (z) of the back of the mouth, cm.
 const MOUTH_BACK: f32 = 5.2;
 
-/// The middle of a walk of vertices.
+/// Mean position of a chain of vertices.
 fn middle(skin: &TriangleMesh, walk: &[u32]) -> [f32; 3] {
     walk.iter().fold([0.0; 3], |m, &v| add(m, skin.positions()[v as usize].map(|c| c / walk.len() as f32)))
 }
 
-/// The border of the skin that runs around the mouth; empty where there is none.
+/// The border of the skin around the mouth; empty if there is none.
 fn mouth_border(skin: &TriangleMesh) -> Vec<u32> {
     let loops = skin.border_loops().into_iter();
-    // In the middle, before the neck: the largest depth.
+    // Of the central borders, the mouth is the foremost; the neck is further back.
     let central = loops.map(|walk| (middle(skin, &walk), walk)).filter(|(m, _)| m[0].abs() < 0.5);
     central.max_by(|a, b| a.0[2].total_cmp(&b.0[2])).map(|(_, walk)| walk).unwrap_or_default()
 }
@@ -178,7 +178,7 @@ fn mouth(parts: &mut Parts, skin: &TriangleMesh) {
         before = ring;
     }
     let (_, _, _, share, colour) = MOUTH_RINGS[MOUTH_RINGS.len() - 1];
-    // The back goes with the middles of both lips.
+    // The back moves with the middles of both lips.
     let nearest = |up: f32| {
         let height = |v: &&u32| place(**v)[0].abs() - 0.01 * up * place(**v)[1];
         border.iter().min_by(|a, b| height(a).total_cmp(&height(b))).copied().unwrap_or_default()
@@ -191,11 +191,11 @@ fn mouth(parts: &mut Parts, skin: &TriangleMesh) {
 
 /// A row of teeth.
 struct Row {
-    /// Widths from the middle to the side, cm.
+    /// Widths of the teeth from the middle to the side, cm.
     widths: [f32; 6],
-    /// Height of the biting edge, of the gums' edge and of the gums' end, cm.
+    /// Height of the biting edge, of the gum line and of the end of the gums, cm.
     heights: [f32; 3],
-    /// Depth of the front, half the width and the length of the arch, cm.
+    /// Depth of the front, half the width, and the length of the arch, cm.
     arch: [f32; 3],
     attached: Attached,
 }
@@ -212,15 +212,15 @@ const LOWER: Row = Row {
     arch: [10.26, 2.42, 4.0],
     attached: Attached::Jaw,
 };
-/// Across a tooth from one gap to the next: share of its width, how far it stands before the gap (cm), how far its edge reaches (share of a
-/// round corner), and light.
+/// Profile across a tooth from one gap to the next: fraction of its width, how far it stands out from the gap (cm), retreat of
+/// its edge (fraction of a round corner), and brightness.
 const TOOTH: [(f32, f32, f32, f32); 4] =
     [(0.0, 0.0, 1.0, 0.72), (0.16, 0.034, 0.25, 0.96), (0.5, 0.046, 0.0, 1.0), (0.84, 0.034, 0.25, 0.96)];
-/// Depth of a round corner and of the arch of the gums over a tooth, and thickness of an edge, cm.
+/// Depth of a round corner, height of the gum's arch over a tooth, and thickness of the biting edge, cm.
 const CORNER: f32 = 0.09;
 const SCALLOP: f32 = 0.13;
 const EDGE: f32 = 0.16;
-/// How far a row bends away from the other towards the sides, cm per square of cm along it.
+/// How much a row curves away from the other towards the sides, cm per square cm along the row.
 const BEND: f32 = 0.014;
 const ENAMEL: [f32; 3] = [236.0, 228.0, 212.0];
 const GUM: Colour = [178, 98, 94];
@@ -229,7 +229,7 @@ fn teeth(parts: &mut Parts, row: &Row) {
     let [edge, gum, end] = row.heights;
     let up = (gum - edge).signum();
     let [front, half, length] = row.arch;
-    // The arch as a curve by its length, from the middle to the left.
+    // The arch as a curve parameterized by its length, from the middle to the left.
     let point = |t: f32| [half * t.sin(), front - length * (1.0 - t.cos())];
     let steps: Vec<[f32; 2]> = (0..=400_u16).map(|k| point(f32::from(k) / 400.0 * 1.5)).collect();
     let along = |wanted: f32| {
@@ -245,7 +245,7 @@ fn teeth(parts: &mut Parts, row: &Row) {
         }
         (steps[steps.len() - 1], [1.0, 0.0])
     };
-    // Columns from the right end to the left: place along the arch, then what `TOOTH` says.
+    // Columns from the right end to the left: position along the arch, then the values of `TOOTH`.
     let mut columns: Vec<(f32, f32, f32, f32)> = Vec::new();
     let mut start = 0.0;
     for width in row.widths {
@@ -277,12 +277,12 @@ fn teeth(parts: &mut Parts, row: &Row) {
         }
     }
     for pair in rows.windows(2) {
-        // Seen from the front left is on the right: an upper row and the lower one below it.
+        // Seen from the front the left side is on the right: an upper row and the lower one below it.
         if up > 0.0 { parts.join(&pair[0], &pair[1], false) } else { parts.join(&pair[1], &pair[0], false) }
     }
 }
 
-/// Middle of the tongue at its root's height, and half its width, height and length, cm.
+/// Middle of the tongue at the height of its root; and half its width, height and length, cm.
 const TONGUE: ([f32; 3], [f32; 3]) = ([0.0, -4.35, 8.2], [1.65, 0.62, 1.75]);
 
 fn tongue(parts: &mut Parts) {
@@ -307,21 +307,21 @@ fn tongue(parts: &mut Parts) {
     }
 }
 
-/// Hairs of one brow.
+/// Number of hairs of one brow.
 const HAIRS: u16 = 280;
-/// Half the height of a brow at its inner end, its middle and its outer end, cm.
+/// Half the height of a brow at its inner end, middle and outer end, cm.
 const BROW: [f32; 3] = [0.32, 0.34, 0.09];
-/// How far a brow lies below the line of its landmarks, cm.
+/// Distance of a brow below the line of its landmarks, cm.
 const BROW_DROP: f32 = 0.30;
 const HAIR: Colour = [74, 54, 42];
 
-/// Middle line of the left brow, from inside to outside, by the landmarks 22 to 26.
+/// Middle line of the left brow from the inner to the outer end, through the landmarks 22 to 26.
 fn brow_line(head: &HeadMesh) -> Vec<[f32; 2]> {
     let place = |k: usize| head.landmarks.get(k).map_or([0.0; 3], |&v| head.positions[v as usize]);
     (22..27).map(place).map(|[x, y, _]| [x.abs(), y - BROW_DROP]).collect()
 }
 
-/// A point of a line by a share of its way, 0 to 1, and its direction.
+/// Point and direction at a fraction, 0 to 1, of the length of a line.
 fn along_line(line: &[[f32; 2]], share: f32) -> ([f32; 2], [f32; 2]) {
     let place = share.clamp(0.0, 1.0) * (line.len() - 1) as f32;
     let k = (place as usize).min(line.len() - 2);
@@ -331,7 +331,7 @@ fn along_line(line: &[[f32; 2]], share: f32) -> ([f32; 2], [f32; 2]) {
     ([a[0] + t * dx, a[1] + t * dy], [dx / length, dy / length])
 }
 
-/// Half the height of a brow at a share of its way.
+/// Half the height of a brow at a fraction of its length.
 fn brow_height(share: f32) -> f32 {
     let t = 2.0 * share.clamp(0.0, 1.0);
     let bow = if t < 1.0 { BROW[0] + t * (BROW[1] - BROW[0]) } else { BROW[1] + (t - 1.0) * (BROW[2] - BROW[1]) };
@@ -346,7 +346,7 @@ fn brows(parts: &mut Parts, head: &HeadMesh, skin: &TriangleMesh) {
     };
     let front: Vec<[u32; 3]> = skin.triangles().iter().filter(|t| t.iter().all(near)).copied().collect();
     let mirror = |v: u32| super::head_mesh::mirrored(v, head.left, head.middle);
-    // Places that fill the brow evenly, the same every time.
+    // A sequence that fills the brow evenly and is the same in every run.
     let spread = |k: u16, step: f32| (f32::from(k) * step).fract();
     for k in 0..HAIRS {
         let share = (f32::from(k) + 0.5) / f32::from(HAIRS);
@@ -355,7 +355,8 @@ fn brows(parts: &mut Parts, head: &HeadMesh, skin: &TriangleMesh) {
         let ([x, y], [dx, dy]) = along_line(&line, share);
         let height = brow_height(share);
         let root = [x - dy * across * height, y + dx * across * height];
-        // Inside hairs stand up, then they lie along the brow; those above it point down, those below it up.
+        // Hairs at the inner end stand up; further out they lie along the brow. Those in the upper half point down, those in the
+        // lower half up.
         let lift = (68.0 * (1.0 - share / 0.25).clamp(0.0, 1.0) + 12.0 - 26.0 * across * (share / 0.2).clamp(0.0, 1.0)
             + 16.0 * wild)
             .to_radians();
@@ -386,10 +387,10 @@ fn brows(parts: &mut Parts, head: &HeadMesh, skin: &TriangleMesh) {
     }
 }
 
-/// A point before the skin, and the shares of the vertices that it lies between.
+/// A point in front of the skin, and the three vertices around it with their shares.
 type OnSkin = ([f32; 3], [(u32, f32); 3]);
 
-/// The point of the skin at a place seen from the front, this much before it.
+/// Returns the point `before` cm in front of the skin at a position seen from the front.
 fn on_skin(front: &[[u32; 3]], skin: &TriangleMesh, [x, y]: [f32; 2], before: f32) -> Option<OnSkin> {
     let mut best: Option<OnSkin> = None;
     for &triangle in front {
@@ -415,7 +416,7 @@ const BLUSH: [f32; 3] = [206.0, 128.0, 112.0];
 const LIPS: [f32; 3] = [196.0, 118.0, 109.0];
 const SHADOW: [f32; 3] = [96.0, 64.0, 56.0];
 
-/// Colours of the skin: lips, a darker ground under the brows, lashes' roots, and warmer cheeks, nose and ears.
+/// Colours of the skin: lips, a darker base under the brows, roots of the lashes, and warmer cheeks, nose and ears.
 pub fn skin_colours(head: &HeadMesh, skin: &TriangleMesh) -> Vec<Colour> {
     let place = |k: usize| head.landmarks.get(k).map_or([0.0; 3], |&v| head.positions[v as usize]);
     let outline: Vec<Point2<f64>> = (48..60).map(place).map(|[x, y, _]| Point2::new(x, y).cast()).collect();
@@ -456,9 +457,9 @@ pub fn skin_colours(head: &HeadMesh, skin: &TriangleMesh) -> Vec<Colour> {
     (0..skin.vertex_count()).map(colour).collect()
 }
 
-/// How dark the skin is where lashes grow: rings of vertices around the eyes' borders, more above than below.
+/// Darkness of the skin where lashes grow: rings of vertices around the borders of the eyes, darker at the upper lid.
 fn lid_margin(skin: &TriangleMesh) -> Vec<f32> {
-    /// Rings from the border on: above and below.
+    /// Darkness of the rings from the border outwards: upper and lower lid.
     const RINGS: [(f32, f32); 5] = [(0.3, 0.1), (0.75, 0.15), (0.95, 0.3), (0.85, 0.25), (0.3, 0.08)];
     let mut dark = vec![0.0_f32; skin.vertex_count()];
     let mut ring_of = vec![usize::MAX; skin.vertex_count()];

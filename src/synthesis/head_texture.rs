@@ -1,4 +1,7 @@
-//! What the skin of a dense head wears: a portrait where the face is seen, its own colours in the portrait's tone elsewhere.
+//! Makes a texture of a dense head from a portrait.
+//!
+//! Where the face is visible, the texture shows the portrait. Elsewhere it shows the head's own colours, adapted to the
+//! portrait's tone.
 
 use image::{Rgb, RgbImage};
 use nalgebra::{Point2, Vector3};
@@ -14,63 +17,67 @@ use crate::{
     wireframe::{Fapu, Tables},
 };
 
-/// Side of the picture, px.
+/// Side of the texture, px.
 const SIDE: u32 = 2048;
-/// Share of it between the front and the back of the head, from the middle to the border, and the power that gives the front more of it.
+/// Fraction of the texture's side from its middle (front of the head) to the border (back), and the exponent that gives the front
+/// more of the space. The larger the exponent, the more.
 const REACH: f64 = 0.49;
 const FRONT: f64 = 2.2;
-/// How far up the axis looks on which the picture is centred, degrees: the back of it lies in the neck.
+/// Upward tilt of the axis at which the texture is centred, degrees: the opposite pole is then in the neck.
 const TILT_DEGREES: f64 = 25.0;
-/// Groups of feature points whose places the portrait gives: chin and inner lips, eyes, outer lips, nose. A head has no edge where a brow
-/// ends, so that its points are not on those of a portrait.
+/// Groups of the feature points that are placed by the portrait: chin and inner lips, eyes, outer lips, nose. Brows are not used:
+/// the head has no edge where a brow ends, so its brow points do not match those of a portrait.
 const GROUPS: [u8; 4] = [2, 3, 8, 9];
-/// Fewest of them.
+/// Minimum number of shared feature points.
 const FEWEST: usize = 8;
-/// How much a place faces the camera, from where the portrait begins to be seen to where it alone is.
+/// Range of the normal's component towards the camera over which the portrait's share rises from 0 to 1.
 const FACING: (f64, f64) = (0.12, 0.50);
-/// The same for the depth inside the face's outline, over the distance of the pupils.
+/// Same for the depth inside the face's outline, in distances between the pupils.
 const INSIDE: (f64, f64) = (0.05, 0.20);
-/// How far from the feature points the portrait begins to end, and ends, over the distance of the pupils: hair is not the head's.
+/// Distances outside the feature points over which the portrait's share falls from 1 to 0, in distances between the pupils. This
+/// keeps the portrait's hair off the head.
 const BEYOND: (f64, f64) = (0.32, 0.58);
-/// Passes that carry colours over the borders of what is painted, so that none is seen where a viewer samples beside it.
+/// Number of passes that spread colours beyond the painted area, so that viewers which sample next to its border show no seam.
 const PADDING: usize = 6;
-/// Rows that are painted at once.
+/// Number of rows painted at once.
 const BAND: u32 = 64;
-/// Brightness over that of skin below which a hidden place is no skin.
+/// Brightness relative to that of skin below which a hidden vertex is not skin.
 const DARK: f64 = 0.75;
-/// Share of a painted place above which it counts as the portrait's.
+/// Share of the portrait above which a pixel is used to measure the portrait's tone.
 const SURE: f32 = 0.9;
 
-/// The picture, and where in it every vertex of the bank lies (0 to 1, v downwards).
+/// The texture and the texture coordinates of every vertex of the bank (0 to 1, v downwards).
 #[derive(Clone, Debug)]
 pub struct HeadTexture {
-    /// The picture.
+    /// The texture.
     pub picture: RgbImage,
     /// Texture coordinates.
     pub places: Vec<[f32; 2]>,
-    /// Triangles that wear it.
+    /// Triangles that use the texture.
     pub worn: Vec<[u32; 3]>,
-    /// Triangles of the skin that do not: the inside of the mouth.
+    /// Triangles of the skin that do not use it: the inside of the mouth.
     pub inside: Vec<[u32; 3]>,
-    /// Colours of the vertices in it, and the bank's own where it is not worn, sRGB.
+    /// Colours of the vertices, sRGB: sampled from the texture, or the bank's own for vertices that do not use it.
     pub colours: Vec<[u8; 3]>,
 }
 
-/// A vertex on its way into the picture.
+/// A vertex with its positions in texture and portrait.
 #[derive(Clone, Copy)]
 struct Corner {
-    /// In the texture, px.
+    /// Position in the texture, px.
     at: Point2<f64>,
-    /// In the portrait, px.
+    /// Position in the portrait, px.
     seen: Point2<f64>,
-    /// How much it faces the camera.
+    /// Component of its normal towards the camera.
     facing: f64,
     colour: [f64; 3],
 }
 
 impl HeadTexture {
-    /// Puts a portrait, of which all nodes of the wireframe are known (px), on the skin of a head. The head's feature points meet those of the
-    /// portrait, and what lies between them goes along; the head keeps its shape.
+    /// Makes the texture from a portrait in which all nodes of the wireframe are known (px).
+    ///
+    /// The portrait is aligned at the feature points it shares with the head and interpolated between them. The shape of the head
+    /// does not change.
     ///
     /// # Errors
     /// [`SynthesisError::Portrait`] when head and portrait share too few feature points.
@@ -78,7 +85,7 @@ impl HeadTexture {
         Self::with_side(SIDE, bank, portrait, nodes, tables)
     }
 
-    /// The same with a texture of `side` px, a multiple of [`BAND`].
+    /// Same with a texture of `side` px, a multiple of [`BAND`].
     fn with_side(
         side: u32,
         bank: &Bank,
@@ -88,7 +95,7 @@ impl HeadTexture {
     ) -> Result<Self, SynthesisError> {
         let mesh = bank.mesh();
         let seen_at = |v: usize| Point2::new(f64::from(mesh.positions()[v][0]), -f64::from(mesh.positions()[v][1]));
-        // Feature points that both have: on the head, and on the portrait.
+        // Positions of the shared feature points: on the head, and in the portrait.
         let shared: Vec<Option<(Point2<f64>, Point2<f64>)>> = bank
             .feature_points()
             .iter()
@@ -148,12 +155,13 @@ impl HeadTexture {
     }
 }
 
-/// Cells of the depth map of a head, along its larger side.
+/// Number of cells of the head's depth map along its larger side.
 const DEPTH_CELLS: f32 = 400.0;
-/// How far behind the foremost skin a vertex is still seen, over the larger side: what curves away is not hidden.
+/// How far a vertex may lie behind the foremost skin and still count as visible, as a fraction of the larger side: skin that
+/// curves away is not hidden.
 const HIDDEN: f32 = 0.012;
 
-/// Vertices behind other skin, as those of the inside of the mouth, face away from the camera.
+/// Marks vertices behind other skin, such as those inside the mouth, as facing away from the camera.
 fn hide(positions: &[[f32; 3]], skin: &[[u32; 3]], corners: &mut [Corner]) {
     let used = || skin.iter().flatten().map(|&v| positions[v as usize]);
     let (mut low, mut high) = ([f32::MAX; 2], [f32::MIN; 2]);
@@ -198,7 +206,7 @@ fn hide(positions: &[[f32; 3]], skin: &[[u32; 3]], corners: &mut [Corner]) {
         if x < 0.0 || y < 0.0 || x as usize >= width || y as usize >= width {
             continue;
         }
-        // The nearest cell, beside edges the least of those around: an edge is not behind itself.
+        // The nearest cell, at edges the smallest of the cells around it: an edge does not hide itself.
         let around = [(x.floor(), y.floor()), (x.ceil(), y.floor()), (x.floor(), y.ceil()), (x.ceil(), y.ceil())];
         let front = around.iter().map(|(x, y)| foremost[(*y as usize).min(width - 1) * width + (*x as usize).min(width - 1)]);
         if position[2] < front.fold(f32::MAX, f32::min) - HIDDEN * larger {
@@ -207,8 +215,8 @@ fn hide(positions: &[[f32; 3]], skin: &[[u32; 3]], corners: &mut [Corner]) {
     }
 }
 
-/// Whether a place that is hidden is of the inside of the mouth: it lies within two widths of the mouth from its middle, and is painted darker
-/// than skin.
+/// Returns a test of whether a hidden vertex belongs to the inside of the mouth: it lies within two mouth widths of the middle of
+/// the mouth, and its colour is darker than skin.
 fn inside_of_the_mouth(bank: &Bank) -> impl Fn([f32; 3], [f64; 3]) -> bool + use<> {
     let corner =
         |point: u8| bank.feature_point_position(FeaturePoint { group: 8, point }).map(|p| Vector3::from(p.map(f64::from)));
@@ -231,7 +239,10 @@ fn convex_extent(points: &[Point2<f64>]) -> f64 {
     extent(0).max(extent(1)).max(1.0)
 }
 
-/// Texture coordinates: directions from within the head, those to the front in the middle, all around it as far from it as they turn away.
+/// Computes texture coordinates by direction from within the head.
+///
+/// The front is in the middle. The distance from the middle grows with the angle from the front; the back of the head is on the
+/// border.
 fn places(bank: &Bank) -> Vec<[f32; 2]> {
     let mesh = bank.mesh();
     let [low, high] = mesh.bounds();
@@ -253,7 +264,7 @@ fn places(bank: &Bank) -> Vec<[f32; 2]> {
     mesh.positions().iter().map(place).collect()
 }
 
-/// The colour of a picture at a place.
+/// Colour of a picture at texture coordinates.
 fn sampled(picture: &RgbImage, [u, v]: [f32; 2]) -> [u8; 3] {
     let at = |share: f32, size: u32| ((share * size as f32) as u32).min(size.saturating_sub(1));
     picture.get_pixel(at(u, picture.width()), at(v, picture.height())).0
@@ -264,20 +275,20 @@ struct Canvas {
     portrait: Texture,
     outline: Vec<Point2<f64>>,
     features: Vec<Point2<f64>>,
-    /// Distance of the pupils in the portrait, px.
+    /// Distance between the pupils in the portrait, px.
     unit: f64,
     /// Side of the texture, px.
     side: u32,
 }
 
-/// A place of the texture.
+/// A pixel of the texture.
 #[derive(Clone, Copy)]
 struct Cell {
-    /// How much what is there faces the camera; -∞ where nothing is.
+    /// Component of the normal towards the camera; -∞ where nothing is painted.
     facing: f32,
-    /// Share of the portrait.
+    /// Share of the portrait, 0 to 1.
     share: f32,
-    /// The portrait's colour, in the end the one that is worn.
+    /// The portrait's colour; at the end the final colour.
     seen: [f32; 3],
     /// The head's own colour.
     own: [f32; 3],
@@ -311,7 +322,7 @@ impl Canvas {
         })
     }
 
-    /// Share of the portrait at a place that faces the camera so much.
+    /// Share of the portrait at a position `seen` in it, for a normal with this component towards the camera.
     fn share(&self, seen: &Point2<f64>, facing: f64) -> f64 {
         let facing = smooth_step(FACING.0, FACING.1, facing);
         if facing <= 0.0 {
@@ -322,7 +333,7 @@ impl Canvas {
         facing * smooth_step(INSIDE.0, INSIDE.1, inside) * (1.0 - smooth_step(BEYOND.0, BEYOND.1, beyond))
     }
 
-    /// Paints what of a triangle lies in a band of rows from `first` on.
+    /// Paints the part of a triangle inside a band of rows that starts at row `first`.
     fn paint(&self, triangle: &[Corner; 3], first: u32, band: &mut [Cell]) {
         let ([a, b, c], side) = (triangle, self.side);
         let area = (b.at - a.at).perp(&(c.at - a.at));
@@ -344,7 +355,7 @@ impl Canvas {
                     |of: &dyn Fn(&Corner) -> f64| triangle.iter().zip(shares).map(|(corner, w)| of(corner) * w).sum::<f64>();
                 let facing = mean(&|k| k.facing);
                 let cell = &mut band[((y - first) * side + x) as usize];
-                // Where the skin lies over itself, what is seen from the front is kept.
+                // Where several layers of skin overlap, the one that faces the camera most is kept.
                 if cell.facing < facing as f32 {
                     let seen = Point2::new(mean(&|k| k.seen.x), mean(&|k| k.seen.y));
                     *cell = Cell {
@@ -365,7 +376,7 @@ fn span(triangle: &[Corner; 3], axis: usize) -> (f64, f64) {
     (values.clone().fold(f64::MAX, f64::min), values.fold(f64::MIN, f64::max))
 }
 
-/// Whether a triangle is one in the texture: one that spans the back of the head would cover the face.
+/// Whether a triangle can be painted: one that spans the back of the head would cover the face.
 fn is_paintable(triangle: &[Corner; 3], side: u32) -> bool {
     let [a, b, c] = triangle;
     let extent = |axis: usize| {
@@ -375,7 +386,7 @@ fn is_paintable(triangle: &[Corner; 3], side: u32) -> bool {
     (b.at - a.at).perp(&(c.at - a.at)).abs() >= 1e-9 && extent(0).max(extent(1)) <= f64::from(side) / 4.0
 }
 
-/// Mixes the portrait with the head's own colours in the portrait's tone.
+/// Mixes the portrait with the head's own colours, which are scaled to the portrait's tone.
 fn wear(cells: &mut [Cell]) {
     let tone: [f32; 3] = std::array::from_fn(|c| {
         let sure = cells.iter().filter(|cell| cell.share > SURE);
@@ -391,7 +402,7 @@ fn wear(cells: &mut [Cell]) {
     }
 }
 
-/// Gives places beside what is painted the mean of their neighbours' colours, [`PADDING`] times.
+/// Fills pixels next to the painted area with the mean of their neighbours' colours, [`PADDING`] times.
 fn pad(cells: &mut [Cell], side: usize) {
     let around = |at: usize| [at - 1, at + 1, at - side, at + side];
     let is_inner = |at: usize| (1..side - 1).contains(&(at % side)) && (1..side - 1).contains(&(at / side));
@@ -423,7 +434,7 @@ mod tests {
         wireframe::Wireframe,
     };
 
-    /// A portrait whose colours say where they are: red across, green down; and its nodes.
+    /// A portrait whose colours encode the position (red across, green down), and its nodes.
     fn portrait() -> (RgbImage, Vec<Point2<f64>>) {
         let frontal = Wireframe::candide3().frontal();
         let nodes: Vec<Point2<f64>> = frontal.iter().map(|p| Point2::new(128.0 + 80.0 * p.x, 128.0 - 80.0 * p.y)).collect();
@@ -445,11 +456,11 @@ mod tests {
             let off = (f64::from(worn[0]) - there.x).hypot(f64::from(worn[1]) - there.y);
             assert!(off < 4.0, "{fp} wears {worn:?}, the portrait has its point at {there:?}");
         }
-        // Skin that is worn and what is not are all of the skin.
+        // Textured and untextured skin together are all of the skin.
         let skin = FaceScene::new(&bank).skin().len();
         assert_eq!(texture.worn.len() + texture.inside.len(), skin);
         assert!(texture.inside.len() > 20 && texture.inside.len() < skin / 10, "{} of {skin}", texture.inside.len());
-        // Behind the head no portrait is seen: one tone.
+        // Behind the head the portrait is not used: one tone.
         let [low, _] = bank.mesh().bounds();
         let back = (0..bank.vertex_count()).filter(|&v| bank.mesh().positions()[v][2] < low[2] + 2.0);
         let tones: std::collections::BTreeSet<u8> = back.map(|v| texture.colours[v][2]).collect();

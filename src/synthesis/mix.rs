@@ -1,4 +1,4 @@
-//! `bank mix`: expressions as weighted sums of shapes.
+//! `bank mix`: makes expressions as weighted sums of shapes.
 
 use std::{borrow::Cow, path::Path};
 
@@ -8,12 +8,13 @@ use crate::{
     output::{MADE_BY, OutputError, nine_digits, write_atomic},
 };
 
-/// Reads recipes from a CSV file with the columns `member`, `shape` and `weight`; members are in the order of their first row, shapes
-/// that are not listed weigh nothing.
+/// Reads recipes from a CSV file with the columns `member`, `shape` and `weight`.
+///
+/// Members are in the order of their first row; shapes that are not listed have weight 0.
 ///
 /// # Errors
-/// [`BankError::Input`] for a file or row that does not read, [`BankError::NoSuchMember`] for a shape that is not there,
-/// [`BankError::NoMembers`] for none.
+/// [`BankError::Input`] for a file or row that cannot be read, [`BankError::NoSuchMember`] for a shape that does not exist,
+/// [`BankError::NoMembers`] for an empty file.
 pub fn read_recipes(path: &Path, shapes: &[String]) -> Result<Vec<Recipe>, BankError> {
     let file = CsvFile::open(path)?;
     let [member, shape, weight] = file.require(["member", "shape", "weight"])?;
@@ -35,7 +36,7 @@ pub fn read_recipes(path: &Path, shapes: &[String]) -> Result<Vec<Recipe>, BankE
     if recipes.is_empty() { Err(BankError::NoMembers) } else { Ok(recipes) }
 }
 
-/// Writes recipes as [`read_recipes`] reads them, weights of 0 left out.
+/// Writes recipes in the format of [`read_recipes`]; weights of 0 are left out.
 ///
 /// # Errors
 /// [`OutputError`].
@@ -52,9 +53,10 @@ pub fn write_recipes(path: &Path, shapes: &[String], recipes: &[Recipe]) -> Resu
     })
 }
 
-/// Writes a bank whose members are the recipes' sums of a bank's shapes, one in memory at a time.
+/// Writes a bank whose members are the weighted sums of a bank's shapes given by the recipes, with one member in memory at a
+/// time.
 ///
-/// The file remembers the composition; where the shapes are mixtures themselves, down to what these were made of.
+/// The file stores the composition. If the shapes are mixtures themselves, it is expressed in the shapes they were mixed from.
 ///
 /// # Errors
 /// [`BankError`].
@@ -79,7 +81,7 @@ fn composition(shapes: &Bank, recipes: &[Recipe]) -> Composition {
     Composition { shapes: inner.shapes.clone(), weights: recipes.iter().map(through).collect() }
 }
 
-/// Weighted sum of a bank's members.
+/// Returns the weighted sum of a bank's members.
 pub fn mix(shapes: &Bank, weights: &[f64]) -> Vec<[f32; 3]> {
     let mut sum = vec![[0.0_f32; 3]; shapes.vertex_count()];
     for (shape, &weight) in weights.iter().enumerate().filter(|(_, w)| **w != 0.0) {
@@ -91,7 +93,7 @@ pub fn mix(shapes: &Bank, weights: &[f64]) -> Vec<[f32; 3]> {
     sum
 }
 
-/// Motion of the feature points in every recipe, flat, for [`super::choose_members`].
+/// Returns the motion of the feature points in every recipe, as flat arrays for [`super::choose_members`].
 pub fn recipe_motions(shapes: &Bank, recipes: &[Recipe]) -> Vec<Vec<f64>> {
     let basis = FpBasis::new(shapes);
     let points = shapes.feature_points().len();
@@ -126,7 +128,7 @@ mod tests {
         let mixed = Bank::open(&path).unwrap();
         assert_eq!(mixed.displacements(0)[3], [0.5, 2.0, 0.0]);
         assert_eq!(mixed.displacements(1), shapes.displacements(2));
-        // A mixture of mixtures goes down to the shapes: 2 diagonal + out.
+        // A mixture of mixtures is resolved to the shapes: 2 diagonal + out.
         let again = vec![Recipe { name: "both".to_owned(), weights: vec![2.0, 1.0] }];
         mix_bank(&mixed, &again, &path.with_extension("2")).unwrap();
         let both = Bank::open(&path.with_extension("2")).unwrap();

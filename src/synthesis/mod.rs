@@ -1,13 +1,14 @@
-//! Dense expressions from sparse motion \[ZL\]: a bank of expression meshes, and the search for the mixture whose MPEG-4 feature points
-//! move as asked.
+//! Synthesis of dense expressions from sparse motion \[ZL\].
+//!
+//! A bank holds expression meshes. A search finds the mixture of them whose MPEG-4 feature points move like the target.
 //!
 //! ```text
 //! meshes -> Bank -> FpBasis -> Goal (of a region) -> Solver -> weights -> dense surface
 //! representative, track, .fap, CSV -> FpMotion ----^
 //! ```
 //!
-//! Letters: V vertices, M members of the bank, F feature points; in formulas of \[ZL\] M is the number of moving feature points. Lengths
-//! are in the bank's own unit, axes those of face space.
+//! Letters: V vertices, M members of the bank, F feature points; in formulas of \[ZL\], M is the number of moving feature points.
+//! Lengths are in the bank's own unit, axes are those of face space.
 
 mod animate;
 mod answer;
@@ -94,8 +95,8 @@ pub(crate) mod testing {
         Bank::new(mesh, names, displacements, points, BankInfo::default()).unwrap()
     }
 
-    /// Whether the dominant expressions, a bank's first members, move what they are known by at least so far: lip corners up (and
-    /// `down`), inner brows `up` and down, chin.
+    /// Checks that the dominant expressions, a bank's first members, make their typical movements by at least these amounts: lip
+    /// corners up (`smile`) and `down`, inner brows `up` and down, chin.
     pub fn check_dominant_expressions(bank: &Bank, [smile, down, up, chin]: [f64; 4]) {
         let basis = FpBasis::new(bank);
         let y = |member: usize, fp: &str| basis.motion(member, bank.feature_point_index(fp.parse().unwrap()).unwrap())[1];

@@ -15,7 +15,7 @@ use crate::{
 pub use bank_face::fapu_length;
 pub use read::read_motion;
 
-/// What a motion was read from.
+/// Kind of source that a motion was read from.
 ///
 /// ```
 /// use grimace::synthesis::{MotionKind, candide_bank, read_motion};
@@ -52,41 +52,47 @@ pub enum MotionKind {
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Motion {
-    /// What it was read from.
+    /// Kind of the source.
     pub kind: MotionKind,
-    /// Frames in order.
+    /// Frames in order, equally spaced in time.
     pub frames: Vec<FpMotion>,
-    /// Frames per second, where the source says so.
+    /// Frames per second; `None` when the source does not give them.
     pub fps: Option<f64>,
     /// Feature points of the motion that the bank does not have.
     pub ignored: Vec<FeaturePoint>,
-    /// FAPs with values of a FAP file that move nothing of the bank: turns of head and eyes, depth, tongue, visemes, expressions, and those
-    /// of feature points that it does not have.
+    /// FAPs of a FAP file that have values but move nothing in the bank: rotations of head and eyes, depth, tongue, visemes,
+    /// expressions, and FAPs of feature points that the bank does not have.
     pub not_shown: Vec<FapNumber>,
-    /// Bank units per face unit along x and y for the five FAPUs in the order of the standard; `None` for motion in the bank's unit.
+    /// Bank units per face unit along x and y for the five FAPUs in the order of the standard; `None` for motion in the bank's
+    /// unit.
     pub scale: Option<[f64; 5]>,
-    /// Frames of the source, where some are missing by their numbers, or they have times of their own: `frames` are evenly apart.
+    /// Number of frames of the source if frame numbers are missing or frames have their own times; `frames` are then
+    /// interpolated.
     pub uneven: Option<usize>,
 }
 
-/// Share of the farthest motion that tracking may give a point at rest.
+/// Default noise threshold, as a fraction of the farthest motion: tracking may give this much motion to a point at rest.
 pub const NOISE: f64 = 0.05;
 
 impl Motion {
-    /// The motion as it is animated: by default 5 frames between the key frames of a model and none between others', and
-    /// `NOISE` taken for rest but for feature points that a CSV file gives.
+    /// Returns the motion as it is animated.
+    ///
+    /// By default, 5 frames are inserted between the key frames of a model, none in other kinds. Motion below `NOISE` counts as
+    /// rest, except for feature points from a CSV file.
     pub fn as_animated(&self, between: Option<usize>, noise: Option<f64>) -> Self {
         let between = between.unwrap_or(if self.kind == MotionKind::Model { FRAMES_BETWEEN } else { 0 });
         self.without_noise(noise.unwrap_or_else(|| self.default_noise())).with_frames_between(between)
     }
 
-    /// Share of the farthest motion under which a point of such a motion is taken to be at rest.
+    /// Default noise threshold for this kind of motion, as a fraction of the farthest motion.
     pub fn default_noise(&self) -> f64 {
         if self.kind == MotionKind::FeaturePoints { 0.0 } else { NOISE }
     }
 
-    /// The motion with `between` frames put between every two, every coordinate on a monotone cubic, as in the FAP
-    /// file of the same motion. A feature point is known only between two frames that know it.
+    /// Inserts `between` frames between every two frames.
+    ///
+    /// Every coordinate follows a monotone cubic, as in the FAP file of the same motion. A feature point is known in an inserted
+    /// frame only if both neighbours know it.
     pub fn with_frames_between(&self, between: usize) -> Self {
         let steps = self.frames.len().saturating_sub(1);
         let last = steps.saturating_mul(between.saturating_add(1));
@@ -96,11 +102,13 @@ impl Motion {
         Self { frames: self.at((0..=last).map(|k| Moment::of_frame(k, last, steps))), ..self.clone() }
     }
 
-    /// The motion with frames that are evenly apart, of frames that are shown at `times`, seconds from the first, ascending: at its own rate,
-    /// and from its first to its last frame, as clones and pages show it.
+    /// Resamples the motion to equally spaced frames at its own rate, from its first to its last frame, as clones and pages show
+    /// it.
+    ///
+    /// `times` are the times of the present frames in seconds from the first, ascending.
     ///
     /// # Errors
-    /// The number of frames where there would be more than [`MOST_EVEN`](crate::interpolation::MOST_EVEN).
+    /// The number of frames if it would exceed [`MOST_EVEN`](crate::interpolation::MOST_EVEN).
     pub(crate) fn evenly(&self, times: &[f64]) -> Result<Self, f64> {
         let (Some(&end), true) = (times.last(), times.len() == self.frames.len()) else { return Ok(self.clone()) };
         let Even { last, fps } = Even::over(end, self.fps.unwrap_or(f64::from(FPS)))?;
@@ -108,7 +116,7 @@ impl Motion {
         Ok(Self { frames, fps: self.fps.map(|_| fps), uneven: Some(self.frames.len()), ..self.clone() })
     }
 
-    /// Frames at moments between its own.
+    /// Interpolates frames at moments between the frames.
     fn at(&self, moments: impl Iterator<Item = Moment>) -> Vec<FpMotion> {
         let count = self.frames.first().map_or(0, |f| f.offsets.len());
         let curve =
@@ -125,10 +133,10 @@ impl Motion {
         moments.map(frame).collect()
     }
 
-    /// The motion with feature points at rest that move less than `share` of the farthest moving one, each judged by its largest offset
-    /// of all frames.
+    /// Sets feature points at rest whose motion is smaller than `share` of the farthest motion. A point is judged by its largest
+    /// offset in all frames.
     ///
-    /// The fitness counts every feature point with a motion alike \[ZL\], and a tracker gives some to all of them.
+    /// The fitness gives every moving feature point the same weight \[ZL\], and a tracker gives some motion to all of them.
     pub fn without_noise(&self, share: f64) -> Self {
         let count = self.frames.first().map_or(0, |f| f.offsets.len());
         let largest = |point: usize| self.frames.iter().filter_map(|f| f.offsets[point]).map(|v| v.norm()).fold(0.0, f64::max);
@@ -140,7 +148,7 @@ impl Motion {
         Self { frames: self.frames.iter().map(frame).collect(), ..self.clone() }
     }
 
-    /// The motion with its last frame held for so many frames more, and then back to its first frame, the last again.
+    /// Holds the last frame for `hold` more frames, then plays the motion backwards to its first frame.
     pub fn there_and_back(&self, hold: usize) -> Self {
         let mut frames = self.frames.clone();
         if let Some(apex) = self.frames.last() {
@@ -179,7 +187,7 @@ mod tests {
     #[test]
     fn feature_points_are_read_in_space_and_in_the_plane() {
         let motion = read("frame,fp,dx,dy,dz\n3,8.4,1,2,3\n7,8.3,0,0,0\n7,2.1,1,1,1\n").unwrap();
-        // Frames 4 to 6 are put between.
+        // Frames 4 to 6 are interpolated.
         assert_eq!((motion.frames.len(), motion.uneven), (5, Some(2)));
         assert_eq!(motion.frames[0].offsets, [Some(Vector3::new(1.0, 2.0, 3.0)), None, None]);
         assert!(!motion.frames[0].planar);
@@ -187,7 +195,7 @@ mod tests {
         let uneven = read("frame,fp,dx,dy\n0,8.4,0,0\n2,8.4,2,0\n3,8.4,6,0\n").unwrap();
         let x: Vec<f64> = uneven.frames.iter().map(|f| f.offsets[0].unwrap().x).collect();
         assert_eq!(x, [0.0, 1.0, 2.0, 6.0]);
-        // As many frames are made as of tracks and of clones.
+        // The limit on interpolated frames is the same as for tracks and clones.
         let frames = |last: u32| read(&format!("frame,fp,dx,dy\n1,8.4,0,0\n{last},8.4,2,0\n")).map(|motion| motion.frames.len());
         assert_eq!(frames(100_000).unwrap(), 100_000);
         assert!(frames(100_001).is_err() && frames(4_000_000_000).is_err());
@@ -210,7 +218,7 @@ mod tests {
         };
         let (whole, gap) = (track("whole.csv", 0..0), track("gap.csv", 4..8));
         assert_eq!((whole.frames.len(), whole.uneven, gap.frames.len(), gap.uneven), (10, None, 10, Some(6)));
-        // What is there is what it was, and in the gap a corner of the mouth goes from one side of it to the other.
+        // Given frames keep their values; in the gap a corner of the mouth moves from the value at one end to the other.
         for (frame, is_there) in [(2, true), (3, false), (6, false), (7, true)] {
             assert_eq!(gap.frames[frame] == whole.frames[frame], is_there, "{frame}");
         }
@@ -229,13 +237,14 @@ mod tests {
         says("frame,fp,dx,dy\n0,8.4,1,x\n", "line 2: dy is `x`");
         says("frame,fp,dx,dy\n0,8.4,1,1\n0,8.4,1,1\n", "line 3: fp is `8.4`; one row for every feature point");
         says("frame,fp,dx,dy\n0,2.1,1,1\n", "no feature points in common with the bank, which has 8.4, 8.3, 3.11");
-        // The tiny bank has no eyes to measure its size on.
+        // The tiny bank has no eyes from which its size can be measured.
         says("frame,node,x,y\n0,0,1,1\n", "3.7, 3.8, 3.11 and 3.12");
     }
 
     #[test]
     fn candide_measures_itself_at_its_own_size() {
-        // The bank's neutral is Candide-3 in model units, rounded by the subdivision; ES0 is 0.613 of them and 1024 face units.
+        // The bank's neutral is Candide-3 in model units, rounded by the subdivision; ES0 is 0.613 model units and 1024 face
+        // units.
         let bank = candide_bank().unwrap();
         let face = BankFace::new(&bank, None).unwrap();
         let expected = 0.613 / 1024.0;
@@ -253,14 +262,14 @@ mod tests {
         let bank = candide_bank().unwrap();
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("brow.fap");
-        // Inner brows in both frames, the left middle one in the first frame alone.
+        // Inner brows in both frames, the left middle brow only in the first frame.
         let mask = |set: &[u8]| (1..=68).map(|k| if set.contains(&k) { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
         fs::write(&path, format!("2.1 brow 25 2\n{}\n0 0 0 0\n{}\n1 100 100\n", mask(&[31, 32, 33]), mask(&[31, 32]))).unwrap();
         let motion = read_motion(&path, &bank, None).unwrap();
         let offset =
             |frame: usize, fp: &str| motion.frames[frame].offsets[bank.feature_point_index(fp.parse().unwrap()).unwrap()];
         assert!(offset(1, "4.1").is_some_and(|v| v.y > 0.0));
-        // Lids, lips and chin stay where they are, and so does the middle brow in the frame that leaves it out.
+        // Lids, lips and chin do not move, nor does the middle brow in the frame that leaves it out.
         assert!(["3.1", "8.3", "2.1", "4.3"].iter().all(|fp| offset(1, fp) == Some(Vector3::zeros())));
         assert_eq!(offset(0, "4.3"), Some(Vector3::zeros()));
     }
@@ -284,11 +293,11 @@ mod tests {
         let x: Vec<f64> = motion.frames.iter().map(|f| f.offsets[0].unwrap().x).collect();
         assert_eq!(motion.frames.len(), 4);
         (0..4).for_each(|k| assert_relative_eq!(x[k], k as f64, epsilon = 1e-12));
-        // Keys 0, 8, 8: half-way of the first step 5, as a FAP of the same keys has it; the second is flat.
+        // Keys 0, 8, 8: 5 halfway through the first step, as for a FAP with the same keys; the second step is flat.
         let keys = read("frame,fp,dx,dy\n0,8.4,0,0\n1,8.4,8,-8\n2,8.4,8,-8\n").unwrap().with_frames_between(1);
         let offsets: Vec<_> = keys.frames.iter().map(|f| f.offsets[0].unwrap()).map(|o| (o.x, o.y)).collect();
         assert_eq!(offsets, [(0.0, 0.0), (5.0, -5.0), (8.0, -8.0), (8.0, -8.0), (8.0, -8.0)]);
-        // 8.3 goes 0.1 at most where 8.4 goes 6.7: less than 5 %.
+        // 8.3 moves at most 0.1 while 8.4 moves 6.7: less than 5 %.
         let noisy = read("frame,fp,dx,dy\n0,8.4,0,0\n0,8.3,0.1,0\n1,8.4,3,6\n1,8.3,0,0.1\n").unwrap();
         let quiet = noisy.without_noise(0.05);
         assert!(quiet.frames.iter().all(|f| f.offsets[1] == Some(Vector3::zeros())));

@@ -1,4 +1,4 @@
-//! Bank files of version 1, which are read and no longer written. Little endian; every section starts at a multiple of 64 bytes.
+//! Reads bank files of version 1, which are no longer written. Little endian; every section starts at a multiple of 64 bytes.
 //!
 //! | bytes | content |
 //! | --- | --- |
@@ -8,8 +8,8 @@
 //! | 48 to 103 | offset and length of the description, offsets of positions, triangles, feature points, displacements; length of the file, u64 each |
 //! | 104 to 127 | zero |
 //!
-//! The description is JSON (`names` and [`BankInfo`]); positions are V x 3 f32; triangles T x 3 u32; feature points F x (u8 group, u8
-//! point, u16 zero, u32 vertex); displacements M x V x 3 f32, member by member.
+//! The description is JSON (`names` and [`BankInfo`]); positions are V x 3 f32; triangles T x 3 u32; feature points F x (u8
+//! group, u8 point, u16 zero, u32 vertex); displacements M x V x 3 f32, member by member.
 
 use memmap2::Mmap;
 use serde::Deserialize;
@@ -31,7 +31,7 @@ struct Description {
     info: BankInfo,
 }
 
-/// Offsets of a file, bytes.
+/// Offsets of the sections of a file, bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Layout {
     counts: [u64; 4],
@@ -45,7 +45,7 @@ struct Layout {
 }
 
 impl Layout {
-    /// The layout of V, T, M, F and a description's length; `None` when a length leaves `u64`.
+    /// Computes the layout from V, T, M, F and the length of the description; `None` when a length exceeds `u64`.
     fn new(counts: [u64; 4], description_length: u64) -> Option<Self> {
         let [vertices, triangles, members, feature_points] = counts;
         let align = |n: u64| n.checked_next_multiple_of(ALIGNMENT);
@@ -73,7 +73,7 @@ impl Layout {
     }
 }
 
-/// The bank in a mapped file; what is wrong with it in words.
+/// Reads the bank from a mapped file. The error is a message.
 pub fn read(map: Mmap) -> Result<Bank, String> {
     let layout = read_layout(&map)?;
     let section = |start: u64, length: u64| &map[start as usize..(start + length) as usize];
@@ -127,7 +127,7 @@ mod tests {
 
     use super::*;
 
-    /// A file that version 0.1.0 wrote: a tetrahedron whose vertex 2 goes up by a half in its only member.
+    /// A file written by version 0.1.0: a tetrahedron whose vertex 2 rises by a half in its only member.
     const WRITTEN: &[u8] = include_bytes!("../../fuzz/seeds/bank/version-1.bank");
 
     #[test]

@@ -1,8 +1,8 @@
-//! Performance-like models: what a face shows, frame by frame, while it goes through the six expressions.
+//! Generates models like those of a recorded performance of the six expressions.
 //!
-//! \[ZL\] draw their 384 models from one recorded performance. Here one is made: expressions follow each other, the next setting in before
-//! the last has gone; each has its own strength, may be blended with another one, and is performed a little differently every time:
-//! every unit of it with its own strength and lag, one side more than the other. The first models are the pure expressions in full.
+//! \[ZL\] take their 384 models from one recorded performance; this module simulates one. Expressions follow each other and
+//! overlap in time. Each has a random strength and may be blended with another one. Each time, every unit of it has its own
+//! strength and lag, and one side is stronger than the other. The first models are the pure expressions at full strength.
 
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -19,12 +19,12 @@ pub struct Recipe {
     pub weights: Vec<f64>,
 }
 
-/// What is performed.
+/// Options of a performance.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PerformanceOptions {
-    /// Models in all, the pure expressions included; at least as many as these.
+    /// Total number of models, including the pure expressions; at least the number of these.
     pub models: usize,
-    /// Seed of every draw.
+    /// Seed of all random draws.
     pub seed: u64,
 }
 
@@ -35,21 +35,21 @@ impl Default for PerformanceOptions {
     }
 }
 
-/// Frames from the onset of an expression to its end: least and most.
+/// Smallest and largest number of frames from the onset of an expression to its end.
 const DURATION: (f64, f64) = (16.0, 32.0);
-/// Share of the duration after which the next expression sets in.
+/// Fraction of the duration after which the next expression starts.
 const OVERLAP_AT: f64 = 0.7;
-/// Share of the duration until the apex is reached, and until it is left.
+/// Fractions of the duration at which the apex starts and ends.
 const APEX: (f64, f64) = (0.4, 0.6);
-/// Least and most strength at the apex.
+/// Smallest and largest strength at the apex.
 const STRENGTH: (f64, f64) = (0.6, 1.0);
-/// Chance that another expression is blended in, and its largest share.
+/// Probability that another expression is blended in, and its largest share.
 const BLEND: (f64, f64) = (0.4, 0.5);
-/// Standard deviations: of a unit's strength (share), its lag (frames) and the asymmetry (share).
+/// Standard deviations of a unit's strength (fraction), its lag (frames) and the asymmetry (fraction).
 const UNIT_SD: f64 = 0.15;
 const LAG_SD: f64 = 1.0;
 const ASYMMETRY_SD: f64 = 0.1;
-/// Draws are limited to these many standard deviations.
+/// Limit of the draws, in standard deviations.
 const LIMIT_SD: f64 = 2.0;
 
 /// One expression in time.
@@ -62,9 +62,9 @@ struct Gesture {
     lags: Vec<f64>,
 }
 
-/// The recipes of a performance: the pure expressions, then the frames.
+/// Generates the recipes of a performance: the pure expressions, then the frames.
 ///
-/// `expressions` are named weights of S shapes, `sides` says of each shape whether it is of the left (1), the right (-1) or neither (0).
+/// `expressions` are named weights of S shapes. `sides` gives the side of each shape: left (1), right (-1) or neither (0).
 /// Weights of a frame are limited to -1 to 1.
 pub fn perform(expressions: &[(String, Vec<f64>)], sides: &[f64], options: &PerformanceOptions) -> Vec<Recipe> {
     let mut recipes: Vec<Recipe> =
@@ -116,7 +116,7 @@ fn gesture(expressions: &[(String, Vec<f64>)], which: usize, sides: &[f64], star
     Gesture { start, duration, apex, lags }
 }
 
-/// How much of an expression shows at a share of its duration: up and down along half a cosine each.
+/// Strength of an expression, 0 to 1, at a fraction of its duration. It rises and falls along half a cosine each.
 fn envelope(time: f64) -> f64 {
     let rise = |share: f64| (1.0 - (std::f64::consts::PI * share).cos()) / 2.0;
     if time <= 0.0 || time >= 1.0 {
@@ -130,13 +130,15 @@ fn envelope(time: f64) -> f64 {
     }
 }
 
-/// Share of the median motion below which a model is too weak to become a member of a bank.
+/// Fraction of the median motion; a model with less motion is too weak to become a member of a bank.
 const WEAK: f64 = 0.3;
 
-/// Chooses `count` models as members of a bank: the first `dominant` as they are, then always the one whose feature points move in the
-/// direction that is farthest from all chosen (by the angle between whole motions), as who builds a bank would avoid two of a kind.
+/// Chooses `count` models as members of a bank, so that they differ from each other. Returns their indices in the order of
+/// choice.
 ///
-/// `motions` are those of the feature points of each model, flat. Models that hardly move are not chosen. The order is that of choice.
+/// The first `dominant` models are always chosen. Each further model is the one whose feature points move in the direction
+/// farthest from all chosen ones (by the angle between whole motions). `motions` are the flat motions of the feature points of
+/// each model. Models with very little motion are not chosen.
 pub fn choose_members(motions: &[Vec<f64>], dominant: usize, count: usize) -> Vec<usize> {
     let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
     let lengths: Vec<f64> = motions.iter().map(|m| dot(m, m).sqrt()).collect();
@@ -156,7 +158,7 @@ pub fn choose_members(motions: &[Vec<f64>], dominant: usize, count: usize) -> Ve
     chosen
 }
 
-/// Chooses `count` of `models` models as targets of an experiment, ascending; all of them when there are no more.
+/// Chooses `count` of `models` models as targets of an experiment, in ascending order; all of them when there are no more.
 pub fn choose_targets(models: usize, count: usize, seed: u64) -> Vec<usize> {
     let mut chosen = distinct(&mut generator(seed, 0, 1, 0), models, count);
     chosen.sort_unstable();
@@ -178,7 +180,7 @@ mod tests {
         assert_eq!(recipes.len(), 100);
         assert_eq!((recipes[0].name.as_str(), &recipes[0].weights), ("a", &expressions()[0].1));
         assert_eq!(recipes[2].name, "frame_000");
-        // From frame to frame half a cosine over 0.4 of 16 frames rises by at most pi/2 / 6.4, about 0.25 of at most 1.4.
+        // From frame to frame, half a cosine over 0.4 of 16 frames rises by at most pi/2 / 6.4, about 0.25 of at most 1.4.
         for pair in recipes[2..].windows(2) {
             for (a, b) in pair[0].weights.iter().zip(&pair[1].weights) {
                 assert!((a - b).abs() < 0.7 && a.abs() <= 1.0);
@@ -197,7 +199,7 @@ mod tests {
 
     #[test]
     fn members_are_far_from_each_other() {
-        // 0 is given; 1 is its double, 3 the opposite, 2 in between, 4 too weak.
+        // 0 is given; 1 is its double, 3 the opposite, 2 is perpendicular, 4 is too weak.
         let motions = vec![vec![1.0, 0.0], vec![2.0, 0.1], vec![0.0, 1.0], vec![-1.0, 0.0], vec![0.0, -0.01]];
         assert_eq!(choose_members(&motions, 1, 3), [0, 3, 2]);
         assert_eq!(choose_members(&motions, 1, 9), [0, 3, 2, 1]);

@@ -1,9 +1,10 @@
-//! Random streams: one for every run, region and frame, so that neither their order nor the number of threads changes a result.
+//! Random streams: one for every run, region and frame, so that results depend neither on their order nor on the number of
+//! threads.
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// The generator of one unit of work: frame (32 bits), region (8), run (24).
+/// Returns the generator of one unit of work: frame (32 bits), region (8), run (24).
 pub fn generator(seed: u64, frame: usize, region: usize, run: usize) -> ChaCha8Rng {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let part = |value: usize, bits: u32, shift: u32| (value as u64 & ((1 << bits) - 1)) << shift;
@@ -11,17 +12,17 @@ pub fn generator(seed: u64, frame: usize, region: usize, run: usize) -> ChaCha8R
     random
 }
 
-/// A number of at least 0 and less than 1, of 53 bits.
+/// Returns a random number of at least 0 and less than 1, with 53 bits.
 pub fn unit(random: &mut impl Rng) -> f64 {
     (random.next_u64() >> 11) as f64 / (1_u64 << 53) as f64
 }
 
-/// A whole number of at least 0 and less than `bound`, every one as likely up to 2^-32.
+/// Returns a random integer of at least 0 and less than `bound`, uniform up to 2^-32.
 pub fn below(random: &mut impl Rng, bound: usize) -> usize {
     ((u128::from(random.next_u64()) * bound as u128) >> 64) as usize
 }
 
-/// `count` different numbers of `0..bound`, all orders as likely; all of them when `count` is larger.
+/// Returns `count` different numbers of `0..bound` in uniformly random order; all of them when `count` is larger.
 pub fn distinct(random: &mut impl Rng, bound: usize, count: usize) -> Vec<usize> {
     let mut numbers: Vec<usize> = (0..bound).collect();
     let count = count.min(bound);
@@ -54,7 +55,7 @@ mod tests {
             assert!(three[0] != three[1] && three[1] != three[2] && three[0] != three[2]);
             three.iter().for_each(|&k| counts[k] += 1);
         }
-        // 900 expected each, standard deviation about 25.
+        // 900 are expected for each, with a standard deviation of about 25.
         assert!(counts.iter().all(|&c| (800..1000).contains(&c)), "{counts:?}");
         assert_eq!(distinct(&mut random, 2, 3).len(), 2);
     }

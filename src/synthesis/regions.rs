@@ -1,11 +1,11 @@
-//! Parts of the face that are searched each by itself, and how their surfaces join [ZL, section 5].
+//! Regions of the face that are solved independently, and how their surfaces are joined [ZL, section 5].
 
 use serde::{Deserialize, Serialize};
 
 use super::{Bank, SynthesisError};
 use crate::units::FeaturePoint;
 
-/// How the face is parted.
+/// Division of the face into regions.
 ///
 /// ```
 /// use grimace::synthesis::RegionScheme;
@@ -22,12 +22,12 @@ pub enum RegionScheme {
     Whole,
     /// Right and left [ZL, Fig. 8].
     Halves,
-    /// Upper and lower right and left [ZL, Fig. 11].
+    /// Upper right, upper left, lower right and lower left [ZL, Fig. 11].
     Quarters,
 }
 
 impl RegionScheme {
-    /// The scheme of 1, 2 or 4 regions.
+    /// Returns the scheme with 1, 2 or 4 regions.
     ///
     /// # Errors
     /// [`SynthesisError::Option`] for any other number.
@@ -40,7 +40,7 @@ impl RegionScheme {
         }
     }
 
-    /// Names of the regions; sides are the subject's own.
+    /// Names of the regions; left and right are the subject's own.
     pub fn names(self) -> &'static [&'static str] {
         match self {
             Self::Whole => &["whole"],
@@ -50,27 +50,27 @@ impl RegionScheme {
     }
 }
 
-/// Default width D of the overlap, as a share of the face's width: half of a mouth's width, so that its corners, where a face stretches
-/// most, lie inside a region and not between two.
+/// Default width D of the overlap, as a fraction of the face's width: half the width of a mouth. The corners of the mouth, where
+/// a face stretches most, then lie inside a region and not between two.
 pub const OVERLAP: f64 = 0.2;
 
-/// Regions of a bank: for every vertex and every feature point the share of each region, which sum to 1.
+/// Regions of a bank: the share of each region in every vertex and feature point. The shares sum to 1.
 ///
-/// Across the overlap of width D the share falls with the distance d to the border, `1 - d/D` and `d/D` [ZL, section 5]; with four
-/// regions the shares of side and height are multiplied. The overlap lies around the midline and around the height halfway between
-/// eyes and mouth. A feature point belongs to every region that has a share in it: "points surrounding the borders should be included
-/// in both regions".
+/// Across the overlap of width D, the share falls with the distance d to the border, `1 - d/D` and `d/D` [ZL, section 5]. With
+/// four regions, the shares of side and height are multiplied. The overlap lies around the midline and around the height halfway
+/// between eyes and mouth. A feature point belongs to every region that has a share in it: "points surrounding the borders should
+/// be included in both regions".
 #[derive(Clone, Debug)]
 pub struct Regions {
     scheme: RegionScheme,
-    /// Shares of the vertices, region by region.
+    /// Shares of the vertices in each region.
     vertices: Vec<Vec<f32>>,
-    /// Shares of the feature points, region by region.
+    /// Shares of the feature points in each region.
     points: Vec<Vec<f64>>,
 }
 
 impl Regions {
-    /// Parts a bank's face; `overlap` is D over the width of the neutral mesh, greater than 0 and at most 1.
+    /// Divides a bank's face into regions. `overlap` is D divided by the width of the neutral mesh, greater than 0 and at most 1.
     ///
     /// # Errors
     /// [`SynthesisError::Option`] for an overlap out of range.
@@ -105,7 +105,7 @@ impl Regions {
         Ok(Self { scheme, vertices, points })
     }
 
-    /// How the face is parted.
+    /// The scheme of the regions.
     pub fn scheme(&self) -> RegionScheme {
         self.scheme
     }
@@ -126,7 +126,8 @@ impl Regions {
     }
 }
 
-/// The midline's x and the height between upper and lower face, from the feature points where there are enough.
+/// The x coordinate of the midline and the height between upper and lower face: from the feature points if there are enough, else
+/// from the bounds.
 fn borders(bank: &Bank, low: [f64; 3], high: [f64; 3]) -> (f64, f64) {
     let at = |group: u8, point: u8| bank.feature_point_position(FeaturePoint { group, point });
     let mean = |points: &[(u8, u8)], axis: usize| {
@@ -146,12 +147,12 @@ mod tests {
 
     #[test]
     fn shares_fall_with_the_distance_to_the_border() {
-        // The unit square: middle 0.5 by its mouth corners at x 0 and 1, D = 0.5, so the overlap is 0.25 to 0.75.
+        // The unit square: middle 0.5 from its mouth corners at x 0 and 1, D = 0.5, so the overlap is 0.25 to 0.75.
         let bank = testing::bank();
         let regions = Regions::new(&bank, RegionScheme::Halves, 0.5).unwrap();
         assert_eq!(regions.vertex_shares(0), [1.0, 0.0, 0.0, 1.0]);
         assert_eq!(regions.vertex_shares(1), [0.0, 1.0, 1.0, 0.0]);
-        // Over the whole width: a vertex on the border of the overlap has all of one region.
+        // Overlap over the whole width: a vertex on the border of the overlap belongs to one region only.
         let wide = Regions::new(&bank, RegionScheme::Halves, 1.0).unwrap();
         assert_eq!(wide.vertex_shares(1), [0.0, 1.0, 1.0, 0.0]);
         assert_eq!(Regions::new(&bank, RegionScheme::Whole, 0.5).unwrap().vertex_shares(0), [1.0; 4]);
@@ -181,7 +182,7 @@ mod tests {
             let point = bank.feature_point_index(fp.parse().unwrap()).unwrap();
             (0..4).filter(|&r| regions.point_shares(r)[point] > 0.0).count()
         };
-        // Chin on the midline below; outer mouth corner L on the left; outer end of the left brow.
+        // Chin on the midline below; the left outer corner of the mouth; the outer end of the left brow.
         assert_eq!((count("2.1"), count("4.5")), (2, 1));
     }
 }

@@ -1,11 +1,11 @@
-//! Folds by the form: what a motion does to the shading of a face.
+//! Shading of wrinkles and bulges from a 3D model: computes how a motion changes the brightness of a face.
 //!
-//! A skin that bends grows lighter where it turns to the light and darker in a fold, where less of it comes in. The nodes of Candide-3 are too
-//! few to bend; the shapes of the embedded head are not (their foreheads furrow, their cheeks bulge over a nasolabial fold). The motion of the
-//! nodes is taken for a mixture of those shapes, as \[ZL\] have feature points drive a bank of dense faces, here by least squares with
-//! non-negative weights that a prior draws to 0. Of the mixture's form two things are compared with the neutral one at every vertex: the
-//! normal, and how far the surface lies below its own surroundings. The logarithm of the ratio of brightnesses is taken to be
-//! `DEPTH (TURNED . (n1 - n0) - SUNKEN (c1 - c0))`.
+//! Skin grows lighter where it turns towards the light and darker in a fold, which receives less light. Candide-3 has too few
+//! nodes for folds; the shapes of the embedded head have them (furrows of the forehead, cheeks that bulge over a nasolabial
+//! fold). The motion of the nodes is therefore approximated by a mixture of those shapes, as \[ZL\] drive a bank of dense faces
+//! by feature points. Here the method is least squares with non-negative weights and a prior towards 0. At every vertex, the
+//! mixture is compared with the neutral head in two quantities: the normal n, and the depth c of the surface below its
+//! surroundings. The logarithm of the ratio of brightnesses is modelled as `DEPTH (TURNED . (n1 - n0) - SUNKEN (c1 - c0))`.
 
 use std::sync::OnceLock;
 
@@ -20,46 +20,49 @@ use super::{
 };
 use crate::{geometry::SplineWarp, interpolation::smooth_step, mesh::vertex_normals, pose::HeadModel, wireframe::Face};
 
-/// How much lighter skin is that turns to the light, along y and z, of a mean of people, and how much deeper anybody's own shading is: everybody's
-/// folds lie a little elsewhere. Fitted to the smiles of 90 people in soft light, together with how far the skin sinks in; correlation 0.64 on
-/// cheeks, lips and chin.
+/// Change of log brightness for a change of the normal along y and z, in the mean of people; and factor by which a single
+/// person's shading is deeper than the mean, because the position of folds varies between people.
+///
+/// Fitted with the depth term to the smiles of 90 people in soft light; correlation 0.64 on cheeks, lips and chin.
 const TURNED: [f32; 2] = [0.11, 0.30];
 const DEPTH: f32 = 1.6;
-/// How much darker skin is for each centimetre that it sinks in. The fit to the mean says 0.59, which a mean's shallow folds are too little for; 2.5
-/// darkens the darkest twentieth of a smiling cheek by 0.095, as 90 people's (0.081 in the median, 0.108 in the upper quarter), but over wider bands
-/// than theirs, which a grader saw at once. By this it is 0.075.
+/// Decrease of log brightness per centimetre of depth.
+///
+/// The fit to the mean gives 0.59, which is too small because the folds of a mean are shallow. With 2.5, the darkest twentieth of
+/// a smiling cheek darkens by 0.095, which matches 90 people (median 0.081, upper quartile 0.108), but in visibly wider bands
+/// than theirs. This value darkens it by 0.075.
 const SUNKEN: f32 = 1.5;
-/// Logarithm that no shading goes beyond.
+/// Limit of the shading, as log brightness.
 const MOST: f32 = 0.20;
-/// Heights on Candide-3, model units, between which shading ends: furrows of a forehead lie elsewhere on everybody, and those of an average head were
-/// seen as patches between the brows and lines above them.
+/// Heights on Candide-3, model units, over which shading fades to 0. The furrows of a forehead lie elsewhere on every person, and
+/// those of an average head are visible as patches between the brows and lines above them.
 const FOREHEAD: (f64, f64) = (0.24, 0.38);
-/// Rounds of smoothing by which the surroundings of a vertex are found.
+/// Number of smoothing rounds that define the surroundings of a vertex.
 const ROUNDS: usize = 5;
-/// Variance of what no shape explains over that of a shape's weight, squares of the eye distance.
+/// Variance of motion that no shape explains, divided by the variance of a shape's weight, in squared eye distances.
 const PRIOR: f64 = 0.0025;
-/// Shapes that say nothing of skin.
+/// Name prefix of shapes that do not describe skin.
 const LOOKS: &str = "eyeLook";
 
-/// The embedded head, ready to be bent.
+/// The embedded head, prepared for shading.
 #[derive(Debug)]
 pub(crate) struct Relief {
     head: HeadMesh,
-    /// Places of the shapes that may be mixed, in the head and as motion of the nodes over the distance of the eyes.
+    /// Shapes that may be mixed: index in the head, and motion of the nodes in eye distances.
     shapes: Vec<(usize, Vec<Vector2<f64>>)>,
-    /// Neighbours of every vertex, one list after the other, and where each begins.
+    /// Concatenated lists of the neighbours of every vertex, and the start of each list.
     neighbours: (Vec<u32>, Vec<u32>),
     normals: Vec<[f32; 3]>,
     sunken: Vec<f32>,
-    /// Where the vertices lie on Candide-3's neutral face, model units.
+    /// Positions of the vertices on Candide-3's neutral face, model units.
     places: Vec<Vector3<f64>>,
 }
 
 impl Relief {
-    /// The relief of the embedded head over Candide-3's nodes, made when it is first asked for.
+    /// Returns the relief of the embedded head on Candide-3's nodes, computed on first use.
     ///
     /// # Errors
-    /// [`BankError`], which for the embedded file would mean a mistake in it.
+    /// [`BankError`], only if the embedded file is defective.
     pub fn shipped() -> Result<&'static Self, BankError> {
         static RELIEF: OnceLock<Relief> = OnceLock::new();
         match RELIEF.get() {
@@ -93,18 +96,18 @@ impl Relief {
         Ok(relief)
     }
 
-    /// Where the vertices lie on Candide-3's neutral face, model units.
+    /// Positions of the vertices on Candide-3's neutral face, model units.
     pub fn places(&self) -> &[Vector3<f64>] {
         &self.places
     }
 
-    /// Triangles that are seen from the front.
+    /// Triangles visible from the front.
     pub fn triangles(&self) -> impl Iterator<Item = [usize; 3]> + '_ {
         let all = self.head.triangles.iter().map(|t| t.map(|v| v as usize));
         all.filter(|t| t.iter().all(|&v| self.normals[v][2] > 0.0))
     }
 
-    /// Shares of the head's shapes in a motion of the nodes, over the distance of the eyes, y up.
+    /// Weights of the head's shapes for a motion of the nodes in eye distances, y up.
     fn weights(&self, offsets: &[Vector2<f64>]) -> Vec<f64> {
         let n = self.shapes.len();
         let product = |a: &[Vector2<f64>], b: &[Vector2<f64>]| a.iter().zip(b).map(|(a, b)| a.dot(b)).sum::<f64>();
@@ -114,7 +117,7 @@ impl Relief {
         nonnegative::minimize(&normal, &right, &[]).into_iter().map(|w| w.min(1.0)).collect()
     }
 
-    /// Logarithm of how much lighter every vertex is at the end of a motion of the nodes, over the distance of the eyes, y up.
+    /// Change of log brightness of every vertex for a motion of the nodes in eye distances, y up.
     pub fn shading(&self, offsets: &[Vector2<f64>]) -> Vec<f32> {
         let mut positions = self.head.positions.clone();
         for ((shape, _), weight) in self.shapes.iter().zip(self.weights(offsets)) {
@@ -136,7 +139,7 @@ impl Relief {
             .collect()
     }
 
-    /// How far vertices lie below their surroundings, cm.
+    /// Depth of vertices below their surroundings, cm.
     fn sunken_at(&self, positions: &[[f32; 3]], normals: &[[f32; 3]]) -> Vec<f32> {
         let (list, starts) = &self.neighbours;
         let mut smooth = positions.to_vec();
@@ -155,7 +158,7 @@ impl Relief {
     }
 }
 
-/// Neighbours along edges, ascending.
+/// Neighbours of each vertex along edges, ascending.
 fn neighbours(head: &HeadMesh) -> (Vec<u32>, Vec<u32>) {
     let mut pairs: Vec<[u32; 2]> =
         head.triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a], [b, a], [c, b], [a, c]]).collect();
@@ -165,7 +168,7 @@ fn neighbours(head: &HeadMesh) -> (Vec<u32>, Vec<u32>) {
     (pairs.iter().map(|p| p[1]).collect(), starts)
 }
 
-/// The head's vertices on Candide-3's neutral face: a smooth map that takes its landmarks to their nodes.
+/// Maps the head's vertices to Candide-3's neutral face by a smooth map from its landmarks to their nodes.
 fn on_candide(head: &HeadMesh, face: &Face) -> Result<Vec<Vector3<f64>>, BankError> {
     let (nodes, places) = landmark_pairs(&head.positions, &head.landmarks, &face.wireframe, &face.tables);
     let warp = SplineWarp::new(&places, &nodes).ok_or_else(no_warp)?;
@@ -197,12 +200,12 @@ mod tests {
     #[test]
     fn the_head_lies_on_candide_and_a_vertex_below_its_neighbours_is_sunken() {
         let (relief, face) = (Relief::shipped().unwrap(), Face::candide3());
-        // The corner of the mouth is a landmark of its own.
+        // The corner of the mouth is itself a landmark.
         let row = face.tables.landmarks.iter().find(|row| row.landmark == 48).unwrap();
         let vertex = relief.head.landmarks[48] as usize;
         assert!((relief.places()[vertex] - face.wireframe.vertices()[row.nodes[0].0.index()].coords).norm() < 1e-6);
         let mut positions = relief.head.positions.clone();
-        // A cheek's vertex 1 mm deeper; half of it at least is seen after the smoothing.
+        // A vertex of the cheek is moved 1 mm deeper; at least half of it remains after the smoothing.
         let cheek =
             (0..positions.len()).find(|&v| (relief.places()[v] - Vector3::new(0.25, -0.2, 0.0)).xy().norm() < 0.03).unwrap();
         (0..3).for_each(|c| positions[cheek][c] -= 0.1 * relief.normals[cheek][c]);

@@ -1,4 +1,4 @@
-//! A face before the camera: its mesh, eyeballs where it has holes for eyes, and darkness in its other openings.
+//! Draws a face: its mesh, eyeballs in holes for eyes, and dark cavities in its other openings.
 
 use image::RgbImage;
 
@@ -9,7 +9,7 @@ use crate::{
     units::FeaturePoint,
 };
 
-/// From where a face is seen.
+/// Viewpoint and picture size.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
     /// Width and height of the picture, px.
@@ -21,18 +21,18 @@ pub struct View {
 }
 
 impl View {
-    /// From the front.
+    /// The view from the front.
     pub fn front(width: u32, height: u32) -> Self {
         Self { size: (width, height), yaw_degrees: 0.0, pitch_degrees: 0.0 }
     }
 
-    /// Turned.
+    /// The view with the head turned by this yaw.
     pub fn turned(self, yaw_degrees: f32) -> Self {
         Self { yaw_degrees, ..self }
     }
 }
 
-/// A part that rests, with its own triangles.
+/// A part that does not move, with its own triangles.
 #[derive(Clone, Debug)]
 struct Prop {
     positions: Vec<[f32; 3]>,
@@ -41,35 +41,36 @@ struct Prop {
     shade: Shade,
 }
 
-/// What is drawn of a bank's mesh.
+/// The drawable parts of a bank's mesh.
 #[derive(Debug)]
 pub struct FaceScene<'b> {
     bank: &'b Bank,
-    /// How each triangle of the mesh looks.
+    /// Appearance of each triangle of the mesh.
     shades: Vec<Shade>,
-    /// Whether each triangle of a painted mesh is a hair: a part of its own.
+    /// Whether each triangle of a painted mesh is a hair, that is a part of its own.
     hairs: Vec<bool>,
     hides_hair: bool,
-    /// Colours of the vertices of a painted bank, linear.
+    /// Colours of the vertices of a painted bank, linear light.
     paint: Option<Vec<[f32; 3]>>,
     eyes: Vec<Prop>,
-    /// Openings that are no eyes, as closed walks.
+    /// Borders of the openings other than eyes, as closed chains of vertices.
     openings: Vec<Vec<u32>>,
     /// Middle of the face, and half its larger extent.
     middle: [f32; 3],
     reach: f32,
 }
 
-/// Share of the picture's smaller side that the face takes.
+/// Fraction of the picture's smaller side that the face fills.
 const FILLING: f32 = 0.90;
-/// How far the inside of an opening lies behind its border, over its width.
+/// Depth of the inside of an opening behind its border, as a fraction of its width.
 const CAVITY_DEPTH: f32 = 0.25;
-/// Radius of an eyeball over half the width of the opening for it.
+/// Radius of an eyeball, as a fraction of half the width of its opening.
 const EYE_FIT: f32 = 1.02;
-/// Radius of an iris: over the opening of the lids, of which it shows a little less than all; and at most over the eyeball's.
+/// Radius of an iris as a fraction of the opening of the lids, slightly more than half so that they cover part of it; and its
+/// largest radius as a fraction of the eyeball's.
 const IRIS: (f32, f32) = (0.60, 0.48);
 
-/// Colours of vertices, sRGB: the white of an eye, and pupil, iris and its rim up to these shares of the iris.
+/// sRGB colours of vertices: white of the eye; pupil, iris and rim, each up to this fraction of the radius of the iris.
 const WHITE: [u8; 3] = [230, 224, 217];
 const EYE: [(f32, [u8; 3]); 3] = [(0.42, [13, 13, 15]), (1.0, [74, 102, 117]), (1.12, [51, 61, 69])];
 
@@ -80,7 +81,7 @@ fn iris(bank: &Bank, eyeball: f32) -> f32 {
     (IRIS.0 * opening).min(IRIS.1 * eyeball)
 }
 
-/// An eyeball that is drawn into a mesh.
+/// An eyeball that is added to a mesh.
 #[derive(Clone, Copy, Debug)]
 pub struct DrawnEye<'a> {
     /// Its vertices.
@@ -94,16 +95,18 @@ pub struct DrawnEye<'a> {
 }
 
 impl<'b> FaceScene<'b> {
-    /// Colour of skin of which nothing is known, sRGB.
+    /// Default colour of skin, sRGB.
     pub const SKIN: [u8; 3] = [199, 148, 125];
 
-    /// Finds out what the parts of a bank's mesh are: a part without feature points that no member moves is an eyeball; a hole around
-    /// the corners of an eye gets one where the mesh has none; other holes are openings.
+    /// Identifies the parts of a bank's mesh.
+    ///
+    /// A part without feature points that no member moves is an eyeball. A hole around the corners of an eye gets an eyeball if
+    /// the mesh has none. Other holes are openings.
     pub fn new(bank: &'b Bank) -> Self {
         let part = parts(bank);
         let (shades, has_eyes) = shades(bank, &part);
         let mut loops = bank.mesh().border_loops();
-        // The longest walk with feature points on its part is the outline of the face; eyeballs have outlines of their own.
+        // The longest border on the part with feature points is the outline of the face; eyeballs have outlines of their own.
         let face = bank.feature_points().first().map_or(0, |p| part[p.vertex as usize]);
         loops.retain(|walk| part[walk[0] as usize] == face);
         let mut openings = if loops.is_empty() { Vec::new() } else { loops.split_off(1) };
@@ -130,7 +133,7 @@ impl<'b> FaceScene<'b> {
         Self { bank, shades, hairs, hides_hair: false, paint, eyes, openings, middle, reach }
     }
 
-    /// The eyeballs that the mesh itself has not.
+    /// Returns the eyeballs that are added because the mesh has none.
     pub fn eyes(&self) -> impl Iterator<Item = DrawnEye<'_>> {
         self.eyes.iter().filter_map(|prop| match prop.shade {
             Shade::Eye { centre, iris } => {
@@ -140,7 +143,8 @@ impl<'b> FaceScene<'b> {
         })
     }
 
-    /// Colours of all vertices, sRGB: the bank's own, or of skin and of the eyes that its mesh has. `None` where all is skin.
+    /// Colours of all vertices, sRGB: the bank's own, or the colours of skin and of the mesh's eyes; `None` if everything is
+    /// skin.
     pub fn colours(&self) -> Option<Vec<[u8; 3]>> {
         if let Some(paint) = self.bank.paint() {
             return Some(paint.to_vec());
@@ -159,7 +163,7 @@ impl<'b> FaceScene<'b> {
         found.then_some(colours)
     }
 
-    /// The same head with another skin: its colours are taken at the vertices, and hairs are not drawn.
+    /// Replaces the skin's colours by those of a texture, sampled at the vertices, and hides the hair.
     #[must_use]
     pub fn with_texture(mut self, texture: &HeadTexture) -> Self {
         self.paint = Some(texture.colours.iter().map(|colour| colour.map(linear)).collect());
@@ -175,13 +179,13 @@ impl<'b> FaceScene<'b> {
         self.surfaces().swap_remove(0).1
     }
 
-    /// The triangles by what they are of: `skin`, `eyes`, `mouth` and `hair`, in this order, the last three where there are any.
+    /// Triangles by kind: `skin`, `eyes`, `mouth` and `hair`, in this order; the last three only if there are any.
     pub fn surfaces(&self) -> Vec<(&'static str, Vec<[u32; 3]>)> {
         let mut surfaces: Vec<(&'static str, Vec<[u32; 3]>)> =
             ["skin", "eyes", "mouth", "hair"].map(|name| (name, Vec::new())).into();
         let height =
             |triangle: &[u32; 3]| triangle.iter().map(|&v| self.bank.mesh().positions()[v as usize][1]).sum::<f32>() / 3.0;
-        // Eyes lie above the tip of the nose.
+        // Eyes are above the tip of the nose.
         let nose = self.bank.feature_point_position(FeaturePoint { group: 9, point: 3 }).map_or(f32::INFINITY, |p| p[1]);
         for ((triangle, shade), is_hair) in self.bank.mesh().triangles().iter().zip(&self.shades).zip(&self.hairs) {
             let place = match shade {
@@ -197,7 +201,7 @@ impl<'b> FaceScene<'b> {
         surfaces
     }
 
-    /// The openings that are no eyes, as closed walks of vertices.
+    /// Borders of the openings other than eyes, as closed chains of vertices.
     pub fn openings(&self) -> &[Vec<u32>] {
         &self.openings
     }
@@ -236,7 +240,7 @@ impl<'b> FaceScene<'b> {
             if is_hair && self.hides_hair {
                 continue;
             }
-            // An eyeball is coloured by where it is in the model, whatever the skin is painted with.
+            // The colour of an eyeball depends on the position in the model, whatever the colour of the skin.
             let is_eye = matches!(shade, Shade::Eye { .. });
             let corner =
                 |v: u32| Vertex { model: if is_eye { mesh.positions() } else { models }[v as usize], ..corners[v as usize] };
@@ -259,7 +263,7 @@ impl<'b> FaceScene<'b> {
     }
 }
 
-/// Number of the connected part of every vertex.
+/// Index of the connected part of every vertex.
 fn parts(bank: &Bank) -> Vec<u32> {
     fn root(parent: &mut [u32], mut v: u32) -> u32 {
         while parent[v as usize] != v {
@@ -278,7 +282,7 @@ fn parts(bank: &Bank) -> Vec<u32> {
     (0..parent.len() as u32).map(|v| root(&mut parent, v)).collect()
 }
 
-/// How every triangle looks, and whether the mesh has eyeballs of its own.
+/// Returns the appearance of every triangle, and whether the mesh has its own eyeballs.
 fn shades(bank: &Bank, part: &[u32]) -> (Vec<Shade>, bool) {
     let mut moving = vec![false; part.len()];
     bank.feature_points().iter().for_each(|p| moving[part[p.vertex as usize] as usize] = true);
@@ -303,7 +307,7 @@ fn shades(bank: &Bank, part: &[u32]) -> (Vec<Shade>, bool) {
     let shade = |triangle: &[u32; 3]| {
         let part = part[triangle[0] as usize] as usize;
         if bank.paint().is_some() {
-            // Eyes, teeth and the tongue are parts of their own; so are hairs, of a single triangle.
+            // Eyes, teeth and the tongue are separate parts, and so are hairs, of a single triangle each.
             return Shade::Painted { wet: part != face && sizes[part] > 3 };
         }
         if moving[part] {
@@ -317,7 +321,7 @@ fn shades(bank: &Bank, part: &[u32]) -> (Vec<Shade>, bool) {
     (shades, has_eyes)
 }
 
-/// An eyeball for a hole, if the corners of an eye lie on its border or next to it.
+/// Returns an eyeball for a hole if the corners of an eye lie on its border or next to it.
 fn eyeball(bank: &Bank, walk: &[u32]) -> Option<Prop> {
     let position = |v: u32| bank.mesh().positions()[v as usize];
     let border: Vec<[f32; 3]> = walk.iter().map(|&v| position(v)).collect();
@@ -335,7 +339,7 @@ fn eyeball(bank: &Bank, walk: &[u32]) -> Option<Prop> {
         return None;
     }
     let radius = EYE_FIT * half;
-    // Where a ball of this radius meets the border on average.
+    // The centre lies behind the border, at the distance at which the ball meets the border on average.
     let across = border.iter().map(|p| (p[0] - centre[0]).powi(2) + (p[1] - centre[1]).powi(2)).sum::<f32>() / count;
     let behind = (radius * radius - across).max(0.0).sqrt();
     let centre = [centre[0], centre[1], centre[2] - behind];
@@ -344,7 +348,7 @@ fn eyeball(bank: &Bank, walk: &[u32]) -> Option<Prop> {
     Some(Prop { positions, normals, triangles, shade: Shade::Eye { centre, iris: iris(bank, radius) } })
 }
 
-/// The inside of an opening: a fan behind its border.
+/// Returns the inside of an opening: a fan of triangles behind its border.
 fn cavity(walk: &[u32], positions: &[[f32; 3]]) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
     let border = walk.iter().map(|&v| positions[v as usize]);
     let (low, high) = border.clone().fold((f32::INFINITY, f32::NEG_INFINITY), |(l, h), p| (l.min(p[0]), h.max(p[0])));

@@ -1,8 +1,9 @@
 //! The genetic algorithm [ZL, section 3].
 //!
-//! Steady state: in each generation three individuals are drawn from the population and compared; the worst of them is replaced by
-//! the crossover of the two others. An individual is its weights of the bank's members. The motion of its feature points is carried
-//! along, a sum of the parents' as its weights are, and its fitness is computed once; the dense surface is nobody's business here.
+//! It is steady-state: each generation draws three individuals from the population and replaces the worst of them by the
+//! crossover of the other two. An individual consists of its weights of the bank's members. The motion of its feature points is
+//! stored with it and is combined like the weights; its fitness is computed once. The dense surface is not needed during the
+//! search.
 
 use serde::{Deserialize, Serialize};
 
@@ -13,9 +14,9 @@ use super::{
     target::{Goal, summed_length},
 };
 
-/// Individuals drawn per generation [ZL: "we decide to evaluate 3 expression faces at a time"].
+/// Number of individuals drawn per generation [ZL: "we decide to evaluate 3 expression faces at a time"].
 pub const TOURNAMENT_SIZE: usize = 3;
-/// Generations [ZL: "N = 70 is chosen"].
+/// Number of generations [ZL: "N = 70 is chosen"].
 pub const GENERATIONS: usize = 70;
 /// The best alpha of BLX in [ZL, section 4].
 pub const BLX_ALPHA: f64 = 0.2;
@@ -30,22 +31,23 @@ pub const BLX_ALPHA: f64 = 0.2;
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct GaOptions {
-    /// Individuals; `None` for as many as the bank has members \[ZL\]. Fewer are drawn from the bank, more repeat it.
+    /// Number of individuals; `None` for the number of the bank's members \[ZL\]. A smaller population is drawn from the bank, a
+    /// larger one repeats it.
     pub population: Option<usize>,
-    /// Individuals drawn per generation, 2 or more; the worst of them is replaced by the crossover of the two best.
+    /// Number of individuals drawn per generation, at least 2. The worst of them is replaced by the crossover of the two best.
     pub tournament: usize,
-    /// Generations.
+    /// Number of generations.
     pub generations: usize,
-    /// How offspring are made.
+    /// Crossover that produces offspring.
     pub crossover: Crossover,
-    /// Independent runs per goal, of which the best is taken; 1 or more.
+    /// Number of independent runs per goal, at least 1; the best is used.
     pub runs: usize,
-    /// Seed of every draw.
+    /// Seed of all random draws.
     pub seed: u64,
 }
 
 impl Default for GaOptions {
-    /// Those of \[ZL\], with line crossover, the best of their Table 1.
+    /// The parameters of \[ZL\], with line crossover, the best of their Table 1.
     fn default() -> Self {
         let (tournament, generations) = (TOURNAMENT_SIZE, GENERATIONS);
         Self { population: None, tournament, generations, crossover: Crossover::Line, runs: 1, seed: 1 }
@@ -78,7 +80,7 @@ impl GaOptions {
 /// One generation of a run, as in [ZL, Fig. 6b].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Generation {
-    /// Fitness of the offspring; in generation 0, of the best of the initial population.
+    /// Fitness of the offspring; in generation 0, that of the best individual in the initial population.
     pub offspring: f64,
     /// Best fitness so far.
     pub best: f64,
@@ -87,28 +89,32 @@ pub struct Generation {
 /// One run of the search.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Run {
-    /// Weights of the best individual ever, its summed length of motion that of the target.
+    /// Weights of the best individual of the run, scaled so that its summed length of motion is that of the target.
     pub weights: Vec<f64>,
     /// Its fitness.
     pub fitness: f64,
-    /// The generations, from 0, the initial population.
+    /// The generations, starting with 0, the initial population.
     pub history: Vec<Generation>,
 }
 
 #[derive(Clone)]
 struct Individual {
     weights: Vec<f64>,
-    /// Of the moving feature points.
+    /// Motion of the moving feature points.
     motion: Vec<f64>,
     fitness: f64,
 }
 
-/// One run of the genetic algorithm on a goal.
+/// Runs the genetic algorithm once on a goal.
 ///
-/// Implements [ZL, section 3 and Fig. 4]. Left open there and decided here: the initial population is the bank as it is, unscaled,
-/// and counts for the best ever; of equally fit individuals the first drawn is the fitter; an offspring without motion is not
-/// scaled; the best individual's length is fitted in the end too, which matters when it is a member of the bank. The run's stream
-/// of chance is that of `frame`, `region` and `run`.
+/// Implements [ZL, section 3 and Fig. 4]. The paper leaves these points open; they are decided as follows:
+///
+/// - The initial population is the bank, unscaled, and its members can be the best individual of the run.
+/// - Of equally fit individuals, the first drawn counts as the fitter one.
+/// - An offspring without motion is not scaled.
+/// - At the end the length of the best individual is fitted, which matters when it is a member of the bank.
+///
+/// The random stream depends on `frame`, `region` and `run`.
 pub fn evolve(goal: &Goal, options: &GaOptions, frame: usize, region: usize, run: usize) -> Run {
     let mut random = generator(options.seed, frame, region, run);
     let members = goal.member_count();
@@ -130,7 +136,7 @@ pub fn evolve(goal: &Goal, options: &GaOptions, frame: usize, region: usize, run
     for _ in 0..options.generations {
         let mut drawn = distinct(&mut random, size, options.tournament);
         drawn.sort_by(|&a, &b| population[b].fitness.total_cmp(&population[a].fitness));
-        // A population of one has nobody to cross with.
+        // A population of one has no second parent.
         let [mother, father, ..] = drawn[..] else { break };
         let (a, b) = options.crossover.shares(&mut random);
         let mut offspring = cross(&population[mother], &population[father], a, b);
@@ -173,16 +179,16 @@ mod tests {
 
     #[test]
     fn the_first_generation_is_the_papers() {
-        // Members right, up, out; all three are drawn whatever the stream. Target along x: right has fitness 1, up 0; out moves point 0
-        // along x, point 1 along y, point 2 along z: 1/3. So up is replaced by the midpoint of right and out.
+        // Members right, up, out; all three are drawn with any stream. Target along x: right has fitness 1, up 0; out moves point
+        // 0 along x, point 1 along y, point 2 along z: 1/3. So up is replaced by the midpoint of right and out.
         let options = GaOptions { crossover: Crossover::Midpoint, generations: 1, ..GaOptions::default() };
         let run = evolve(&goal(2.0, 0.0, 0.0), &options, 0, 0, 0);
-        // Points of the offspring: (1,0,0), (1/2,1/2,0), (1/2,0,1/2): cosines 1, 1/sqrt 2, 1/sqrt 2.
+        // Points of the offspring: (1,0,0), (1/2,1/2,0), (1/2,0,1/2); cosines 1, 1/sqrt 2, 1/sqrt 2.
         let expected = (1.0 + 2.0_f64.sqrt()) / 3.0;
         assert_eq!(run.history.len(), 2);
         assert_eq!(run.history[0], Generation { offspring: 1.0, best: 1.0 });
         assert_relative_eq!(run.history[1].offspring, expected, epsilon = 1e-12);
-        // The best is the member itself, with its length fitted: three motions of 2 against three of 1.
+        // The best is the member itself, with its length fitted: three motions of 2 instead of three of 1.
         assert_eq!(run.weights, [2.0, 0.0, 0.0]);
         assert_eq!(run.fitness, 1.0);
     }

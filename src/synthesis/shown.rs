@@ -1,4 +1,4 @@
-//! What of a motion a bank shows: where it shows nothing, and where points that should rest hold it back.
+//! Detects motion that a bank cannot show: frames in which nothing moves, and motion limited by points that should rest.
 
 use super::{
     FpMotion, FrameAnswer, Solver, Synthesizer,
@@ -6,37 +6,37 @@ use super::{
 };
 use crate::units::FeaturePoint;
 
-/// A motion of which a bank shows nothing in some frames: there the face, or a region of it, rests.
+/// Motion that a bank cannot show at all: in some frames the face or a region of it stays at rest.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Unshown {
-    /// The regions that rest in some frame although they are asked to move.
+    /// Names of regions that rest in some frame although the target moves there.
     pub regions: Vec<&'static str>,
-    /// Frames in which one of them rests.
+    /// Number of frames in which one of them rests.
     pub frames: usize,
-    /// Frames that ask for motion.
+    /// Number of frames whose target moves.
     pub moving: usize,
 }
 
-/// Share of a motion's length from which it is as good as shown.
+/// Fraction of the target's length from which a motion counts as fully shown.
 const SHOWN: f64 = 0.9;
 
-/// A motion of which a bank shows less than is asked for, because it moves points that should rest along.
+/// Motion that a bank shows only in part, because it would also move points that should rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct HeldBack {
-    /// The point that should rest and goes farthest.
+    /// The point that should rest and moves most.
     pub point: FeaturePoint,
-    /// Frame, from 0.
+    /// Frame index, from 0.
     pub frame: usize,
-    /// How far it goes, the bank's unit.
+    /// Its motion, in the bank's unit.
     pub moved: f64,
-    /// The longest motion asked for in that frame.
+    /// The longest target motion in that frame.
     pub asked: f64,
-    /// Share of the motion that is shown there ([`FrameAnswer::shown`]).
+    /// Share of the motion shown in that frame ([`FrameAnswer::shown`]).
     pub shown: f64,
 }
 
 impl Synthesizer<'_> {
-    /// What rests in these answers although it is asked to move; `None` where nothing does.
+    /// Finds regions that rest although their target moves; `None` if there are none.
     pub(crate) fn unshown(&self, answers: &[FrameAnswer]) -> Option<Unshown> {
         if self.options().solver == Solver::Rbf {
             return None;
@@ -51,7 +51,8 @@ impl Synthesizer<'_> {
         (frames > 0).then(|| Unshown { regions: regions.into_iter().map(|r| names[r]).collect(), frames, moving })
     }
 
-    /// Where points that should rest hold the motion back: the frame that asks for most of these. `motions` as given, not emphasized.
+    /// Finds motion limited by points that should rest, and returns the frame with the longest target motion among those
+    /// affected. `motions` are as given, not emphasized.
     pub(crate) fn held_back(&self, answers: &[FrameAnswer], motions: &[FpMotion]) -> Option<HeldBack> {
         if self.options().solver == Solver::Rbf {
             return None;
@@ -72,7 +73,7 @@ impl Synthesizer<'_> {
             let length_share = moving.iter().map(|m| length(points[m.0])).sum::<f64>() / all;
             let rest = staying_points(&motion, count, &|_| true).into_iter().map(|point| (point, length(points[point])));
             let (Some((point, moved)), Some(shown)) = (rest.max_by(|a, b| a.1.total_cmp(&b.1)), answer.shown) else { continue };
-            // At the length asked for, the point would go this far.
+            // The motion of the point if the motion were scaled to the target's length.
             let would_tear = moved > 0.99 * REST_REACH * asked * length_share;
             if length_share < SHOWN && would_tear && held.as_ref().is_none_or(|h| asked > h.asked) {
                 held = Some(HeldBack { point: self.bank().feature_points()[point].fp, frame, moved, asked, shown });
@@ -89,7 +90,7 @@ mod tests {
     use super::*;
     use crate::synthesis::{Bank, BankInfo, RegionScheme, SynthesisOptions, testing};
 
-    /// The answers of the bank's first two members, right and up, to one motion of all three feature points.
+    /// Answers of the bank's first two members, right and up, to one motion of all three feature points.
     fn answered(offset: Vector3<f64>, solver: Solver, smoothing_frames: f64) -> (Vec<FrameAnswer>, Option<Unshown>) {
         let bank = testing::bank().select(&[0, 1]).unwrap();
         let options = SynthesisOptions { solver, smoothing_frames, bound_starts: 0, ..SynthesisOptions::default() };
@@ -104,7 +105,7 @@ mod tests {
     fn a_motion_that_no_mixture_shows_leaves_the_face_at_rest() {
         for solver in [Solver::Best, Solver::Nnls, Solver::Ga, Solver::Refined, Solver::Cosine] {
             for smoothing in [0.0, 2.0] {
-                // The other way, which would take subtraction: the answers' cosine was -1, 0.
+                // The opposite direction would need subtraction: the cosine of the answers would be -1 or 0.
                 for away in [Vector3::new(-1.0, -1.0, 0.0), Vector3::new(-1.0, 0.0, 0.0)] {
                     let (answers, unshown) = answered(away, solver, smoothing);
                     assert!(answers.iter().flat_map(|a| a.weights.iter().flatten()).all(|w| *w == 0.0), "{solver}");
@@ -120,7 +121,7 @@ mod tests {
 
     #[test]
     fn only_the_region_rests_that_cannot_be_shown() {
-        // The mouth's left corner (8.3) goes left, which `right` shows; its right corner (8.4) the other way.
+        // The mouth's left corner (8.3) moves left, which `right` can show; its right corner (8.4) moves the other way.
         let bank = testing::bank().select(&[0]).unwrap();
         let options = SynthesisOptions { regions: RegionScheme::Halves, bound_starts: 0, ..SynthesisOptions::default() };
         let synthesizer = Synthesizer::new(&bank, options).unwrap();
@@ -133,8 +134,8 @@ mod tests {
 
     #[test]
     fn a_direction_without_a_length_is_no_answer() {
-        // An upper lid goes down and the lower one as far up. `lid` moves the lower one aside; `stray` moves both exactly that way, by a
-        // hundredth, and a point that rests by much more.
+        // An upper lid moves down and the lower one equally far up. `lid` moves the lower one sideways; `stray` moves both
+        // exactly as required, by a hundredth, and a point that should rest by much more.
         let mesh = testing::bank().mesh().clone();
         let (zero, lid) = ([0.0; 3], [[0.0, -1.0, 0.0], [0.3, 0.1, 0.0], [0.0; 3]]);
         let stray = [[0.0, -0.01, 0.0], [0.0, 0.01, 0.0], [0.5, 0.0, 0.0]];

@@ -1,4 +1,4 @@
-//! What banks are built from: a folder of OBJ or PLY files, a glTF file with morph targets, or `NumPy` arrays.
+//! Sources of banks: a folder of OBJ or PLY files, a glTF file with morph targets, or `NumPy` arrays.
 
 use std::{
     collections::BTreeMap,
@@ -15,31 +15,31 @@ use crate::mesh::{
     read_npy_indices, read_npy_rows, read_obj, read_ply, sub,
 };
 
-/// A neutral mesh and its members, read one after another.
+/// A neutral mesh with its members, which are read one after another.
 pub struct BankSource {
     /// The neutral mesh.
     pub mesh: TriangleMesh,
     /// Names of the members.
     pub names: Vec<String>,
-    /// What the source says of itself.
+    /// Metadata of the source.
     pub about: About,
     members: Members,
 }
 
-/// What a source says beside its meshes.
+/// Metadata that a source stores beside its meshes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct About {
-    /// Unit of lengths, in words; empty where unknown.
+    /// Name of the unit of lengths; empty if unknown.
     pub unit: String,
-    /// Whose work it is; empty where unknown.
+    /// Authors and licence; empty if unknown.
     pub credit: String,
-    /// Vertices of the 68 landmarks.
+    /// Vertex indices of the 68 landmarks.
     pub landmarks: Option<Vec<u32>>,
-    /// Number of first vertices of each named part of the surface.
+    /// Named parts of the surface; each consists of this many first vertices.
     pub parts: BTreeMap<String, usize>,
-    /// `feature_points.csv` of the folder.
+    /// Path of the folder's `feature_points.csv`.
     pub feature_points: Option<PathBuf>,
-    /// Other meshes of a glTF file that have morph targets, with their number.
+    /// Other meshes of a glTF file that have morph targets, with the number of targets.
     pub other_meshes: Vec<String>,
 }
 
@@ -53,7 +53,7 @@ impl BankSource {
     /// Opens a source and reads its neutral mesh.
     ///
     /// # Errors
-    /// [`BankError`] for a folder or file that is no source, and for files that do not read.
+    /// [`BankError`] for a folder or file that is no source, and for files that cannot be read.
     pub fn open(path: &Path, mesh: Option<&str>) -> Result<Self, BankError> {
         if !path.is_dir() {
             return open_gltf(path, mesh);
@@ -68,10 +68,10 @@ impl BankSource {
         open_folder(path)
     }
 
-    /// Displacements of the next member, all vertices of the neutral mesh.
+    /// Reads the displacements of the next member for all vertices of the neutral mesh.
     ///
     /// # Errors
-    /// [`BankError`] for a file that does not read, another topology, or numbers that are not finite.
+    /// [`BankError`] for a file that cannot be read, another topology, or numbers that are not finite.
     pub fn next_member(&mut self, name: &str) -> Result<Vec<[f32; 3]>, BankError> {
         let missing = || BankError::NoSuchMember { name: name.to_owned(), found: Vec::new() };
         let displacements = match &mut self.members {
@@ -84,7 +84,8 @@ impl BankSource {
     }
 }
 
-/// The files that a bank is read from: the meshes or arrays of a folder and what stands beside them, or a glTF file with its buffers.
+/// Lists the files that a bank is read from: the meshes or arrays of a folder with their metadata files, or a glTF file with its
+/// buffers.
 pub fn source_files(path: &Path) -> Vec<PathBuf> {
     if !path.is_dir() {
         let mut files = buffer_files(path);
@@ -106,7 +107,7 @@ fn has_extension(path: &Path, wanted: &str) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case(wanted))
 }
 
-/// Displacements of a member mesh from the neutral one, which must have the same triangles.
+/// Returns the displacements of a member mesh from the neutral one, which must have the same triangles.
 fn difference(neutral: &TriangleMesh, member: &TriangleMesh, name: &str) -> Result<Vec<[f32; 3]>, BankError> {
     let (expected, found) = (neutral.vertex_count(), member.vertex_count());
     if found != expected {
@@ -156,7 +157,7 @@ fn open_gltf(path: &Path, mesh: Option<&str>) -> Result<BankSource, BankError> {
     Ok(BankSource { mesh: morphs.mesh, names: morphs.names, about, members: Members::Targets(morphs.targets.into_iter()) })
 }
 
-/// `manifest.json` beside `NumPy` arrays; everything in it may be missing.
+/// Content of `manifest.json` beside `NumPy` arrays; every entry is optional.
 #[derive(Default, Deserialize)]
 struct Manifest {
     #[serde(default)]

@@ -1,14 +1,14 @@
-//! The dense surface of weights, evaluated once, when the weights are known.
+//! The dense surface for given weights, evaluated once after the search.
 
 use super::{Bank, regions::Regions};
 
-/// Vertices per block: what is summed stays in the first-level cache while one member after another streams by.
+/// Number of vertices per block: a block of sums stays in the first-level cache while the members are added one after another.
 const BLOCK: usize = 1024;
 
 /// Displacements from neutral of all V vertices, `sum_r share_r(x) sum_i w_ri E_i(x)`.
 ///
-/// `weights` are those of the M members, region by region; members that weigh nothing everywhere are not read. Sums are in the
-/// members' order, so that every call gives the same bytes.
+/// `weights` are those of the M members for each region. Members whose weights are all 0 are not read. Sums are in the order of
+/// the members, so that every call gives the same bytes.
 pub fn surface(bank: &Bank, regions: &Regions, weights: &[Vec<f64>]) -> Vec<[f32; 3]> {
     let mut sum = vec![[0.0_f32; 3]; bank.vertex_count()];
     let members: Vec<(&[[f32; 3]], Vec<f32>)> = (0..bank.member_count())
@@ -41,9 +41,9 @@ pub fn surface(bank: &Bank, regions: &Regions, weights: &[Vec<f64>]) -> Vec<[f32
     sum
 }
 
-/// How far a surface is from the true one: the root of the summed squared distances over that of the true motion.
+/// Relative error of a surface: the root of the summed squared distances to the truth, divided by that of the true motion.
 ///
-/// 0 for the truth itself, 1 for a face that rests. `None` when the truth rests.
+/// It is 0 for the truth itself and 1 for a face at rest. `None` when the truth does not move.
 pub fn surface_error(found: &[[f32; 3]], truth: &[[f32; 3]]) -> Option<f64> {
     let square = |v: [f32; 3]| v.iter().map(|&c| f64::from(c) * f64::from(c)).sum::<f64>();
     let difference: f64 = found.iter().zip(truth).map(|(a, b)| square([a[0] - b[0], a[1] - b[1], a[2] - b[2]])).sum();
@@ -63,7 +63,7 @@ mod tests {
         let sum = surface(&bank, &whole, &[vec![2.0, 0.0, 0.5]]);
         // 2 right + 1/2 out: vertex 0 along x, 1 along y, 2 along z.
         assert_eq!(sum[..3], [[2.5, 0.0, 0.0], [2.0, 0.5, 0.0], [2.0, 0.0, 0.5]]);
-        // The right half only goes up: its vertices are 0 and 3.
+        // The right half, vertices 0 and 3, only moves up.
         let halves = Regions::new(&bank, RegionScheme::Halves, 0.5).unwrap();
         let sum = surface(&bank, &halves, &[vec![0.0, 1.0, 0.0], vec![0.0; 3]]);
         assert_eq!(sum, [[0.0, 1.0, 0.0], [0.0; 3], [0.0; 3], [0.0, 1.0, 0.0]]);
@@ -91,7 +91,7 @@ mod tests {
         let truth = [[3.0, 4.0, 0.0], [0.0; 3]];
         assert_eq!(surface_error(&truth, &truth), Some(0.0));
         assert_eq!(surface_error(&[[0.0; 3]; 2], &truth), Some(1.0));
-        // Off by (0, 0, 5) against a motion of length 5.
+        // The error is (0, 0, 5) for a motion of length 5.
         assert_eq!(surface_error(&[[3.0, 4.0, 5.0], [0.0; 3]], &truth), Some(1.0));
         assert_eq!(surface_error(&truth, &[[0.0; 3]; 2]), None);
     }

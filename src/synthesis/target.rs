@@ -1,4 +1,4 @@
-//! What the feature points are asked to do, and what every member would do instead.
+//! The target motion of the feature points, and their motion in every member of a bank.
 
 use nalgebra::Vector3;
 
@@ -24,20 +24,20 @@ use super::{Bank, fitness::fitness};
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct FpMotion {
-    /// Offset from neutral of each of the bank's F feature points in its order, the bank's unit; `None` where nothing is known.
+    /// Offset from neutral of each of the bank's F feature points, in the bank's order and unit; `None` if unknown.
     pub offsets: Vec<Option<Vector3<f64>>>,
     /// Whether z is unknown: candidate and target are then compared in the x-y plane.
     pub planar: bool,
 }
 
 impl FpMotion {
-    /// The motion of all feature points in some surface, V displacements of the bank's mesh.
+    /// Returns the motion of all feature points in a surface given by V displacements of the bank's mesh.
     pub fn of_surface(bank: &Bank, displacements: &[[f32; 3]]) -> Self {
         let offset = |vertex: u32| Vector3::from(displacements[vertex as usize].map(f64::from));
         Self { offsets: bank.feature_points().iter().map(|p| Some(offset(p.vertex))).collect(), planar: false }
     }
 
-    /// The motion times the emphasis level c [ZL, section 5].
+    /// Returns the motion times the emphasis level c [ZL, section 5].
     pub fn emphasized(&self, c: f64) -> Self {
         Self { offsets: self.offsets.iter().map(|o| o.map(|v| v * c)).collect(), planar: self.planar }
     }
@@ -48,16 +48,16 @@ impl FpMotion {
     }
 }
 
-/// Motion of the F feature points in each of the M members.
+/// Motion of the F feature points in each of the M members of a bank.
 #[derive(Clone, Debug)]
 pub struct FpBasis {
     points: usize,
-    /// M x F x 3.
+    /// Flat array, M x F x 3.
     motions: Vec<f64>,
 }
 
 impl FpBasis {
-    /// Reads the feature points' displacements out of a bank.
+    /// Reads the displacements of the feature points from a bank.
     pub fn new(bank: &Bank) -> Self {
         let points = bank.feature_points();
         let mut motions = Vec::with_capacity(3 * points.len() * bank.member_count());
@@ -80,22 +80,22 @@ impl FpBasis {
     }
 }
 
-/// A feature point's motion shorter than this share of the frame's longest counts as none: rounding, not motion.
+/// A motion shorter than this fraction of the frame's longest counts as none, because it is rounding.
 const STILL_SHARE: f64 = 1e-6;
 
-/// Share of the longest target motion that a point which should stay goes along at most.
+/// Largest motion of a point that should rest, as a fraction of the longest target motion.
 pub const REST_REACH: f64 = 0.5;
-/// Share that it may go along for nothing.
+/// Motion of such a point, in the same fraction, below which the fitness is not reduced.
 const REST_FREE: f64 = 0.25;
 
-/// Fitness below which an answer shows nothing of what was asked for: directions are half a degree less than a right angle off on the mean,
-/// which is what rounding makes of a motion along x where members move along y.
+/// Fitness below which an answer shows nothing of the target. Its directions are then on average less than half a degree from a
+/// right angle to the target, which rounding produces for a motion along x when members move along y.
 const LEAST_FITNESS: f64 = 0.01;
 
 /// A feature point and its target motion.
 type PointTarget = (usize, [f64; 3]);
 
-/// Moving and staying feature points of `0..points` for which `is_in` holds.
+/// Splits the feature points of `0..points` for which `is_in` holds into moving and resting ones.
 fn split_points(motion: &FpMotion, points: usize, is_in: &dyn Fn(usize) -> bool) -> (Vec<PointTarget>, Vec<PointTarget>) {
     let flat = |v: Vector3<f64>| if motion.planar { [v.x, v.y, 0.0] } else { [v.x, v.y, v.z] };
     let longest = motion.offsets.iter().flatten().map(|&v| norm(&flat(v))).fold(0.0, f64::max);
@@ -104,27 +104,27 @@ fn split_points(motion: &FpMotion, points: usize, is_in: &dyn Fn(usize) -> bool)
     known.partition(|(_, v)| norm(v) > longest * STILL_SHARE)
 }
 
-/// The moving feature points in the order of a goal over those for which `is_in` holds.
+/// Indices of the moving feature points, in the order of a goal over those for which `is_in` holds.
 pub(super) fn moving_points(motion: &FpMotion, points: usize, is_in: &dyn Fn(usize) -> bool) -> Vec<usize> {
     split_points(motion, points, is_in).0.into_iter().map(|p| p.0).collect()
 }
 
-/// The feature points that should stay, in the order of such a goal.
+/// Indices of the feature points that should rest, in the order of such a goal.
 pub(super) fn staying_points(motion: &FpMotion, points: usize, is_in: &dyn Fn(usize) -> bool) -> Vec<usize> {
     split_points(motion, points, is_in).1.into_iter().map(|p| p.0).collect()
 }
 
-/// One search: the feature points of a region with their target motions, and what the members have there.
+/// The goal of one search: target motions of the feature points of a region, and their motions in the members.
 ///
-/// Arrays over feature points are flat, three numbers each; in the plane the third is 0 everywhere.
+/// Arrays over feature points are flat with three numbers each. If the motion is planar, the third is always 0.
 #[derive(Clone, Debug)]
 pub struct Goal {
     members: usize,
-    /// Moving feature points first, then those asked to stay.
+    /// Number of moving feature points, which come first; those that should rest follow.
     moving: usize,
-    /// Targets of moving and staying feature points.
+    /// Targets of moving and resting feature points.
     target: Vec<f64>,
-    /// Directions of the moving ones, of length 1.
+    /// Unit directions of the targets of the moving points.
     directions: Vec<f64>,
     /// Summed length of the target motions.
     length: f64,
@@ -133,7 +133,7 @@ pub struct Goal {
 }
 
 impl Goal {
-    /// The goal of the feature points for which `is_in` holds; `None` when none of them moves.
+    /// Creates the goal of the feature points for which `is_in` holds; `None` when none of them moves.
     pub fn new(basis: &FpBasis, motion: &FpMotion, is_in: impl Fn(usize) -> bool) -> Option<Self> {
         let (moving, staying) = split_points(motion, basis.points, &is_in);
         if moving.is_empty() {
@@ -159,12 +159,12 @@ impl Goal {
         self.members
     }
 
-    /// Number of feature points with a motion, M in \[ZL\].
+    /// Number of feature points with a target motion, M in \[ZL\].
     pub fn moving(&self) -> usize {
         self.moving
     }
 
-    /// Targets of moving and staying feature points.
+    /// Targets of moving and resting feature points.
     pub(super) fn target(&self) -> &[f64] {
         &self.target
     }
@@ -178,18 +178,18 @@ impl Goal {
         self.length
     }
 
-    /// What the feature points do in one member: moving ones, then staying ones.
+    /// Motion of the feature points in one member: first the moving ones, then the resting ones.
     pub(super) fn candidate(&self, member: usize) -> &[f64] {
         let size = self.target.len();
         &self.candidates[member * size..(member + 1) * size]
     }
 
-    /// What the moving feature points do in a member.
+    /// Motion of the moving feature points in a member.
     pub fn moving_candidate(&self, member: usize) -> &[f64] {
         &self.candidate(member)[..3 * self.moving]
     }
 
-    /// What the moving feature points do in a weighted sum of members.
+    /// Motion of the moving feature points in a weighted sum of members.
     pub fn motion(&self, weights: &[f64]) -> Vec<f64> {
         let mut sum = vec![0.0; 3 * self.moving];
         for (member, &weight) in weights.iter().enumerate().filter(|(_, w)| **w != 0.0) {
@@ -198,7 +198,7 @@ impl Goal {
         sum
     }
 
-    /// What the feature points that should stay do in a weighted sum of members.
+    /// Motion, in a weighted sum of members, of the feature points that should rest.
     fn rest_motion(&self, weights: &[f64]) -> Vec<f64> {
         let from = 3 * self.moving;
         let mut sum = vec![0.0; self.target.len() - from];
@@ -213,21 +213,23 @@ impl Goal {
         longest(&self.target)
     }
 
-    /// A fitness, the points that should stay counted: one that goes along farther than [`REST_FREE`] of the longest target motion counts
-    /// as one whose direction is wrong, by how much farther it goes. `rest` is their motion, three numbers each.
+    /// Reduces a fitness for points that should rest but move. `rest` is their motion, three numbers each.
+    ///
+    /// A point that moves by more than [`REST_FREE`] of the longest target motion counts like a point with a wrong direction,
+    /// weighted by the excess.
     pub fn counting_rest(&self, fitness: f64, rest: &[f64]) -> f64 {
         let longest = self.longest();
         let beyond: f64 = rest.as_chunks::<3>().0.iter().map(|v| (norm(v) / longest - REST_FREE).max(0.0)).sum();
         if beyond > 0.0 { fitness * self.moving as f64 / (self.moving as f64 + beyond) } else { fitness }
     }
 
-    /// The same for a weighted sum of members.
+    /// Fitness of a weighted sum of members, reduced for points that should rest but move.
     pub fn fitness_of(&self, weights: &[f64]) -> f64 {
         self.counting_rest(fitness(self, &self.motion(weights)), &self.rest_motion(weights))
     }
 
-    /// Puts weights to rest whose fitness is below [`LEAST_FITNESS`]: a face that rests has the fitness 0, and one that answers a motion with
-    /// another of the same length is worse than that. Whether it did.
+    /// Sets weights to 0 if their fitness is below [`LEAST_FITNESS`]; returns whether it did. A face at rest has fitness 0; a
+    /// wrong motion of the target's length would be worse.
     pub(super) fn rest_where_nothing_is_shown(&self, weights: &mut [f64]) -> bool {
         let rests = self.fitness_of(weights) < LEAST_FITNESS;
         if rests {
@@ -236,27 +238,31 @@ impl Goal {
         rests
     }
 
-    /// Share of the motion asked for that weights show, as [`Goal::shown_by`] has it.
+    /// Share of the target motion that weights show; see [`Goal::shown_by`].
     pub fn shown(&self, weights: &[f64]) -> f64 {
         self.shown_by(&self.motion(weights))
     }
 
-    /// Share of the motion asked for that points show which move so, three numbers each: how far they go along the directions asked for, summed,
-    /// over how far they should; 1 where each goes as far as it should, 0 where they go the other way.
+    /// Share of the target motion that a motion of the moving points (three numbers each) shows.
+    ///
+    /// It is the summed motion along the target directions, divided by the summed target length: 1 when each point moves as far
+    /// as its target, 0 when they move the opposite way.
     pub fn shown_by(&self, motion: &[f64]) -> f64 {
         let along: f64 = motion.iter().zip(&self.directions).map(|(v, u)| v * u).sum();
         (along / self.length).max(0.0)
     }
 
-    /// How far points that move go along the motions asked for, summed: `v . d`.
+    /// Sum of the scalar products of motions and target motions, `v . d`.
     fn along(&self, motion: &[f64]) -> f64 {
         motion.iter().zip(&self.target).map(|(v, d)| v * d).sum()
     }
 
-    /// Scales weights so that the summed length of their motion is the target's [ZL, section 3]; what does not move stays. Where a point
-    /// that should stay would go farther than [`REST_REACH`] of the longest target motion, they are scaled so that all points come closest
-    /// to what is asked for, that one to [`REST_REACH`] at most: what a bank cannot move alone it would otherwise move at the cost of the
-    /// rest of the face. Whether that was so.
+    /// Scales weights so that the summed length of their motion is the target's [ZL, section 3]; weights without motion are
+    /// unchanged.
+    ///
+    /// If a point that should rest would then move by more than [`REST_REACH`] of the longest target motion, the scale is the one
+    /// at which all points come closest to their targets, with that point limited to [`REST_REACH`]. Otherwise the face would be
+    /// distorted by motion that the bank cannot show in isolation. Returns whether this limit applied.
     pub fn fit_length(&self, weights: &mut [f64]) -> bool {
         let motion = self.motion(weights);
         let length = summed_length(&motion);
@@ -282,12 +288,12 @@ pub(super) fn norm(v: &[f64; 3]) -> f64 {
     (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt()
 }
 
-/// The length of the longest vector of a flat array.
+/// Length of the longest vector in a flat array.
 fn longest(motion: &[f64]) -> f64 {
     motion.as_chunks::<3>().0.iter().map(norm).fold(0.0, f64::max)
 }
 
-/// The summed length of the vectors of a flat array.
+/// Summed length of the vectors in a flat array.
 pub fn summed_length(motion: &[f64]) -> f64 {
     motion.as_chunks::<3>().0.iter().map(norm).sum()
 }

@@ -1,36 +1,36 @@
-//! When the frames of a track are shown.
+//! Times at which the frames of a track are shown.
 
 use super::TrackInfo;
 use crate::{interpolation::FPS, sequence::Clock};
 
-/// Most frames for one that is there: where more are missing, numbers count something else.
+/// Most frames per existing frame: with larger gaps, the numbers do not count frames.
 pub(crate) const MOST_FILLED: u64 = 10;
 
-/// The usual step of ascending numbers and how many of it they are apart in all, where all steps are whole multiples of it.
+/// Returns the smallest step of ascending numbers and their total span in such steps; `None` if a step is not a multiple of the smallest.
 pub(crate) fn whole_steps(numbers: &[u32]) -> Option<(u32, u64)> {
     let steps = || numbers.windows(2).map(|pair| pair[1].saturating_sub(pair[0]));
     let usual = steps().min().unwrap_or(1).max(1);
     steps().all(|step| step.is_multiple_of(usual)).then(|| (usual, steps().map(|step| u64::from(step / usual)).sum()))
 }
 
-/// What the numbers of a track's frames are.
+/// What the frame numbers of a track count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Counted {
-    /// Frames of a video.
+    /// Consecutive frames of a video.
     Frames,
     /// Pictures, which may be numbered in steps.
     Pictures,
-    /// Whatever landmarks are numbered by.
+    /// Numbers of landmark frames, of unknown kind.
     Landmarks,
 }
 
 impl Counted {
-    /// Whether a step of numbers is one frame.
+    /// Whether one step of the numbers is one frame.
     fn is_in_steps(self, step: u32, clock: &Clock) -> bool {
         match self {
             Self::Frames => false,
             Self::Pictures => true,
-            // The milliseconds of a frame; small steps may well be every tenth frame of a fast camera.
+            // Numbers are milliseconds when the step is a frame's duration. Small steps may be every tenth frame of a fast camera.
             Self::Landmarks => {
                 let is_frame = |fps: f64| (1000.0 / fps).round() == f64::from(step);
                 u64::from(step) > MOST_FILLED && clock.times.is_none() && clock.fps.is_some_and(is_frame)
@@ -39,7 +39,7 @@ impl Counted {
     }
 }
 
-/// `clock` for seconds by the numbers of frames, whose rate counts steps of them where these are frames.
+/// Returns `clock` with its rate per unit of the frame numbers, if one step of the numbers is one frame.
 pub(super) fn by_number(clock: Clock, counted: Counted, numbers: impl IntoIterator<Item = u32>) -> Clock {
     let mut numbers: Vec<u32> = numbers.into_iter().collect();
     numbers.sort_unstable();
@@ -51,8 +51,8 @@ pub(super) fn by_number(clock: Clock, counted: Counted, numbers: impl IntoIterat
     }
 }
 
-/// Whether ascending numbers count frames of which some are missing: most of them follow each other by one step, all by whole steps, and most are there.
-/// Numbers may be milliseconds, dates or a camera's counter, too.
+/// Whether ascending numbers count frames of which some are missing: all steps are multiples of one step, most are equal to it, and most
+/// frames are there. Numbers may also be milliseconds, dates or a camera's counter.
 fn counts_frames(numbers: &[u32]) -> bool {
     whole_steps(numbers).is_some_and(|(usual, all)| {
         let as_usual = numbers.windows(2).filter(|pair| pair[1].saturating_sub(pair[0]) == usual).count();
@@ -60,17 +60,20 @@ fn counts_frames(numbers: &[u32]) -> bool {
     })
 }
 
-/// Whether ascending numbers may count frames, some of them missing, where the rate is known: in all they are not much more than those there.
+/// Whether ascending numbers may count frames, some of them missing, when the rate is known: their span is not much larger than their
+/// count.
 fn may_count_frames(numbers: &[u32]) -> bool {
     let span = || numbers.first().zip(numbers.last()).map_or(0, |(first, last)| u64::from(last.saturating_sub(*first)));
     whole_steps(numbers).map_or_else(span, |(_, all)| all) <= MOST_FILLED * numbers.len() as u64
 }
 
-/// When the frames of a track are shown, one after the other as its table has them: their rate where known, and where frames are missing or
-/// have times of their own the seconds from the first to each. `info` is what stands beside the table. Where nobody knows a rate, frames
-/// are counted at [`FPS`], if their numbers count frames. They may go back in time, as from an apex; in no order, nobody knows when they are shown.
+/// Returns the times at which the frames of a track are shown, in the order of its table.
+///
+/// The clock has a rate if known, and the seconds from the first frame to each where frames are missing or have their own times. `info` is
+/// the content of the `.json` beside the table. Without a rate, frames are counted at [`FPS`] if their numbers count frames. Frames may go
+/// back in time, as from an apex; if they are in no order, the times are unknown.
 pub(crate) fn clock_of_frames(numbers: &[u32], info: Option<&TrackInfo>) -> Clock {
-    /// Share of a frame by which even ones may be off.
+    /// Largest deviation, as a share of a frame, of frames that count as even.
     const TOLERANCE: f64 = 1e-3;
     let fps = info.and_then(|info| info.fps);
     let mut numbers = numbers.to_vec();
@@ -79,7 +82,7 @@ pub(crate) fn clock_of_frames(numbers: &[u32], info: Option<&TrackInfo>) -> Cloc
         numbers.reverse();
     }
     let clock = match info.filter(|info| info.clock() != Clock::default()) {
-        // Numbers of a video are its frames, however few of them are there.
+        // Numbers of a video are its frames, even if few of them are in the table.
         Some(info) if info.times.is_some() || info.is_of_video() || may_count_frames(&numbers) => {
             info.clock_of_numbers(numbers.iter().copied())
         }
@@ -101,7 +104,7 @@ pub(crate) fn clock_of_frames(numbers: &[u32], info: Option<&TrackInfo>) -> Cloc
     if times.windows(2).any(|pair| (pair[1] - pair[0] - step).abs() >= TOLERANCE * step) {
         return Clock { fps, times: Some(times) };
     }
-    // Every second frame of a video has half its rate.
+    // For example, a track of every second frame of a video has half its rate.
     Clock::even(fps.map(|fps| if (fps * step - 1.0).abs() < TOLERANCE { fps } else { 1.0 / step }))
 }
 
@@ -126,18 +129,18 @@ mod tests {
             assert_eq!(found.len(), times.len(), "{found:?}");
             assert!(found.iter().zip(times).all(|(a, b)| (a - b).abs() < 1e-12), "{found:?}");
         };
-        // Nobody knows the rate: 25 frames a second. Folders may be numbered in steps.
+        // Unknown rate: 25 frames per second. Folders may be numbered in steps.
         near(clock_of_frames(&[1, 2, 5], None), None, &[0.0, 0.04, 0.16]);
         near(clock_of_frames(&[2, 4, 10], None), None, &[0.0, 0.04, 0.16]);
         near(clock_of_frames(&[9, 8, 5], None), None, &[0.0, 0.04, 0.16]);
         for even in [&[3, 4, 5][..], &[2, 4, 6], &[5, 4, 3], &[7], &[1, 5, 2]] {
             near(clock_of_frames(even, None), None, &[]);
         }
-        // Milliseconds, dates and a frame from elsewhere are no frames that are missing.
+        // Numbers that are milliseconds or dates, or include an unrelated frame, do not show missing frames.
         for other in [&[120_000, 120_033, 120_066, 120_100, 120_133][..], &[20_240_101, 20_240_102, 20_240_201], &[1, 500, 501]] {
             near(clock_of_frames(other, None), None, &[]);
         }
-        // Pictures numbered in steps, of which one is a frame: the rate of numbers is so much higher.
+        // Pictures numbered in steps of one frame each: the rate of numbers is higher by the step.
         assert_eq!(by_number(Clock::even(Some(12.5)), Counted::Pictures, [2, 4, 10]), Clock::even(Some(25.0)));
         assert_eq!(by_number(Clock::even(Some(12.5)), Counted::Landmarks, [2, 4, 10]), Clock::even(Some(12.5)));
     }
@@ -185,7 +188,7 @@ mod tests {
 
     #[test]
     fn numbers_that_count_something_else_put_nothing_between_at_a_known_rate() {
-        // Of landmarks: nobody knows what their numbers count.
+        // Landmarks: the kind of their numbers is unknown.
         let mut info = info_of_landmarks(25.0);
         let clock = |numbers: &[u32], info: &TrackInfo| clock_of_frames(numbers, Some(info));
         for other in [&[20_240_101, 20_240_102, 20_240_201][..], &[0, 33, 66, 100, 133], &[1, 2, 900]] {
@@ -198,7 +201,7 @@ mod tests {
         assert_eq!(clock(&[1, 11, 21], &info_of_landmarks(100.0)), Clock::even(Some(10.0)));
         let missing = |info: &TrackInfo| clock(&[1, 5, 9, 20], info).times.unwrap_or_default();
         assert_eq!(missing(&info), [0.0, 0.16, 0.32, 0.76]);
-        // A video counts its frames, and who has times of their own is believed.
+        // The numbers of a video count its frames, and recorded times take precedence.
         (info.source, info.image_size) = (vec!["smile.mp4".to_owned()], ImageSize { width: 64, height: 48 });
         assert_eq!(clock(&[1, 2, 901], &info).times.unwrap_or_default(), [0.0, 0.04, 36.0]);
         assert_eq!(clock(&[1, 41, 81], &info), Clock::even(Some(1.0 / 1.6)));

@@ -1,17 +1,17 @@
-//! How far off a tracked node is expected to be.
+//! Expected error of tracked nodes.
 //!
-//! The error meant is that of the *neutral offset*, what a FAP measures: how far a node is from where its own point of the neutral
-//! frame went. What the tracker knows of a node in a frame ([`NodeFeatures`], a pure function of the track) gives a score
+//! The error is that of the *neutral offset*, which a FAP measures: the distance of a node from the true position of its point of the
+//! neutral frame. The features of a node in a frame ([`NodeFeatures`], a pure function of the track) give a score
 //!
 //! ```text
 //! s = sum_j w_j f_j,    expected error = ES0 exp(c(s))
 //! ```
 //!
-//! f: logarithms of the features and indicators of region and state; w: weights by median regression on the logarithm of true errors;
-//! c: a non-decreasing, piecewise linear calibration of the score. Half of the errors of nodes with the same expectation are larger,
-//! half smaller. Weights and calibration were learned from simulated people and from photographs that were moved by known amounts
-//! (`grimace evaluate confidence`) and lie in `candide/track_confidence.csv`. On faces smaller than those learned from, ES0 is the smallest of
-//! them.
+//! f: logarithms of the features and indicators of region and state; w: weights from a median regression on the logarithm of true errors;
+//! c: a non-decreasing, piecewise linear calibration of the score. The expected error is a median: half of the errors of nodes with the
+//! same expected error are larger, half smaller. Weights and calibration were learned from simulated people and from photographs that were
+//! moved by known amounts (`grimace evaluate confidence`); they are in `candide/track_confidence.csv`. On faces smaller than those in the
+//! training data, ES0 is the smallest of the training data.
 
 use std::{fmt::Write as _, sync::LazyLock};
 
@@ -28,20 +28,20 @@ const TABLE: &str = include_str!("../../candide/track_confidence.csv");
 
 /// Header of the table of weights and calibration.
 const HEADER: &str = "term,value,calibrated";
-/// Term of a row of the calibration: a score and the logarithm of the error over ES0 that it stands for.
+/// Term of a row of the calibration: a score and the calibrated logarithm of the error over ES0.
 const KNOT: &str = "knot";
 
-/// Largest expected error over the eye distance; a node further off is lost for good.
+/// Largest expected error, over the eye distance; with a larger error a node is lost for good.
 const MAX_EXPECTED: f64 = 0.5;
-/// Least and most eye distance that weights were learned at, px. On larger faces errors are taken to be as large over the eye distance as at the
-/// most; on smaller ones as many pixels as at the least: a pixel is as far as a picture tells, however small the face.
+/// Smallest and largest eye distance in the training data, px. On larger faces the error over the eye distance is taken as that at the
+/// largest; on smaller faces the error in px is taken as that at the smallest, because it is limited by the pixel size.
 const SIZES: (f64, f64) = (15.0, 110.0);
-/// Squared grey levels that a perfect match is taken to differ by.
+/// Squared grey difference assumed for a perfect match.
 const DIFFERENCE_FLOOR: f64 = 0.05;
-/// Gradient, grey levels per px, below which a window shows nothing.
+/// Gradient, grey levels per px, below which a window has no usable texture.
 const GRADIENT_FLOOR: f64 = 0.2;
 
-/// What one step of the tracker knows of a node that it did not lose.
+/// Measurements of one tracker step at a node that was not lost.
 ///
 /// ```
 /// use grimace::track::{Evidence, NodeState, TrackedNode};
@@ -57,53 +57,53 @@ pub struct Evidence {
     pub difference: f64,
     /// Root mean square gradient of the window across and along its strongest edge, the weaker first; grey levels per px.
     pub gradients: [f64; 2],
-    /// Distance from where the node was found to where it was placed, px.
+    /// Distance from the position that the tracker found to the final position, px.
     pub correction: f64,
 }
 
-/// What a track knows of a live node in a frame. Lengths are over the eye distance ES0; sums run over the frames after the neutral.
+/// Features of a live node in a frame. Lengths are over the eye distance ES0; sums run over the frames after the neutral one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NodeFeatures {
     /// Region of the face.
     pub region: Region,
     /// Whether the node was lost in this frame.
     pub lost: bool,
-    /// Whether its place in the neutral frame was set exactly.
+    /// Whether its position in the neutral frame was set exactly.
     pub hard_start: bool,
-    /// The eye distance itself, px.
+    /// The eye distance, px.
     pub size: f64,
     /// Frames since the neutral frame.
     pub frames: f64,
-    /// Share of these frames in which it was lost.
+    /// Share of these frames in which the node was lost.
     pub lost_share: f64,
-    /// Neutral offset against the median of the face.
+    /// Length of the neutral offset relative to the median offset of the face.
     pub offset: f64,
-    /// Neutral offset against the mean of its neighbours'.
+    /// Length of the neutral offset relative to the mean offset of its neighbours.
     pub strain: f64,
     /// Displacement in this frame.
     pub step: f64,
-    /// Forward-backward distances, root of the sum of squares.
+    /// Root of the sum of squares of the forward-backward distances.
     pub residual: f64,
-    /// Largest grey difference so far, grey levels; a frame in which the node is lost counts with its median.
+    /// Largest grey difference so far, grey levels; a frame in which the node was lost counts with the median of that frame.
     pub difference: f64,
-    /// What the grey differences can have moved the node along its weaker gradient, root of the sum of squares.
+    /// Possible drift along the weaker gradient that the grey differences allow, root of the sum of squares.
     pub drift: f64,
     /// Weaker and stronger gradient, grey levels per eye distance.
     pub gradients: [f64; 2],
-    /// Distance from where the node was found to where it was placed.
+    /// Distance from the position that the tracker found to the final position.
     pub correction: f64,
-    /// The same, root of the sum of squares.
+    /// Root of the sum of squares of `correction` over the frames so far.
     pub corrections: f64,
-    /// Largest median grey difference of a frame so far.
+    /// Largest median grey difference of any frame so far.
     pub frame_difference: f64,
     /// Share of live nodes lost in the frame.
     pub frame_lost: f64,
-    /// Median neutral offset of the face: how far the head went.
+    /// Median neutral offset of the face: the head's motion.
     pub head: f64,
 }
 
 impl NodeFeatures {
-    /// Names of the terms of the score, in the order of [`NodeFeatures::terms`].
+    /// Returns the names of the terms of the score, in the order of [`NodeFeatures::terms`].
     #[must_use]
     pub fn names() -> Vec<String> {
         let fixed = [
@@ -133,7 +133,7 @@ impl NodeFeatures {
         fixed.into_iter().map(str::to_owned).chain(regions).collect()
     }
 
-    /// The terms of the score.
+    /// Returns the terms of the score.
     #[must_use]
     pub fn terms(&self) -> Vec<f64> {
         let flag = |value: bool| f64::from(u8::from(value));
@@ -167,8 +167,8 @@ impl NodeFeatures {
     }
 }
 
-/// The features of every live node in every frame, `[frame][place among the live nodes]`. The neutral frame has none, nor has a node
-/// set by hand, nor a frame that carries no evidence, such as one read from a file.
+/// Returns the features of every live node in every frame, `[frame][index among the live nodes]`. They are `None` in the neutral frame, for
+/// a node set by hand, and in a frame without evidence, such as one read from a file.
 #[must_use]
 pub fn node_features(frames: &[TrackedFrame], wireframe: &Wireframe, tables: &Tables) -> Vec<Vec<Option<NodeFeatures>>> {
     let live = wireframe.live_nodes();
@@ -228,8 +228,8 @@ pub fn node_features(frames: &[TrackedFrame], wireframe: &Wireframe, tables: &Ta
     out
 }
 
-/// Sums of squares over the frames so far, and the largest grey difference: where motion slows down frames hardly differ, but what went wrong
-/// while they did stays.
+/// Sums of squares over the frames so far, and the largest grey difference. Consecutive frames hardly differ where motion slows down, so
+/// the sums keep the errors made while it was fast.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
     lost: u32,
@@ -237,7 +237,7 @@ struct Sums {
     difference: f64,
     drift: f64,
     correction: f64,
-    /// Of the last frame in which the node was not lost.
+    /// Gradients in the last frame in which the node was not lost.
     gradients: [f64; 2],
 }
 
@@ -249,7 +249,7 @@ impl Sums {
     }
 }
 
-/// What the nodes of a frame have in common.
+/// Quantities that all nodes of a frame share.
 struct FrameContext {
     /// Neutral offsets of the live nodes, px.
     offsets: Vec<Vector2<f64>>,
@@ -282,7 +282,7 @@ impl FrameContext {
     }
 }
 
-/// For every live node (by place) the places of the live nodes one spring away.
+/// Returns for every live node (by index) the indices of the live nodes one spring away.
 fn neighbours(wireframe: &Wireframe) -> Vec<Vec<usize>> {
     let live = wireframe.live_nodes();
     let mut place = vec![None; wireframe.node_count()];
@@ -297,11 +297,11 @@ fn neighbours(wireframe: &Wireframe) -> Vec<Vec<usize>> {
     near
 }
 
-/// Weights and calibration.
+/// Weights and calibration of the expected error.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Confidence {
     weights: Vec<f64>,
-    /// Score and logarithm of the expected error over ES0, both ascending.
+    /// Scores and logarithms of the expected error over ES0, both ascending.
     knots: Vec<(f64, f64)>,
 }
 
@@ -316,15 +316,15 @@ pub struct ConfidenceError {
 }
 
 impl Confidence {
-    /// The model that is shipped.
+    /// Returns the model that is shipped with grimace.
     pub fn shipped() -> &'static Self {
         static SHIPPED: LazyLock<Confidence> =
             LazyLock::new(|| Confidence::parse(TABLE).unwrap_or_else(|error| unreachable!("track_confidence.csv: {error}")));
         &SHIPPED
     }
 
-    /// A model from weights in the order of [`NodeFeatures::names`] and at least one knot; `None` for another number of weights, or
-    /// knots that do not ascend.
+    /// Creates a model from weights in the order of [`NodeFeatures::names`] and at least one knot. Returns `None` for another number of
+    /// weights or knots that do not ascend.
     #[must_use]
     pub fn new(weights: Vec<f64>, knots: Vec<(f64, f64)>) -> Option<Self> {
         let finite = weights.iter().chain(knots.iter().flat_map(|(s, e)| [s, e])).all(|v| v.is_finite());
@@ -333,13 +333,13 @@ impl Confidence {
             .then_some(Self { weights, knots })
     }
 
-    /// The score of a node.
+    /// Returns the score of a node: the sum of weights times terms.
     #[must_use]
     pub fn score(weights: &[f64], terms: &[f64]) -> f64 {
         weights.iter().zip(terms).map(|(w, f)| w * f).sum()
     }
 
-    /// Expected error of a node over the eye distance.
+    /// Returns the expected error of a node over the eye distance.
     #[must_use]
     pub fn expected(&self, features: &NodeFeatures) -> f64 {
         let score = Self::score(&self.weights, &features.terms());
@@ -347,13 +347,13 @@ impl Confidence {
         let log = match self.knots.windows(2).find(|k| score < k[1].0) {
             _ if score <= first.0 => first.1,
             Some(k) => k[0].1 + (k[1].1 - k[0].1) * (score - k[0].0) / (k[1].0 - k[0].0),
-            // Beyond what was seen the error grows with the score.
+            // Beyond the last knot the logarithm of the error grows with the score.
             None => last.1 + (score - last.0).max(0.0),
         };
         log.exp().min(MAX_EXPECTED)
     }
 
-    /// The table as CSV text.
+    /// Returns the table as CSV text.
     #[must_use]
     pub fn to_csv(&self) -> String {
         let mut text = format!("{HEADER}\n");
@@ -366,10 +366,10 @@ impl Confidence {
         text
     }
 
-    /// Reads what [`Confidence::to_csv`] writes.
+    /// Parses the output of [`Confidence::to_csv`].
     ///
     /// # Errors
-    /// [`ConfidenceError`] with the line.
+    /// [`ConfidenceError`] with the line number.
     pub fn parse(text: &str) -> Result<Self, ConfidenceError> {
         let names = NodeFeatures::names();
         let (mut weights, mut knots) = (Vec::new(), Vec::new());
@@ -404,8 +404,8 @@ impl Confidence {
     }
 }
 
-/// Writes the expected error (px) of every node into frames that carry evidence; nodes in no triangle get the mean of the nodes they
-/// follow. Where there is no evidence, what is there stays.
+/// Writes the expected error (px) of every node into frames that have evidence; nodes in no triangle get the mean of the nodes they follow.
+/// Frames without evidence keep their expected errors.
 pub fn expect_errors(frames: &mut [TrackedFrame], wireframe: &Wireframe, tables: &Tables, confidence: &Confidence) {
     let features = node_features(frames, wireframe, tables);
     let neutral: Vec<Point2<f64>> = frames.first().map(|f| f.nodes.iter().map(|n| n.position).collect()).unwrap_or_default();
@@ -465,7 +465,7 @@ mod tests {
         assert!((chin.frame_lost - 1.0 / 104.0).abs() < 1e-12);
         let corner = features[2][place(31)].unwrap();
         assert!(corner.lost && (corner.lost_share - 0.5).abs() < 1e-12 && (corner.offset * unit - 3.0).abs() < 1e-9);
-        // Lost: the frame's difference, and the gradients of the frame before.
+        // Lost: the median difference of the frame, and the gradients of the previous frame.
         assert!((corner.difference - 2.0).abs() < 1e-12 && (corner.gradients[0] - unit).abs() < 1e-9);
         assert!(corner.strain > 0.04);
     }

@@ -1,7 +1,7 @@
-//! Hand work on tracks, kept apart from what a program made: `corrections/SUBJECT_SEQUENCE.csv` beside the folder `tracks`.
+//! Hand-set corrections of tracks, kept apart from computed results: `corrections/SUBJECT_SEQUENCE.csv` beside the folder `tracks`.
 //!
-//! One row for every node that a person put in its place: `frame,node,x,y`, px. The file is on the disk before a correction counts as
-//! saved, and it is never removed by the program: a track is made again from it, whatever else has changed.
+//! One row for every node that a person placed: `frame,node,x,y`, px. A correction counts as saved once the file is on the disk. The
+//! program never removes the file; whenever a track is computed again, it uses the corrections.
 
 use std::{
     collections::BTreeMap,
@@ -22,25 +22,25 @@ use crate::{
     wireframe::{Tables, Wireframe},
 };
 
-/// What a track says of the corrections in it.
+/// What a track records about its corrections.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrackCorrections {
-    /// BLAKE3 of the file of corrections that the track was made with.
+    /// BLAKE3 of the corrections file that the track was made with.
     pub blake3: String,
-    /// Size of the frames on which they were set.
+    /// Size of the frames on which the corrections were set.
     pub image_size: ImageSize,
-    /// What of them does not fit the frames there are now, in words.
+    /// Messages about corrections that do not fit the present frames.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub not_applied: Vec<String>,
-    /// Which of them were applied though they lie far from where the face is expected, in words ([`far_corrections`]).
+    /// Messages about corrections that were applied although they lie far from the expected face ([`far_corrections`]).
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub far: Vec<String>,
 }
 
-/// Corrections as they are in their file.
+/// Corrections as read from their file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SavedCorrections {
-    /// Hard positions.
+    /// Hard (hand-set) positions.
     pub corrections: Corrections,
     /// BLAKE3 of the file.
     pub blake3: String,
@@ -49,7 +49,7 @@ pub struct SavedCorrections {
 /// The folder of the corrections, beside `tracks`.
 pub(crate) const CORRECTIONS_FOLDER: &str = "corrections";
 
-/// Where the corrections of a track are kept: `OUT/corrections/ID.csv` for `OUT/tracks/ID.csv`, else `corrections/ID.csv` beside it.
+/// Returns the path of a track's corrections: `OUT/corrections/ID.csv` for `OUT/tracks/ID.csv`, else `corrections/ID.csv` beside it.
 #[must_use]
 pub fn corrections_path(track: &Path) -> PathBuf {
     let folder = track.parent().unwrap_or(Path::new(""));
@@ -57,7 +57,7 @@ pub fn corrections_path(track: &Path) -> PathBuf {
     above.unwrap_or(folder).join(CORRECTIONS_FOLDER).join(track.file_name().unwrap_or_default())
 }
 
-/// Reads the corrections of a track; `None` where nobody has corrected anything.
+/// Reads the corrections of a track; returns `None` if there is no corrections file.
 ///
 /// # Errors
 /// [`TrackFileError`] with the line.
@@ -78,8 +78,8 @@ pub fn read_corrections(track: &Path) -> Result<Option<SavedCorrections>, TrackF
     Ok(Some(SavedCorrections { corrections, blake3 }))
 }
 
-/// Saves the corrections of a track, all of them anew; they are on the disk when it returns. Without any, the file keeps its header:
-/// that everything was taken back is hand work too.
+/// Saves all corrections of a track, replacing the file; they are on the disk when it returns. Without corrections the file keeps its
+/// header: removing all corrections is hand work too.
 ///
 /// # Errors
 /// [`OutputError`].
@@ -96,8 +96,8 @@ pub fn write_corrections(track: &Path, corrections: &Corrections) -> Result<Save
     Ok(SavedCorrections { corrections: corrections.clone(), blake3: hash.to_hex().to_string() })
 }
 
-/// Corrections that an older version kept in the track alone; `None` when there are none, or when the track says that they have a
-/// file of their own, which somebody has removed then.
+/// Returns corrections that an older version stored in the track only. `None` if there are none, or if the track refers to a corrections
+/// file (which somebody has then removed).
 #[must_use]
 pub fn corrections_in_track(track: &Path, info: Option<&TrackInfo>) -> Option<Corrections> {
     if info.is_some_and(|info| info.corrections.is_some()) {
@@ -106,7 +106,7 @@ pub fn corrections_in_track(track: &Path, info: Option<&TrackInfo>) -> Option<Co
     read_track(track).ok().map(|frames| corrections_of(&frames)).filter(|corrections| !corrections.is_empty())
 }
 
-/// The corrections that fit a track of frames of a size (0x0 where that is not known), and in words those that do not.
+/// Splits corrections into those that fit frames of a given size (0x0 if unknown) and messages about the others.
 #[must_use]
 pub fn fitting_corrections(
     corrections: &Corrections,
@@ -146,17 +146,20 @@ pub fn fitting_corrections(
     (fit, misfits)
 }
 
-/// Distance over the eye distance beyond which a correction is likely a slip.
+/// Distance, over the eye distance, beyond which a correction is probably a slip.
 const FAR: f64 = 0.5;
 
-/// Fewest corrections of a frame that say together where its face is.
+/// More corrections of a frame than this are needed to derive the position of the face from the others.
 const FEWEST_TOGETHER: usize = 3;
-/// Share of its nodes that a tracker loses where it has lost the face.
+/// Share of lost nodes from which the tracker counts as having lost the face.
 const LOST: f64 = 0.5;
 
-/// In words, those corrections that lie further than half an eye distance from every place where their node may be expected: where it was
-/// tracked without them, where the head of the tracked frame carries it from the neutral frame, and where the last good correction had it; where
-/// the tracker lost half of its nodes, also where the other corrections of that frame carry it: elsewhere wrong ones would vouch for each
+/// Returns messages about corrections that lie further than half an eye distance from every expected position of their node.
+///
+/// Expected positions are: the tracked position without corrections; the neutral position moved with the head of the tracked frame; the
+/// position of the node's last plausible correction; and, where the tracker lost half of its nodes, the neutral position moved with the
+/// other corrections of that frame (elsewhere, wrong corrections would confirm each other). `frames` are the track without corrections, the
+/// neutral frame first, px.
 /// other. `frames` are the track without corrections, the neutral frame first, px.
 #[must_use]
 pub fn far_corrections(
@@ -193,8 +196,8 @@ pub fn far_corrections(
     far
 }
 
-/// How nodes of the neutral frame, by their indices, came to other places; `None` where they do not say it, or say that the face has half or
-/// twice its size.
+/// Fits the similarity that carries nodes of the neutral frame, by index, to other positions. `None` if there is no fit, or if it halves or
+/// doubles the size of the face.
 fn carried(neutral: &[Point2<f64>], places: impl Iterator<Item = (usize, Point2<f64>)>) -> Option<Similarity> {
     let (from, to): (Vec<_>, Vec<_>) = places.filter_map(|(k, place)| Some((*neutral.get(k)?, place))).unzip();
     Similarity::fit(&from, &to, None).ok().filter(|s| (0.5..=2.0).contains(&s.scale))
@@ -269,7 +272,8 @@ mod tests {
         );
     }
 
-    /// Two frames behind a neutral one of 100 px per unit, 61 px between the eyes; in the third the tracker lost all nodes, and the face by 300 px.
+    /// Two frames after a neutral one of 100 px per unit, 61 px between the eyes; in the third the tracker lost all nodes, and the face by
+    /// 300 px.
     fn lost_track(wireframe: &Wireframe) -> Vec<TrackedFrame> {
         let at = |dx: f64, state: NodeState| {
             let place = |p: Point2<f64>| Point2::new(400.0 + dx + 100.0 * p.x, 300.0 - 100.0 * p.y);
@@ -290,17 +294,17 @@ mod tests {
             let corrections = list.into_iter().map(|(frame, nodes)| (frame, nodes.into_iter().collect())).collect();
             far_corrections(&corrections, &frames, &wireframe, &tables)
         };
-        // Half an eye distance is 31 px: a jaw that drops by 28 px is one that the tracker may have missed.
+        // Half an eye distance is 31 px: the tracker may have missed a jaw that drops by 28 px.
         assert!(said(vec![(2, vec![at(10, 0.0, 28.0)])]).is_empty());
         let place = at(31, 0.0, 240.0).1;
         let text = format!("frame 2, node 31 at ({:.0}, {:.0}): 3.9 eye distances", place.x, place.y);
         assert_eq!(said(vec![(2, vec![at(10, 0.0, 5.0), at(31, 0.0, 240.0)])]), [text]);
-        // A lost face that is put right: its nodes agree with each other, and one that does not is named.
+        // Corrections of a lost face agree with each other; one that does not is reported.
         let whole = [10, 20, 31, 53, 64].map(|node| at(node, 3.0, 4.0)).to_vec();
         assert!(said(vec![(3, whole.clone())]).is_empty());
         assert_eq!(said(vec![(3, whole[..2].to_vec())]).len(), 2);
         assert!(said(vec![(2, whole[..2].to_vec()), (3, whole[..2].to_vec())]).is_empty(), "where it was before");
-        // Of a face that was not lost all five are wrong, however well they agree.
+        // In a face that was not lost all five are reported, even if they agree.
         let beside = [10, 20, 31, 53, 64].map(|node| at(node, 3.0, 240.0)).to_vec();
         assert_eq!(said(vec![(2, beside)]).len(), 5);
         assert!(said(vec![(1, whole.clone()), (9, whole)]).is_empty(), "these are not applied");

@@ -1,4 +1,4 @@
-//! Track files: `SUBJECT_SEQUENCE.csv` with every node of every frame, and `.json` beside it with what it was made from.
+//! Track files: `SUBJECT_SEQUENCE.csv` with every node of every frame, and a `.json` beside it with its sources and options.
 
 use std::{
     collections::BTreeMap,
@@ -27,13 +27,14 @@ use crate::{
 /// Version of the track's JSON schema.
 pub const TRACK_SCHEMA: u32 = 2;
 
-/// Frames per second that a track may say: more than 0 (slow films have a frame in hours), and no more than the clocks of videos tick.
+/// Highest frame rate that a track may have, the tick rate of video clocks. The lowest is any rate above 0: slow films have one frame in
+/// hours.
 const HIGHEST_RATE: f64 = 100_000.0;
 
-/// Steps per px of expected errors in files.
+/// Steps per px to which expected errors are rounded in files.
 const EXPECTED_STEPS: f64 = 1000.0;
 
-/// What a track was made from: the `.json` beside the `.csv`.
+/// Sources and options of a track: the content of the `.json` beside the `.csv`.
 ///
 /// ```
 /// # use grimace::{sequence::ImageSize, units::SequenceId};
@@ -81,7 +82,7 @@ pub struct TrackInfo {
     pub schema_version: u32,
     /// Program and version that made it.
     pub made_by: String,
-    /// Units of the columns, in words.
+    /// Units of the columns, as text.
     pub units: BTreeMap<String, String>,
     /// Subject and sequence.
     #[serde(flatten)]
@@ -94,53 +95,53 @@ pub struct TrackInfo {
     pub source: Vec<String>,
     /// Size of the frames; 0x0 for a track from landmarks, which has no images.
     pub image_size: ImageSize,
-    /// Frames per second, where known; in the mean where `times` are there.
+    /// Frames per second, if known; the mean rate when `times` is set.
     pub fps: Option<f64>,
-    /// Seconds from the first frame to every frame, by ascending number, where a video's frames are not even.
+    /// Seconds from the first frame to every frame, by ascending number, for videos with uneven frames.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub times: Option<Vec<f64>>,
-    /// What is to be said of the video, or of landmarks that end before the images do.
+    /// Notes on the video, or on landmarks that end before the images do.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
     /// Where the marks came from: `file`, `landmarks` or `command line`.
     pub marks_from: String,
     /// Marks on the neutral frame: node, x, y in px, and whether set by hand (hard).
     pub marks: Vec<(u16, f64, f64, bool)>,
-    /// Nodes without a mark that were read in the neutral frame, beside the marks.
+    /// Nodes without a mark whose positions were read in the neutral frame.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub read: Vec<NodeId>,
     /// Options of the fit.
     pub fit: FitOptions,
     /// Options of the tracker.
     pub track: TrackOptions,
-    /// Quality in a few numbers.
+    /// Quality summary.
     pub summary: TrackSummary,
     /// BLAKE3 of everything the track depends on: program version, options, marks, a given frame rate, and the content of every frame.
     pub inputs_blake3: String,
-    /// BLAKE3 of the names and bytes of the files of `source`, where they are images or a video.
+    /// BLAKE3 of the names and bytes of the files of `source`, if they are images or a video.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frames_blake3: Option<String>,
     /// BLAKE3 of the `.csv` file.
     pub csv_blake3: String,
-    /// Number of the neutral frame; not in tracks of versions that always began with it.
+    /// Number of the neutral frame; absent in tracks of older versions, whose first frame is neutral.
     #[serde(default)]
     pub neutral_frame: Option<u32>,
-    /// Number of the apex frame; not in tracks of versions that always ended with it.
+    /// Number of the apex frame; absent in tracks of older versions, whose last frame is the apex.
     #[serde(default)]
     pub apex_frame: Option<u32>,
-    /// Corrections by hand that it was made with.
+    /// Hand-set corrections in the track.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corrections: Option<TrackCorrections>,
 }
 
 impl TrackInfo {
-    /// When its frames are shown.
+    /// Returns the times at which the frames are shown.
     pub(crate) fn clock(&self) -> Clock {
         Clock { fps: self.fps, times: self.times.clone() }
     }
 
-    /// The clock for seconds by the numbers of the frames: pictures may be numbered in steps, and their rate counts pictures, while videos
-    /// have times by their numbers, and landmarks, too, but where these are milliseconds.
+    /// Returns the clock that maps frame numbers to seconds. Pictures may be numbered in steps, and their rate counts pictures; the numbers
+    /// of videos and landmarks count frames, except where landmark numbers are milliseconds.
     pub fn clock_of_numbers(&self, numbers: impl IntoIterator<Item = u32>) -> Clock {
         let counted = match (self.has_pictures(), self.is_of_video()) {
             (false, _) => Counted::Landmarks,
@@ -150,23 +151,23 @@ impl TrackInfo {
         by_number(self.clock(), counted, numbers)
     }
 
-    /// Whether it was made from pictures or a video, and not from landmarks.
+    /// Whether the track was made from pictures or a video, not from landmarks.
     pub(crate) fn has_pictures(&self) -> bool {
         self.image_size.width > 0
     }
 
-    /// Whether it was made from a video: one file, and no picture.
+    /// Whether the track was made from a video: the source is one file that is not a picture.
     pub(crate) fn is_of_video(&self) -> bool {
         self.has_pictures() && matches!(&self.source[..], [only] if !has_picture_name(Path::new(only)))
     }
 
-    /// Nodes with a mark, and where it is, px.
+    /// Returns the marked nodes with the positions of their marks, px.
     pub fn mark_places(&self) -> Vec<(NodeId, Point2<f64>)> {
         self.marks.iter().map(|&(node, x, y, _)| (NodeId(node), Point2::new(x, y))).collect()
     }
 }
 
-/// The units of a track file's columns.
+/// Returns the units of a track file's columns.
 pub fn track_units() -> BTreeMap<String, String> {
     [
         ("x", "px, right, centre of the top-left pixel is 0"),
@@ -275,7 +276,7 @@ pub enum TrackFileError {
     },
 }
 
-/// The bytes of a track's `.csv`: its frames by ascending number.
+/// Returns the bytes of a track's `.csv`: its frames by ascending number.
 pub fn track_csv(frames: &[TrackedFrame]) -> Vec<u8> {
     let mut ascending: Vec<&TrackedFrame> = frames.iter().collect();
     ascending.sort_by_key(|frame| frame.number);
@@ -287,24 +288,24 @@ pub fn track_csv(frames: &[TrackedFrame]) -> Vec<u8> {
             let residual = node.residual.map(nine_digits).unwrap_or_default();
             let expected =
                 node.expected_error.map(|e| nine_digits((e * EXPECTED_STEPS).round() / EXPECTED_STEPS)).unwrap_or_default();
-            // Writing to a vector does not fail.
+            // Writing to a vector cannot fail.
             let _ = writeln!(out, "{},{k},{x},{y},{},{residual},{expected}", frame.number, node.state);
         }
     }
     out
 }
 
-/// BLAKE3 of the two files of a track, in hexadecimal.
+/// BLAKE3 hashes of the two files of a track, in hexadecimal.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TrackHashes {
-    /// Of the `.csv`.
+    /// Hash of the `.csv`.
     pub csv: String,
-    /// Of the `.json`.
+    /// Hash of the `.json`.
     pub json: String,
 }
 
-/// Writes `STEM.csv` and `STEM.json` into a folder; the JSON last, so that its presence means a whole track. The first of `frames` is the
-/// neutral one, the last the apex, unless `info` says otherwise.
+/// Writes `STEM.csv` and `STEM.json` into a folder. The JSON is written last, so that its presence means a complete track. The first of
+/// `frames` is the neutral frame and the last the apex, unless `info` names others.
 ///
 /// ```
 /// # use grimace::{sequence::ImageSize, units::SequenceId};
@@ -357,7 +358,7 @@ pub fn write_track(csv_path: &Path, frames: &[TrackedFrame], info: &mut TrackInf
     Ok(TrackHashes { csv, json: json.to_hex().to_string() })
 }
 
-/// Reads the `.json` beside a track; `None` when there is none.
+/// Reads the `.json` beside a track; returns `None` if there is none.
 ///
 /// ```
 /// use grimace::track::read_track_info;
@@ -379,14 +380,14 @@ pub fn read_track_info(csv_path: &Path) -> Result<Option<TrackInfo>, TrackFileEr
     parse_track_info(csv_path, &bytes).map(Some)
 }
 
-/// [`read_track_info`] of the bytes of the `.json` at hand.
+/// Same as [`read_track_info`], from the bytes of the `.json`.
 ///
 /// # Errors
 /// As [`read_track_info`].
 pub fn parse_track_info(csv_path: &Path, bytes: &[u8]) -> Result<TrackInfo, TrackFileError> {
     let path = || csv_path.with_extension("json");
     let info: TrackInfo = read_record(bytes, TRACK_SCHEMA).map_err(|error| match error {
-        // A representative has versions of its own.
+        // The schema of a representative has its own version numbers.
         _ if is_representative(bytes) => TrackFileError::Representative { path: csv_path.to_owned() },
         RecordError::Newer { found, .. } => TrackFileError::Newer { path: path(), found },
         RecordError::Json(source) => TrackFileError::Json { path: path(), source },
@@ -409,13 +410,13 @@ fn times_said(found: usize, frames: usize) -> String {
     format!("`times` has {}, but the track has {frames} frames; one time per frame was expected", count(found, "time", "times"))
 }
 
-/// Whether the `.json` beside a table is that of a representative: it lists the sequences that it was made of.
+/// Whether the `.json` beside a table is that of a representative: it lists the sequences that it was made from.
 fn is_representative(bytes: &[u8]) -> bool {
     let read = serde_json::from_slice::<serde_json::Value>(bytes).unwrap_or_default();
     read.get("sequences").is_some_and(serde_json::Value::is_array) && read.get("image_size").is_none()
 }
 
-/// What the `.json` beside a track says of the frames of its `.csv`; what else stands there does not matter.
+/// The fields of the `.json` beside a track that describe the frames of its `.csv`; other fields are ignored.
 #[derive(Default, Deserialize)]
 struct Beside {
     neutral_frame: Option<u32>,
@@ -430,7 +431,7 @@ impl Beside {
         bytes.and_then(|bytes| serde_json::from_slice(&bytes).ok()).unwrap_or_default()
     }
 
-    /// Refuses what is left of a file that was cut.
+    /// Rejects a truncated file.
     fn check(&self, path: &Path, frames: &[TrackedFrame], bytes: &[u8]) -> Result<(), TrackFileError> {
         let cut = |reason: String| Err(TrackFileError::Cut { path: path.to_owned(), reason });
         for (what, number) in [("neutral", self.neutral_frame), ("apex", self.apex_frame)] {
@@ -438,7 +439,7 @@ impl Beside {
                 return cut(format!("it has no frame {number}, which the .json beside it names as the {what} frame"));
             }
         }
-        // Times are of all numbers from the first to the last, also where frames are missing.
+        // Times cover all numbers from the first to the last, including missing frames.
         let numbers = || frames.iter().map(|frame| frame.number);
         let all = numbers().min().zip(numbers().max()).map_or(0, |(first, last)| (last - first) as usize + 1);
         if let Some(found) = self.times.as_ref().map(Vec::len).filter(|&found| found != all) {
@@ -454,8 +455,8 @@ impl Beside {
     }
 }
 
-/// Ascending frames in the order in which they are tracked: the neutral frame, those after it, then those before it, back in time. Without
-/// such a frame they stay as they are.
+/// Sorts ascending frames into tracking order: the neutral frame, the later frames, then the earlier frames backward in time. Without such
+/// a frame the order stays unchanged.
 pub fn neutral_first(mut frames: Vec<TrackedFrame>, neutral: Option<u32>) -> Vec<TrackedFrame> {
     let place = neutral.and_then(|number| frames.iter().position(|f| f.number == number));
     if let Some(place) = place {
@@ -465,10 +466,9 @@ pub fn neutral_first(mut frames: Vec<TrackedFrame>, neutral: Option<u32>) -> Vec
     frames
 }
 
-/// Reads a track's `.csv`, the neutral frame first, which the `.json` beside it names, else the first one.
-/// Columns `frame,node,x,y` are needed; without `state` and `residual` nodes count as tracked; `expected_error` may be missing.
+/// Reads a track's `.csv`, the neutral frame first. The `.json` beside it names the neutral frame; otherwise it is the first frame.
 ///
-/// Positions alone are enough: nodes of such a file count as tracked.
+/// Columns `frame,node,x,y` are required. Without `state` and `residual` nodes count as tracked; `expected_error` is optional.
 /// ```
 /// use grimace::track::{NodeState, read_track};
 ///
@@ -500,8 +500,8 @@ pub fn read_track(path: &Path) -> Result<Vec<TrackedFrame>, TrackFileError> {
     Ok(frames)
 }
 
-/// Whether positions are those of a normalized model: nothing is known of the nodes but where they are, about an origin within the face, with y
-/// up: the chin below the outer corners of the eyes.
+/// Whether positions are those of a normalized model: only positions are given, about an origin within the face, with y up (the chin below
+/// the outer corners of the eyes).
 fn is_normalized(frames: &[TrackedFrame]) -> bool {
     const CHIN_AND_EYES: [usize; 3] = [10, 20, 53];
     let Some(neutral) = frames.first() else { return false };
@@ -512,7 +512,7 @@ fn is_normalized(frames: &[TrackedFrame]) -> bool {
     frames.iter().flat_map(|frame| &frame.nodes).all(is_bare) && chin.y < 0.0 && chin.y < left.y.min(right.y) && right.x < 0.0
 }
 
-/// [`read_track`] of bytes at hand, frames ascending; `path` is only named in errors.
+/// Same as [`read_track`], from bytes, with ascending frames. `path` is only used in error messages.
 ///
 /// # Errors
 /// As [`read_track`].
@@ -586,7 +586,7 @@ mod tests {
         assert!(
             said(first.as_bytes()).unwrap_err().contains("it has no frame 5, which the .json beside it names as the apex frame")
         );
-        // Within its last line; a value that somebody changed is theirs.
+        // Cut within its last line; a changed value is accepted, because a user may edit it.
         let within = text.replace("0.75", "0.5");
         assert_eq!(said(within.as_bytes()), Ok(3));
         assert!(said(within.trim_end().as_bytes()).unwrap_err().contains("the last value may be incomplete"));
@@ -616,7 +616,7 @@ mod tests {
         assert_eq!(numbers(Some(7)), [7, 5, 2, 1]);
         assert_eq!(numbers(Some(5)), [5, 7, 2, 1]);
         assert_eq!(numbers(Some(6)), [1, 2, 5, 7]);
-        // What is written ascends.
+        // Written frames ascend.
         let mut back = frames();
         back.reverse();
         assert_eq!(track_csv(&back), track_csv(&frames()));
@@ -624,7 +624,7 @@ mod tests {
 
     #[test]
     fn a_normalized_model_is_no_track() {
-        // Chin, outer corner of the left and of the right eye: y up about the nose, and the same in a picture.
+        // Chin, outer corner of the left and of the right eye: with y up about the nose, and the same in a picture.
         let table = |place: fn(f64, f64) -> (f64, f64)| {
             let at = |node: usize| match node {
                 10 => place(0.0, -1400.0),

@@ -1,4 +1,4 @@
-//! Tracks of mirrored pictures, and such whose y points up.
+//! Detects tracks of mirrored pictures and tracks with y upward.
 
 use std::sync::LazyLock;
 
@@ -23,14 +23,14 @@ pub enum NotInPicture {
     Mirrored,
 }
 
-/// Distance of a mirrored face's nodes from Candide-3's in the mean, over how far these are from their middle: at most. Faces have 0.03 to 0.2,
+/// Largest mean distance of a mirrored face's nodes from Candide-3's, over their mean distance from the centre. Faces have 0.03 to 0.2,
 /// turned ones more.
 const MOST_UNLIKE: f64 = 0.35;
-/// How much nearer the mirrored face has to be than the face.
+/// Distance of the mirrored face as a share of that of the face itself, below which a face counts as mirrored.
 const NEARER: f64 = 0.5;
 
-/// Checks that a neutral face over Candide-3's nodes, in pixels, is not mirrored, however it is turned in the picture. Faces of another number
-/// of nodes are not looked at.
+/// Checks that a neutral face with Candide-3's nodes, in px, is not mirrored, whatever its rotation in the picture. Faces with another
+/// number of nodes are not checked.
 ///
 /// # Errors
 /// [`NotInPicture`].
@@ -42,7 +42,7 @@ pub fn check_in_picture(neutral: &[Point2<f64>]) -> Result<(), NotInPicture> {
         return Ok(());
     }
     let downwards: Vec<Point2<f64>> = upwards.iter().map(|p| Point2::new(p.x, -p.y)).collect();
-    // How unlike the nodes are to a face, and the way it is turned.
+    // Dissimilarity of the nodes to a face, and the face's rotation.
     let unlike = |face: &[Point2<f64>]| {
         let view = Similarity::fit(face, neutral, None).ok()?;
         let middle = face.iter().map(|p| p.coords).sum::<Vector2<f64>>() / face.len() as f64;
@@ -70,13 +70,13 @@ mod tests {
             let points: Vec<_> = neutral.iter().map(|p| Point2::from(<[f64; 2]>::from(change(p.x, p.y)))).collect();
             check_in_picture(&points)
         };
-        // As it is, on its side, upside-down, narrow.
+        // Unchanged, on its side, upside down, narrow.
         for way in [|x, y| (x, y), |x: f64, y: f64| (-y, x), |x: f64, y: f64| (-x, -y), |x: f64, y: f64| (0.6 * x, y)] {
             assert_eq!(changed(&way), Ok(()));
         }
         assert_eq!(changed(&|x, y| (x, 299.0 - y)), Err(NotInPicture::YUpwards));
         assert_eq!(changed(&|x, y| (399.0 - x, y)), Err(NotInPicture::Mirrored));
-        // With y upwards in a head that rolls by 17 degrees.
+        // With y upwards, for a head that rolls by 17 degrees.
         assert_eq!(changed(&|x, y| (0.957 * x + 0.292 * y, 0.292 * x - 0.957 * y)), Err(NotInPicture::YUpwards));
         assert_eq!(changed(&|_, _| (0.0, 0.0)), Ok(()));
         assert_eq!(check_in_picture(&neutral[..5]), Ok(()));

@@ -1,8 +1,8 @@
-//! Pyramidal KLT [Bouguet]. The pyramid of a frame is made once and serves as next, then as previous image, forward and back.
+//! Pyramidal KLT [Bouguet]. The pyramid of a frame is built once and used as next, then as previous image, forward and back.
 //!
-//! The arithmetic is that of OpenCV's `calcOpticalFlowPyrLK`, which is the field's reference: positions in single precision, weights of
-//! the bilinear interpolation in 14 bits, grey values with 5 bits behind the point, Scharr derivatives in 16 bits, and its rules for when
-//! to stop and what is lost. Derivatives are made only where windows lie.
+//! The arithmetic is that of OpenCV's `calcOpticalFlowPyrLK`, the field's reference: positions in single precision, 14 bits for the weights
+//! of the bilinear interpolation, 5 fractional bits for grey values, 16 bits for Scharr derivatives, and the same rules for stopping and
+//! for lost points. Derivatives are computed only within the windows.
 
 mod pyramid;
 mod reference;
@@ -18,7 +18,7 @@ use crate::{sequence::Frame, simd::widest};
 pub use reference::OpenCvKlt;
 pub(crate) use smooth::smoothed;
 
-/// Which implementation of pyramidal KLT finds points again.
+/// Implementation of pyramidal KLT.
 ///
 /// ```
 /// use grimace::track::{KltKind, TrackOptions};
@@ -29,15 +29,15 @@ pub(crate) use smooth::smoothed;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum KltKind {
-    /// Our own, [`Klt`].
+    /// The implementation of grimace, [`Klt`].
     #[default]
     Grimace,
-    /// OpenCV's, by the program `grimace-opencv`.
+    /// OpenCV's implementation, in the program `grimace-opencv`.
     OpenCv,
 }
 
 impl KltKind {
-    /// A tracker of this kind; see [`Klt::new`].
+    /// Creates a tracker of this kind; see [`Klt::new`].
     ///
     /// # Errors
     /// [`TrackError::Program`] when `grimace-opencv` is needed and does not start.
@@ -49,39 +49,39 @@ impl KltKind {
     }
 }
 
-/// Iterations and step (px) at which the search at one pyramid level ends.
+/// Largest number of iterations, and step (px) below which the search at one pyramid level ends.
 const MAX_ITERATIONS: u32 = 30;
 const STEP_PX: f32 = 0.01;
 
-/// Steps that undo each other to within this, px, end the search half way between.
+/// Two steps that cancel each other to within this distance, px, end the search half way between them.
 const SWING_PX: f32 = 0.01;
 
-/// Grey levels per px of one step of the Scharr derivatives.
+/// Grey levels per px for one unit of the Scharr derivatives.
 const SCHARR: f64 = 1.0 / 32.0;
 
 /// Smallest normalized eigenvalue of a window's gradient matrix.
 const MIN_EIGENVALUE: f32 = 1e-4;
 
-/// Bits of the interpolation's weights, and bits of grey values behind the point.
+/// Bits of the interpolation weights, and fractional bits of grey values.
 const WEIGHT_BITS: u32 = 14;
 const GREY_BITS: u32 = 5;
 
-/// Makes sums of products of derivatives small numbers; cancels out.
+/// Keeps sums of products of derivatives small; cancels out.
 const SCALE: f32 = 1.0 / (1 << 20) as f32;
 
-/// Sums run in as many lanes, so that they vectorize and are the same on every machine; windows are filled up to a multiple of it.
+/// Number of lanes of sums, so that they vectorize and give the same result on every machine. Windows are padded to a multiple of it.
 const LANES: usize = 8;
 
-/// Values on a part of an image, row by row without a gap, so that one loop runs over all of it; read a number further on they are those of the
-/// neighbour to the right, read a row further on those of the neighbour below.
+/// Values on a part of an image, row by row without a gap, so that one loop covers all of it. Offset by one, an index gives the right
+/// neighbour; offset by one row, the neighbour below.
 type Values = Vec<f32>;
 
-/// Adding and subtracting it rounds a number below 2^22 to the nearest whole one, of two the even one.
+/// Adding and subtracting it rounds a number below 2^22 to the nearest integer, ties to even.
 const ROUND: f32 = 12_582_912.0;
 
-/// The pyramidal KLT tracker; a single search finds what OpenCV's finds to some millionths of a pixel.
+/// The pyramidal KLT tracker. A single search agrees with OpenCV's to some millionths of a pixel.
 ///
-/// A square whose left upper corner moves from (30, 30) to (32, 30) is found there.
+/// In the example a square's upper left corner moves from (30, 30) to (32, 30) and is found there.
 /// ```
 /// use grimace::{sequence::Frame, track::{Found, Klt, PointTracker, Probe, Slot}};
 /// use nalgebra::Point2;
@@ -102,7 +102,7 @@ const ROUND: f32 = 12_582_912.0;
 pub struct Klt {
     levels: usize,
     max_window: i32,
-    /// A ring: the neutral, the previous and the current frame.
+    /// Ring of three pyramids: the neutral, the previous and the current frame.
     ring: [Pyramid; 3],
     neutral: usize,
     previous: usize,
@@ -110,24 +110,24 @@ pub struct Klt {
     window: Window,
 }
 
-/// Values on a window, and room to make them. Rows have one value more than the window, which is read between pixels; derivatives are zero
-/// there and behind the last row, so that what else stands there counts for nothing.
+/// Values on a window, and buffers to compute them. Rows have one value more than the window, for the interpolation between pixels;
+/// derivatives are zero there and after the last row, so that the padding has no effect.
 #[derive(Debug, Default)]
 struct Window {
     side: usize,
-    /// Of the first frame.
+    /// Grey values of the first frame.
     grey: Values,
     dx: Values,
     dy: Values,
     /// 1 in the window, 0 beyond it.
     inside: Values,
-    /// The pixels of the second frame, and from where on they were read.
+    /// Pixels of the second frame, and the upper left position they were read at.
     pixels: Values,
     read_at: Option<(i32, i32)>,
     scharr: Scharr,
 }
 
-/// Room for derivatives: of rows of pixels, sums and differences of three below each other, and those.
+/// Buffers for derivatives: pixel rows, smoothed sums and differences over three rows, and the derivatives.
 #[derive(Debug, Default)]
 struct Scharr {
     pixels: Values,
@@ -138,7 +138,7 @@ struct Scharr {
 }
 
 impl Klt {
-    /// A tracker with `levels` pyramid levels (1: the image itself only), for windows up to `max_window_px`.
+    /// Creates a tracker with `levels` pyramid levels (1: the image itself only), for windows up to `max_window_px`.
     #[must_use]
     pub fn new(levels: u32, max_window_px: u32) -> Self {
         Self {
@@ -188,7 +188,7 @@ impl PointTracker for Klt {
         Ok(widest(
             #[inline(always)]
             || {
-                // No `map`: what the standard library calls is compiled for four.
+                // No `map`: the standard library's code would be compiled for vectors of four.
                 let mut matrices = Vec::with_capacity(points.len());
                 for point in points {
                     matrices.push(scharr.mean_products(image, point, half));
@@ -228,7 +228,7 @@ impl PointTracker for Klt {
         let found = widest(
             #[inline(always)]
             || {
-                // No `map`: what the standard library calls is compiled for four.
+                // No `map`: the standard library's code would be compiled for vectors of four.
                 let mut found = Vec::with_capacity(probes.len());
                 for probe in probes {
                     found.push(window.follow(&from[..count], &to[..count], probe));
@@ -249,7 +249,7 @@ struct Corner {
 }
 
 impl Corner {
-    /// `None` for a window that lies outside the image as a whole.
+    /// Returns `None` for a window that lies entirely outside the image.
     #[inline(always)]
     fn at(x: f32, y: f32, side: usize, level: &Level) -> Option<Self> {
         let (left, top) = (x.floor(), y.floor());
@@ -264,9 +264,9 @@ impl Corner {
         Some(Self { x: left as i32, y: top as i32, weights: [w00, w01, w10, (1 << WEIGHT_BITS) - w00 - w01 - w10] })
     }
 
-    /// Grey values between pixels, times 32 and rounded, halves up, [`LANES`] at a time. `pixels`: values of rows of `row` pixels.
+    /// Returns interpolated grey values, times 32 and rounded (halves up), [`LANES`] at a time. `pixels`: values in rows of `row` pixels.
     ///
-    /// All numbers on the way are whole and below 2^24, so single precision is exact.
+    /// All intermediate values are integers below 2^24, so single precision is exact.
     #[inline(always)]
     fn between<'a>(&self, pixels: &'a [f32], row: usize) -> impl Iterator<Item = [f32; LANES]> + use<'a> {
         let [w00, w01, w10, w11] = self.weights.map(|w| w as f32);
@@ -278,7 +278,7 @@ impl Corner {
                 let mut out = [0.0; LANES];
                 for k in 0..LANES {
                     let sum = a[k] * w00 + b[k] * w01 + c[k] * w10 + d[k] * w11;
-                    // Above 2^23 there is no room for fractions.
+                    // Above 2^23 single precision has no fractional bits: adding and subtracting it rounds.
                     out[k] = (sum * (1.0 / 512.0) + (0.5 - 511.0 / 1024.0) + 8_388_608.0) - 8_388_608.0;
                 }
                 out
@@ -287,7 +287,7 @@ impl Corner {
     }
 }
 
-/// A list in parts of [`LANES`], without what is left over.
+/// Splits a list into chunks of [`LANES`], without the remainder.
 #[inline(always)]
 fn lanes(list: &[f32]) -> &[[f32; LANES]] {
     list.as_chunks().0
@@ -317,12 +317,13 @@ fn dot(a: &[f32], b: &[f32]) -> f32 {
 }
 
 impl Scharr {
-    /// Scharr derivatives, 32 a grey level per px, at `side` x `side` pixels from (`x`, `y`) on, `side` + 2 a row; zero outside the image.
+    /// Computes Scharr derivatives (32 per grey level per px) at `side` x `side` pixels from (`x`, `y`), in rows of `side` + 2 values; zero
+    /// outside the image.
     #[inline(always)]
     fn fill(&mut self, image: &Level, (x, y): (i32, i32), side: usize) {
         let Self { pixels, smooth, slope, dx, dy } = self;
         let row = side + 2;
-        // As many as are read of each, in whole lanes.
+        // As many values as are read of each list, in whole lanes.
         let derived = (side * row).next_multiple_of(LANES);
         let summed = (derived + 2).next_multiple_of(LANES);
         image.read(x - 1, y - 1, row, summed + 2 * row, pixels);
@@ -356,7 +357,7 @@ impl Scharr {
         }
     }
 
-    /// Makes derivatives outside the image zero.
+    /// Sets derivatives outside the image to zero.
     #[cold]
     fn leave_out(&mut self, image: &Level, (x, y): (i32, i32), row: usize) {
         let rows = self.dx.chunks_mut(row).zip(self.dy.chunks_mut(row));
@@ -369,7 +370,7 @@ impl Scharr {
         }
     }
 
-    /// Mean products of derivatives, squared grey levels per px, in the window of 2 `half` + 1 px around a point.
+    /// Returns mean products of derivatives, squared grey levels per px, in the window of 2 `half` + 1 px around a point.
     #[inline(always)]
     fn mean_products(&mut self, image: &Level, point: &Point2<f64>, half: i32) -> Matrix2<f64> {
         let side = 2 * half as usize + 1;
@@ -383,7 +384,7 @@ impl Scharr {
         Matrix2::new(sums[0], sums[1], sums[1], sums[2]) / count.max(1.0)
     }
 
-    /// Sums of products of the derivatives: x with x, x with y, y with y. They are whole numbers, so the sums are exact in any order.
+    /// Returns sums of products of the derivatives: x with x, x with y, y with y. They are integers, so the sums are exact in any order.
     #[inline(always)]
     fn products(&self, side: usize) -> [f64; 3] {
         const HALF: usize = LANES / 2;
@@ -409,11 +410,11 @@ impl Scharr {
     }
 }
 
-/// Values between two rows, rounded: of each and of the one to its right, by `weights` of the upper two and the lower two.
+/// Interpolates between two rows with `weights` (upper two, lower two), each value with its right neighbour, and rounds.
 #[inline(always)]
 fn mix_rows(upper: &[f32], lower: &[f32], weights: [f32; 4], out: &mut [f32]) {
     let [w00, w01, w10, w11] = weights;
-    // The last whole block reaches back into the one before it, so that nothing is left over that is not a block.
+    // The last whole block overlaps the previous one, so that no remainder is left.
     let blocks = if out.len() < LANES { 0 } else { out.len().div_ceil(LANES) };
     for block in 0..blocks {
         let begin = (block * LANES).min(out.len() - LANES);
@@ -448,7 +449,7 @@ impl Window {
         }
     }
 
-    /// Takes grey values and derivatives of the first frame at a place.
+    /// Takes grey values and derivatives of the first frame at a position.
     #[inline(always)]
     fn fill(&mut self, level: &Level, corner: &Corner) {
         let Self { side, grey, dx, dy, pixels, read_at, scharr, .. } = self;
@@ -456,7 +457,7 @@ impl Window {
         *read_at = None;
         level.read(corner.x, corner.y, row, grey.len() + row + 1, pixels);
         lanes_mut(grey).iter_mut().zip(corner.between(pixels, row)).for_each(|(out, grey)| *out = grey);
-        // One more in a row and one row more, to be read between; two pixels more around these.
+        // One more value per row and one more row, for the interpolation; two more pixels around these, for the derivatives.
         scharr.fill(level, (corner.x, corner.y), row);
         let [w00, w01, w10, w11] = corner.weights.map(|w| w as f32 / (1 << WEIGHT_BITS) as f32);
         let wide = row + 2;
@@ -468,8 +469,8 @@ impl Window {
         }
     }
 
-    /// Reads the second frame's pixels at a place, unless they are there: most steps of a search go less than a pixel. [`Window::fill`] begins
-    /// with another level.
+    /// Reads the second frame's pixels at a position unless they are already there: most steps of a search are shorter than a pixel.
+    /// [`Window::fill`] resets them for another level.
     #[inline(always)]
     fn read(&mut self, level: &Level, corner: &Corner) {
         let at = Some((corner.x, corner.y));
@@ -480,7 +481,7 @@ impl Window {
         }
     }
 
-    /// Sums of the products of either derivative with the second frame's grey values at a place less those of the first.
+    /// Returns sums of products of each derivative with the grey difference between the second frame at a position and the first frame.
     #[inline(always)]
     fn mismatch(&mut self, level: &Level, corner: &Corner) -> (f32, f32) {
         self.read(level, corner);
@@ -498,7 +499,7 @@ impl Window {
         (total(along_x), total(along_y))
     }
 
-    /// Mean difference of the second frame's grey values at a place to those of the first, grey levels.
+    /// Returns the mean absolute grey difference between the second frame at a position and the first frame, grey levels.
     #[inline(always)]
     fn difference(&mut self, level: &Level, corner: &Corner) -> f64 {
         self.read(level, corner);
@@ -532,7 +533,7 @@ impl Window {
                 next = (next.0 * 2.0, next.1 * 2.0);
             }
             let (x, y) = (start.0 * scale(k) - half, start.1 * scale(k) - half);
-            // What goes wrong at a smaller size may come right at the next one.
+            // A failure at a coarser level may be corrected at the next one.
             if !self.search(first, second, (x, y), &mut next) && k == 0 {
                 return Found::Lost;
             }
@@ -544,7 +545,7 @@ impl Window {
         Found::At { position: Point2::new(f64::from(next.0), f64::from(next.1)), difference }
     }
 
-    /// The search at one level, from `next` and into it; `false` where the window says nothing or leaves the image.
+    /// Searches at one level, starting at `next` and updating it. Returns `false` when the window has no texture or leaves the image.
     #[inline(always)]
     fn search(&mut self, first: &Level, second: &Level, (x, y): (f32, f32), next: &mut (f32, f32)) -> bool {
         let side = self.side;
@@ -588,7 +589,7 @@ mod tests {
 
     use super::*;
 
-    /// A smooth pattern at a place.
+    /// A smooth pattern at a position.
     fn frame(number: u32, shift: (f64, f64)) -> Frame {
         let image = GrayImage::from_fn(160, 120, |x, y| {
             let (x, y) = (f64::from(x) - shift.0, f64::from(y) - shift.1);
@@ -610,12 +611,12 @@ mod tests {
         let probes: Vec<_> = starts.iter().map(|p| probe(*p)).collect();
         for (start, found) in starts.iter().zip(tracker.find(Slot::Previous, Slot::Current, 15, 4, &probes).unwrap()) {
             let Found::At { position, difference } = found else { panic!("{start} is lost") };
-            // Grey levels are whole: half a level over gradients of some ten levels per px.
+            // Grey levels are integers: an error of half a level over gradients of about ten levels per px.
             assert!((position - start - nalgebra::Vector2::new(3.25, -1.5)).norm() < 0.04, "{start} to {position}");
-            // Straight lines between pixels leave the waves by up to an eighth of their curvature, 5 grey levels per px squared.
+            // Linear interpolation deviates from the waves by up to an eighth of their curvature, 5 grey levels per px squared.
             assert!(difference < 0.7, "{difference}");
         }
-        // A point is at its place in its own frame.
+        // A point is found at its own position in its own frame.
         for (start, found) in starts.iter().zip(tracker.find(Slot::Current, Slot::Current, 15, 4, &probes).unwrap()) {
             assert_eq!(found, Found::At { position: start.map(|v| f64::from(v as f32)), difference: 0.0 });
         }

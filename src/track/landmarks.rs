@@ -1,17 +1,17 @@
-//! A track from landmarks that somebody else tracked, instead of from images.
+//! Makes a track from landmarks that another program tracked, instead of from images.
 //!
-//! The wireframe is fitted to the landmarks of the neutral frame as to marks. In every later frame
+//! The wireframe is fitted to the landmarks of the neutral frame as to marks. Then, in every later frame,
 //!
-//! 1. the fitted wireframe follows the head: the similarity between the landmarks of the eye corners and the nose, neutral to now;
-//! 2. every node with a landmark (one that stands for this node alone, confidence high or medium) is pulled by what its landmark
-//!    moved beyond that, and the springs place all others, as they place lost nodes in [KP, section 3];
+//! 1. the fitted wireframe follows the head: the similarity between the landmarks of the eye corners and the nose, neutral to current;
+//! 2. every node with a landmark (one that stands for this node alone, confidence high or medium) is pulled by the remaining displacement of
+//!    its landmark, and the springs place all other nodes, as they place lost nodes in [KP, section 3];
 //! 3. nodes that move as one (the corners of an iris box) take their mean displacement, and nodes in no triangle follow.
 //!
-//! Displacements and not places of the landmarks drive the nodes, so that a landmark a little beside its node does no harm. Each frame
-//! is placed from the neutral one: nothing drifts. A frame that was lost or is missing lies on the line between the frames around
-//! it, node by node, and says so in its states.
+//! Nodes are driven by the displacements of the landmarks, not their positions, so that a landmark slightly beside its node does no harm.
+//! Each frame is placed from the neutral one, so errors do not accumulate. Nodes of a lost or missing frame are interpolated linearly
+//! between the adjacent frames; their states record it.
 //!
-//! Pulls and springs are the same in every frame, so the deformation is one linear map, computed once for a wireframe.
+//! Forces and springs are the same in every frame, so the deformation is one linear map, computed once for a wireframe.
 
 use nalgebra::{DMatrix, Point2, Vector2};
 
@@ -24,13 +24,13 @@ use crate::{
     wireframe::{LandmarkConfidence, Tables, Wireframe},
 };
 
-/// Pupils, whose nodes are the corners of the iris boxes.
+/// Feature points of the pupils; their nodes are the corners of the iris boxes.
 const PUPILS: [FeaturePoint; 2] = [FeaturePoint { group: 3, point: 5 }, FeaturePoint { group: 3, point: 6 }];
 
 /// Landmarks that expressions hardly move: the ridge of the nose and the corners of the eyes.
 const HEAD_LANDMARKS: [usize; 8] = [27, 28, 29, 30, 36, 39, 42, 45];
 
-/// How landmarks drive a wireframe.
+/// Precomputed map from landmarks to a wireframe.
 ///
 /// ```
 /// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
@@ -56,14 +56,14 @@ const HEAD_LANDMARKS: [usize; 8] = [27, 28, 29, 30, 36, 39, 42, 45];
 pub struct LandmarkPlan {
     /// Landmark and node of every driven node.
     driven: Vec<(usize, NodeId)>,
-    /// Displacement of every live node (rows, in their order) per displacement of every driven one's target (columns).
+    /// Displacement of every live node (rows, in their order) for a unit displacement of every driven node's target (columns).
     response: DMatrix<f64>,
     /// Nodes that move as one.
     rigid: Vec<Vec<NodeId>>,
 }
 
 impl LandmarkPlan {
-    /// The plan for a wireframe; `force` is the gain of the pull on a driven node over the stiffness of a spring.
+    /// Creates the plan for a wireframe. `force` is the gain of the pull on a driven node over the stiffness of a spring.
     ///
     /// # Errors
     /// [`SpringError`] when no node is driven or the force is not positive.
@@ -99,17 +99,17 @@ impl LandmarkPlan {
         Ok(Self { driven, response, rigid: PUPILS.iter().map(nodes).map(in_range).collect() })
     }
 
-    /// Marks for the fit from the landmarks of the neutral frame: those of every driven node.
+    /// Returns marks for the fit from the landmarks of the neutral frame, one for every driven node.
     pub fn marks(&self, points: &[Point2<f64>], tables: &Tables) -> Vec<Correspondence> {
         let all = correspondences_from_landmarks(points, tables, &LandmarkSelection::HighAndMedium).unwrap_or_default();
         all.into_iter().filter(|mark| self.driven.iter().any(|(_, node)| *node == mark.node)).collect()
     }
 
-    /// The track of a wireframe fitted to the neutral frame of the landmarks.
+    /// Returns the track of a wireframe that was fitted to the neutral frame of the landmarks.
     ///
     /// # Errors
-    /// [`TrackError::TooFewFrames`], or [`TrackError::Landmarks`] when the neutral or the apex frame has no landmarks or those of
-    /// the head coincide. Such a frame between them counts as lost.
+    /// [`TrackError::TooFewFrames`], or [`TrackError::Landmarks`] when the neutral or the apex frame has no landmarks or those of the head
+    /// coincide. Such a frame between them counts as lost.
     pub fn track(
         &self,
         wireframe: &Wireframe,
@@ -123,7 +123,7 @@ impl LandmarkPlan {
         let without = |frame: u32| TrackError::Landmarks { frame, reason: "it has no landmarks".to_owned() };
         let neutral = first.points.as_deref().ok_or_else(|| without(first.number))?;
         let mut track = vec![TrackedFrame { number: first.number, nodes: neutral_nodes(wireframe, fitted) }];
-        // Frames without landmarks wait for the next one that has some.
+        // Frames without landmarks wait for the next frame that has some.
         let mut waiting: Vec<u32> = Vec::new();
         for frame in &frames[1..] {
             let Some(points) = &frame.points else {
@@ -133,7 +133,7 @@ impl LandmarkPlan {
             let placed = self.place(wireframe, fitted.model.nodes(), neutral, points);
             let placed = match placed {
                 Ok(placed) => placed,
-                // Only what the sequence is measured between must be there.
+                // Only the frames that the sequence is measured between are required.
                 Err(_) if Some(frame.number) != frames.last().map(|f| f.number) => {
                     waiting.push(frame.number);
                     continue;
@@ -153,7 +153,7 @@ impl LandmarkPlan {
         }
     }
 
-    /// Positions of all nodes in a frame, from the fitted ones and the landmarks of the neutral frame and this.
+    /// Returns the positions of all nodes in a frame, from the fitted positions and the landmarks of the neutral and the current frame.
     fn place(
         &self,
         wireframe: &Wireframe,
@@ -196,7 +196,7 @@ impl LandmarkPlan {
     }
 }
 
-/// A lost frame, node by node on the line between the frames around it.
+/// Returns a lost frame: each node interpolated linearly between the adjacent frames.
 fn between(before: &TrackedFrame, after: &TrackedFrame, number: u32) -> TrackedFrame {
     let share = f64::from(number - before.number) / f64::from(after.number - before.number);
     let node = |(a, b): (&TrackedNode, &TrackedNode)| {
@@ -254,11 +254,11 @@ mod tests {
         let track = plan.track(&wireframe, &fitted, &sequence(vec![(1, Some(neutral)), (2, Some(smile))])).unwrap();
         let (before, after) = (&track[0].nodes, &track[1].nodes);
         let moved = |n: usize| after[n].position - before[n].position;
-        // The corner's own springs hold it back by less than a twentieth: gain 150 against some six springs of stiffness 1.
+        // The springs at the corner hold it back by less than a twentieth: gain 150 against about six springs of stiffness 1.
         assert!((moved(31) - Vector2::new(6.0, -4.0)).norm() < 0.05 * 52f64.sqrt(), "{}", moved(31));
         // The other corner has a landmark that did not move.
         assert!(moved(64).norm() < 0.1);
-        // Node 27, the cheek, has none and goes a part of the way.
+        // Node 27, the cheek, has no landmark and moves part of the way.
         assert!(moved(27).norm() > 0.1 && moved(27).x > 0.0, "{}", moved(27));
         assert_eq!(after[31].state, NodeState::Tracked);
         assert_eq!(after[27].state, NodeState::Recovered(LossReason::NoLandmark));

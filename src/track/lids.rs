@@ -1,13 +1,14 @@
-//! Lids that shut. Ours, beyond KP.
+//! Corrects the positions of closing lids. This is not part of KP.
 //!
-//! A blink takes a tenth of a second: an upper lid goes down over the eye within two or three frames, and its window shows an iris and
-//! lashes before and skin behind. KLT loses it or finds it half-way, and the alignment, to which the neutral frame shows no lid that is
-//! down, lets it stay there. But what the eye would look like with its lid further down can be told from the neutral frame: the skin above
-//! comes down with the lashes at its edge, and what is below the edge stays as it was. So each eye is compared with pictures of itself,
-//! shut by so much; if one of them is more like it than the one shut as far as the tracker says, the lid is put there.
+//! A blink takes a tenth of a second: the upper lid covers the eye within two or three frames, and its window changes from iris and lashes
+//! to skin. KLT loses it or finds it half way, and the alignment, which compares with the open eye of the neutral frame, keeps it there.
+//! But the neutral frame predicts what the eye looks like with its lid further down: the skin above moves down with the lashes at its edge,
+//! and everything below the edge stays. So each eye is compared with synthetic pictures of itself, closed by different amounts. If one of
+//! them matches better than the one at the tracked position, the lid is put there.
 //!
-//! The picture of an eye whose upper lid is down by a share s of its opening, and whose lower one is up by a share t, at a place v below
-//! the line between its corners (u along that line, both over the eye's width; U, L: upper and lower lid of the neutral frame N, all of u):
+//! The picture of an eye whose upper lid is down by a share s of its opening, and whose lower lid is up by a share t, at a point v below
+//! the line between its corners (u along that line, both over the eye's width; U, L: upper and lower lid of the neutral frame N, all
+//! functions of u):
 //!
 //! ```text
 //! f = L - t (L - U), e = min(U + s (L - U), f)   the edges
@@ -17,8 +18,8 @@
 //! N(u, U - b - (e - v - b) r)                    above them skin unfolds, r = (h - b) / (h - b + e - U)
 //! ```
 //!
-//! Pictures are compared by their normalized correlation c, which light does not change. What counts is how much of what the picture at
-//! the tracker's place leaves unexplained, 1 - c, the best one explains.
+//! Pictures are compared by their normalized correlation c, which does not depend on lighting. The criterion is the share of the
+//! unexplained part at the tracked position, 1 - c, that the best picture explains.
 
 use image::GrayImage;
 use nalgebra::{Point2, Vector2};
@@ -26,34 +27,34 @@ use nalgebra::{Point2, Vector2};
 use super::{NodeState, TrackedNode};
 use crate::{interpolation::smooth_step, sequence::Frame, units::NodeId, wireframe::LID_MARGINS};
 
-/// Places along and across an eye that are compared, and where the first and the last are: shares of the eye's width, from the outer
-/// corner to the inner one and below the line between them.
+/// Number of sample points along and across an eye, and positions of the first and the last: shares of the eye's width, from the outer
+/// corner to the inner one, and below the line between them.
 const COLUMNS: usize = 20;
 const ROWS: usize = 26;
 const ALONG: (f64, f64) = (0.06, 0.94);
 const BELOW: (f64, f64) = (-0.45, 0.32);
-/// b, the height of the lashes, and h, above which skin stays, over the eye's width.
+/// b, the height of the lashes, and h, the height above which skin does not move, over the eye's width.
 const LASHES: f64 = 0.10;
 const HEIGHT: f64 = 0.42;
-/// Shares of the opening by which upper lids are down in the pictures, and lower ones up.
+/// Shares of the opening by which upper lids are down, and lower ones up, in the pictures.
 const DOWN: Shares = Shares { count: 13, least: -0.2, most: 1.0 };
 const UP: Shares = Shares { count: 4, least: 0.0, most: 0.45 };
-/// What a lid that rises uncovers looks like the eyeball this far below its edge, over the eye's width.
+/// Depth below its edge, over the eye's width, from which a rising lid's uncovered area is filled with the eyeball's appearance.
 const UNCOVERED: f64 = 0.03;
-/// What the tracker may have put the corners wrong by, over the eye's width.
+/// Errors of the tracked eye corners that are tried, over the eye's width.
 const OFF: [f64; 3] = [-0.03, 0.0, 0.03];
-/// Advantage of the best picture over that at the tracker's place, as correlations and as a share of what that leaves unexplained, from
-/// which the lids begin to go there, and at which they are put there.
+/// Advantage of the best picture over that at the tracked position: as a difference of correlations, and (`EXPLAINED`) as a share of the
+/// latter's unexplained part. From the first value the lids begin to move there; at the second they are put there.
 const ADVANTAGE: (f64, f64) = (0.02, 0.05);
 const EXPLAINED: (f64, f64) = (0.12, 0.28);
-/// An eye that looks like none of its pictures, by this correlation, is covered, or turned away.
+/// Correlation with all pictures below which an eye counts as covered or turned away.
 const UNLIKE: f64 = 0.45;
-/// Least opening of the neutral eye, over its width and in px, and the least width in px: what is narrower shows no lid that goes down.
+/// Smallest opening of the neutral eye, over its width and in px, and smallest width in px. On narrower eyes closing lids cannot be seen.
 const LEAST_OPENING: (f64, f64) = (0.12, 3.0);
 const LEAST_WIDTH: f64 = 12.0;
-/// Least share of the opening that stays between lids that meet.
+/// Smallest share of the opening that remains between lids that meet.
 const MEETING: f64 = 0.02;
-/// Standard deviation of the grey levels of an eye below which there is nothing to see.
+/// Standard deviation of an eye's grey levels below which it has no usable texture.
 const FLAT: f64 = 2.0;
 
 /// Shares of the opening, evenly spaced.
@@ -65,12 +66,12 @@ struct Shares {
 }
 
 impl Shares {
-    /// The share at a place, also between two.
+    /// Returns the share at an index, also between two indices.
     fn at(self, place: f64) -> f64 {
         self.least + (self.most - self.least) * place / (self.count - 1) as f64
     }
 
-    /// The place before a share, and how far from there to the next one it lies; shares beyond the ends are those of the ends.
+    /// Returns the index below a share, and the fraction of the way to the next index. Shares beyond the ends are clamped.
     fn place(self, share: f64) -> (usize, f64) {
         let at = ((share - self.least) / (self.most - self.least)).clamp(0.0, 1.0) * (self.count - 1) as f64;
         let k = (at as usize).min(self.count - 2);
@@ -78,7 +79,7 @@ impl Shares {
     }
 }
 
-/// Both eyes as the neutral frame shows them.
+/// Both eyes in the neutral frame.
 #[derive(Clone, Debug)]
 pub struct Lids(Vec<Eye>);
 
@@ -88,15 +89,15 @@ struct Eye {
     /// Indices of the nodes of the upper and the lower lid, from the outer to the inner corner.
     upper: [usize; 5],
     lower: [usize; 5],
-    /// 1 where the way down is to the right of the way from the outer to the inner corner, in an image with y down; -1 where it is left.
+    /// 1 if "down" is to the right of the direction from the outer to the inner corner (image with y down), -1 if to the left.
     side: f64,
-    /// Heights of the lids of the neutral frame at the nodes between the corners, below the line between these, over the eye's width.
+    /// Heights of the neutral lids at the nodes between the corners, below the line between these, over the eye's width.
     rest: [[f64; 3]; 2],
-    /// Its pictures, shut further and further, each of mean 0 and of norm 1.
+    /// Pictures of the eye, closed further and further, each of mean 0 and norm 1.
     pictures: Vec<Vec<f32>>,
 }
 
-/// Where an eye is in a frame.
+/// Position of an eye in a frame.
 #[derive(Clone, Copy, Debug)]
 struct Place {
     outer: Point2<f64>,
@@ -114,7 +115,7 @@ impl Place {
         self.outer + self.along * u + self.down * v
     }
 
-    /// Share of the way from corner to corner, and height below, over the eye's width.
+    /// Returns the share of the way from corner to corner, and the height below it, over the eye's width.
     fn of(&self, point: &Point2<f64>) -> [f64; 2] {
         let off = point - self.outer;
         [off.dot(&self.along), off.dot(&self.down)].map(|v| v / self.along.norm_squared())
@@ -122,17 +123,17 @@ impl Place {
 }
 
 impl Lids {
-    /// The eyes of the neutral frame, whose nodes are at `nodes`; those that are shut, tiny, or show nothing are left out.
+    /// Creates the eyes of the neutral frame, whose nodes are at `nodes`. Leaves out eyes that are shut, tiny, or without texture.
     pub fn new(frame: &Frame, nodes: &[Point2<f64>]) -> Self {
         Self(LID_MARGINS.iter().filter_map(|margins| Eye::new(frame.image(), nodes, *margins)).collect())
     }
 
-    /// Leaves the eye of a node that was set by hand alone from now on.
+    /// Stops correcting the eye of a node that was set by hand.
     pub fn release(&mut self, node: NodeId) {
         self.0.retain(|eye| !eye.upper.iter().chain(&eye.lower).any(|&k| k == node.index()));
     }
 
-    /// Puts the upper lids of a tracked frame where the eyes look as if they were.
+    /// Puts the lids of a tracked frame where the eyes look as if they were.
     pub fn place(&self, frame: &Frame, nodes: &mut [TrackedNode]) {
         for eye in &self.0 {
             eye.place(frame.image(), nodes);
@@ -182,7 +183,7 @@ impl Eye {
         Some(Self { upper, lower, side, rest, pictures: (0..DOWN.count * UP.count).map(picture).collect::<Option<_>>()? })
     }
 
-    /// Shares of the neutral opening by which the upper lid is down and the lower one up.
+    /// Returns the shares of the neutral opening by which the upper lid is down and the lower one up.
     fn shut(&self, place: &Place, nodes: &[TrackedNode]) -> Option<[f64; 2]> {
         let mut sums = [0.0; 2];
         for k in 0..3 {
@@ -194,7 +195,7 @@ impl Eye {
         sums.iter().all(|sum| sum.is_finite()).then_some(sums)
     }
 
-    /// Neutral opening at one of the three nodes between the corners, over the eye's width.
+    /// Returns the neutral opening at one of the three nodes between the corners, over the eye's width.
     fn opening(&self, k: usize) -> f64 {
         (self.rest[1][k] - self.rest[0][k]).max(1e-3)
     }
@@ -213,15 +214,15 @@ impl Eye {
                 let Some(node) = nodes.get_mut(node) else { continue };
                 node.position += place.down * (share * (there - place.of(&node.position)[1]));
                 if share >= 0.5 {
-                    // Found by its eye, not by its window.
+                    // The lid was found by the look of its eye, not by its own window.
                     (node.state, node.evidence) = (NodeState::Tracked, None);
                 }
             }
         }
     }
 
-    /// By how much of its opening the eye looks shut from above and from below, and the share of the way there that lids go; `None` where
-    /// they stay as they were tracked.
+    /// Returns how far the eye looks closed from above and below, in shares of its opening, and how far the lids go there, as a share.
+    /// `None` where they stay as tracked.
     fn look(&self, image: &GrayImage, place: &Place, tracked: [f64; 2]) -> Option<([f64; 2], f64)> {
         let go = |values: &[f64]| {
             let (best, value) = greatest(values);
@@ -231,7 +232,7 @@ impl Eye {
             (best, value, share)
         };
         let mut most = self.correlations(image, place, [0.0; 2])?;
-        // Mostly the tracker is right; then one look is enough.
+        // The tracker is right in most frames; then one comparison is enough.
         if go(&most).2 <= 0.0 {
             return None;
         }
@@ -244,38 +245,38 @@ impl Eye {
         (value >= UNLIKE && share > 0.0).then(|| (peak(&most, best), share))
     }
 
-    /// Correlations of the eye, taken to be off by a little, with its pictures.
+    /// Returns the correlations of the eye, shifted by a small offset, with its pictures.
     fn correlations(&self, image: &GrayImage, place: &Place, [off_u, off_v]: [f64; 2]) -> Option<Vec<f64>> {
         let seen = normalized(samples(|_, u, v| level(image, place.at(u + off_u, v + off_v))))?;
         Some(self.pictures.iter().map(|picture| f64::from(dot(picture, &seen))).collect())
     }
 }
 
-/// The place of one of `count`, evenly spread.
+/// Returns the position of sample `k` of `count`, evenly spaced.
 fn spread((from, to): (f64, f64), k: usize, count: usize) -> f64 {
     from + (to - from) * k as f64 / (count - 1) as f64
 }
 
-/// The columns of places that are compared, shares of the eye's width.
+/// Returns the columns of sample points, as shares of the eye's width.
 fn columns() -> impl Iterator<Item = f64> {
     (0..COLUMNS).map(|column| spread(ALONG, column, COLUMNS))
 }
 
-/// What a function of the places compared, and of their column's number, has there, row by row.
+/// Evaluates a function of the sample point and its column index at all sample points, row by row.
 fn samples(value: impl Fn(usize, f64, f64) -> f32) -> Vec<f32> {
     let value = &value;
     let row = |row: usize| columns().enumerate().map(move |(column, u)| value(column, u, spread(BELOW, row, ROWS)));
     (0..ROWS).flat_map(row).collect()
 }
 
-/// Height of a lid, whose nodes ascend along the eye, at a place along it.
+/// Returns the height of a lid, whose nodes ascend along the eye, at a position along it.
 fn height_at(chain: &[[f64; 2]], u: f64) -> f64 {
     let pair = chain.windows(2).find(|pair| u <= pair[1][0]).or(chain.windows(2).last());
     let Some([from, to]) = pair.map(|pair| [pair[0], pair[1]]) else { return 0.0 };
     from[1] + (to[1] - from[1]) * ((u - from[0]) / (to[0] - from[0]).max(1e-9)).clamp(0.0, 1.0)
 }
 
-/// Grey level between pixels, the border's beyond it.
+/// Returns the interpolated grey level; beyond the border, that of the border.
 fn level(image: &GrayImage, at: Point2<f64>) -> f32 {
     let (width, height) = image.dimensions();
     if width == 0 || height == 0 {
@@ -292,7 +293,7 @@ fn level(image: &GrayImage, at: Point2<f64>) -> f32 {
     row(y) + (row(low) - row(y)) * t
 }
 
-/// Levels with their mean taken out and of norm 1; `None` where they hardly differ.
+/// Normalizes levels to mean 0 and norm 1; `None` where they hardly differ.
 fn normalized(mut levels: Vec<f32>) -> Option<Vec<f32>> {
     let count = levels.len() as f32;
     let mean = levels.iter().sum::<f32>() / count;
@@ -305,7 +306,7 @@ fn normalized(mut levels: Vec<f32>) -> Option<Vec<f32>> {
     Some(levels)
 }
 
-/// Sum of products, in lanes that always add up alike.
+/// Returns the sum of products, in lanes that are always added in the same order.
 fn dot(a: &[f32], b: &[f32]) -> f32 {
     let mut lanes = [0.0_f32; 8];
     let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<8>(), b.as_chunks::<8>());
@@ -318,12 +319,12 @@ fn dot(a: &[f32], b: &[f32]) -> f32 {
     lanes.iter().sum()
 }
 
-/// Index and value of the greatest of the correlations, the first of equals.
+/// Returns index and value of the greatest correlation, the first of equals.
 fn greatest(values: &[f64]) -> (usize, f64) {
     values.iter().copied().enumerate().fold((0, f64::NEG_INFINITY), |best, (k, v)| if v > best.1 { (k, v) } else { best })
 }
 
-/// The correlation with a picture between those there are.
+/// Returns the correlation with a picture between the available ones.
 fn between(values: &[f64], [down, up]: [f64; 2]) -> f64 {
     let ((k, s), (row, t)) = (DOWN.place(down), UP.place(up));
     let value = |row: usize, k: usize| values.get(row * DOWN.count + k).copied().unwrap_or(0.0);
@@ -331,7 +332,7 @@ fn between(values: &[f64], [down, up]: [f64; 2]) -> f64 {
     along(row) + (along(row + 1) - along(row)) * t
 }
 
-/// Shares of the opening at which correlations peak, about the greatest of them: those of the parabolas through its neighbours.
+/// Returns the shares of the opening at which the correlations peak, from parabolas through the neighbours of the greatest.
 fn peak(values: &[f64], best: usize) -> [f64; 2] {
     let along = |k: usize, step: usize, shares: Shares| {
         let beside = |k: Option<usize>| k.and_then(|k| values.get(k)).copied();
@@ -359,13 +360,13 @@ mod tests {
     const WIDTH: f64 = 60.0;
     const LIDS: (f64, f64) = (-14.0, 6.0);
 
-    /// Height of a lid below the line between the corners at a share of it: a parabola through both.
+    /// Height of a lid below the line between the corners at a share of that line: a parabola.
     fn arc(middle: f64, u: f64) -> f64 {
         4.0 * middle * u * (1.0 - u)
     }
 
-    /// An eye with a dark iris `gaze` px from the middle under a lid that is down by a share `shut`, drawn: skin that grows darker downwards with a
-    /// grain, lashes on the upper lid's edge, the white of the eye.
+    /// Draws an eye with a dark iris `gaze` px from the middle, under a lid that is down by a share `shut`: grained skin that darkens
+    /// downwards, lashes on the upper lid's edge, the white of the eye.
     fn eye(number: u32, shut: f64, gaze: f64) -> Frame {
         let level = |x: u32, y: u32| {
             let (x, y) = (f64::from(x) - 40.0, f64::from(y) - 60.0);
@@ -385,7 +386,7 @@ mod tests {
         Frame::new(number, GrayImage::from_fn(140, 110, |x, y| Luma([level(x, y).round() as u8])))
     }
 
-    /// The nodes of Candide-3 with the subject's left eye where [`eye`] has it, in an image that is mirrored: the outer corner on the left.
+    /// The nodes of Candide-3 with the subject's left eye at the position of [`eye`], in a mirrored image: the outer corner is on the left.
     fn nodes(shut: f64) -> Vec<TrackedNode> {
         let mut nodes = vec![TrackedNode::new(Point2::origin(), NodeState::Fitted, None); 113];
         let [upper, lower] = LID_MARGINS[0];
@@ -411,14 +412,14 @@ mod tests {
     #[test]
     fn a_lid_that_the_tracker_left_behind_goes_down() {
         for shut in [0.5, 0.8, 1.0] {
-            // The tracker lost it a fifth of the way down.
+            // The tracker lost the lid after a fifth of its way.
             let mut found = nodes(0.2);
             found[21].state = NodeState::Recovered(super::super::LossReason::Klt);
             lids().place(&eye(2, shut, 0.0), &mut found);
             let left = opening(&found);
             assert!((left - (1.0 - shut).max(MEETING)).abs() < 0.12, "{left} is left open where {shut} is gone");
             assert_eq!(found[21].state, NodeState::Tracked);
-            // Corners stay, and so does what is no lid.
+            // Corners do not move, and neither do nodes that are not on a lid.
             assert!(found[20] == nodes(0.0)[20] && found[23] == nodes(0.0)[23] && found[30] == nodes(0.0)[30]);
         }
     }

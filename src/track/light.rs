@@ -1,9 +1,9 @@
-//! Light that changes over a sequence: exposure that adapts, a lamp that is dimmed, a flicker.
+//! Compensates light that changes over a sequence: automatic exposure, a dimmed lamp, flicker.
 //!
-//! KLT and the alignment compare grey values and take light to be constant from frame to frame (Bouguet's assumption); a face that grows darker by
-//! a few percent a frame is then lost or, worse, drags its nodes along. The neutral frame says how bright the skin around every node is; how
-//! much brighter or darker it is around the same nodes now, in the median, is what the light did, since an expression makes some places
-//! brighter and others darker. Frames whose light changed by more than [`LEAST_CHANGE`] are given the light of the neutral one.
+//! KLT and the alignment compare grey values and assume constant light from frame to frame (Bouguet's assumption). If a face darkens by a
+//! few percent per frame, nodes are lost or drift. This module compares the brightness around every node with that in the neutral frame.
+//! The median ratio is the change of the light, because an expression makes some parts brighter and others darker. Frames whose light
+//! changed by more than [`LEAST_CHANGE`] are scaled to the light of the neutral frame.
 
 use image::GrayImage;
 use nalgebra::Point2;
@@ -11,38 +11,38 @@ use nalgebra::Point2;
 use super::TrackedFrame;
 use crate::{sequence::Frame, units::NodeId, wireframe::Wireframe};
 
-/// Smaller changes of brightness are left as they are.
+/// Smallest relative change of brightness that is compensated.
 const LEAST_CHANGE: f64 = 0.02;
-/// Largest factor that is undone: beyond it a frame holds too few grey levels, or shows something else.
+/// Largest factor that is compensated: beyond it a frame has too few grey levels, or shows something else.
 const MOST: f64 = 4.0;
-/// Brightness below which nothing is said of a place, grey levels.
+/// Brightness, grey levels, below which a node is not used.
 const DARK: f64 = 4.0;
-/// Fewest nodes that tell.
+/// Fewest nodes needed for an estimate.
 const FEWEST: usize = 12;
 
-/// How bright the neutral face is.
+/// Brightness of the neutral face.
 #[derive(Clone, Debug)]
 pub struct Light {
-    /// Mean grey level around each live node; `None` outside of the frame.
+    /// Mean grey level around each live node; `None` outside the frame.
     neutral: Vec<Option<f64>>,
     /// Half the side of the square around a node, px.
     half: i64,
 }
 
 impl Light {
-    /// The light of the neutral frame, whose nodes are at `nodes`; `window`: side of the KLT window, px.
+    /// Measures the light of the neutral frame, whose nodes are at `nodes`. `window`: side of the KLT window, px.
     pub fn new(frame: &Frame, live: &[NodeId], nodes: &[Point2<f64>], window: u32) -> Self {
         let half = i64::from(window);
         Self { neutral: means(frame.image(), live, nodes, half), half }
     }
 
-    /// A frame in the light of the neutral one, the frame before it having been tracked; `None` where it is in that light.
+    /// Returns a frame in the light of the neutral one, given the previous tracked frame; `None` if it already has that light.
     pub fn undone_at(&self, frame: &Frame, wireframe: &Wireframe, before: &TrackedFrame) -> Option<Frame> {
         let nodes: Vec<_> = before.nodes.iter().map(|n| n.position).collect();
         self.undone(frame, wireframe.live_nodes(), &nodes)
     }
 
-    /// The same with the nodes about at `nodes`.
+    /// Same, with the approximate positions of the nodes.
     fn undone(&self, frame: &Frame, live: &[NodeId], nodes: &[Point2<f64>]) -> Option<Frame> {
         let now = means(frame.image(), live, nodes, self.half);
         let ratio = |(was, is): (&Option<f64>, Option<f64>)| match (*was, is) {
@@ -64,7 +64,7 @@ impl Light {
     }
 }
 
-/// Mean grey levels of squares around nodes.
+/// Returns mean grey levels of squares around nodes.
 fn means(image: &GrayImage, live: &[NodeId], nodes: &[Point2<f64>], half: i64) -> Vec<Option<f64>> {
     let (width, height) = (image.width() as usize, image.height() as usize);
     let mean = |node: &NodeId| {

@@ -1,9 +1,9 @@
-//! Tracking the fitted wireframe from the neutral to the apex frame [KP, section 3].
+//! Tracks the fitted wireframe from the neutral to the apex frame [KP, section 3].
 //!
-//! From frame to frame every live node is followed by pyramidal KLT, forward and back. A node is *lost* when KLT says so, when the way
-//! back does not return to where it came from, when it leaves the image, or when its displacement is extreme against its neighbours'
-//! (KP want "a uniform distribution" of displacements and give no rule; see `recover`). After each step the springs re-deform the
-//! wireframe, driven by the displacements of the nodes that were not lost; the lost ones take their place from it and are tracked
+//! Pyramidal KLT follows every live node from frame to frame, forward and back. A node is *lost* when KLT reports a failure, when the
+//! backward search does not return to the start, when the node leaves the image, or when its displacement is extreme compared with its
+//! neighbours' (KP require "a uniform distribution" of displacements and give no rule; see `recover`). After each step the springs deform
+//! the wireframe again, driven by the displacements of the nodes that were not lost. They also place the lost nodes, which are tracked
 //! again in the next frame (see `step`).
 
 mod align;
@@ -68,28 +68,28 @@ pub use step::TrackPlan;
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackedNode {
-    /// Where it is, px.
+    /// Position, px.
     pub position: Point2<f64>,
-    /// How it got there.
+    /// How the position was obtained.
     pub state: NodeState,
-    /// Px. Neutral frame: distance of a marked node to its mark. Later: distance between the start of a step and its end tracked back
-    /// (forward-backward). `None` where there is nothing to measure.
+    /// Measured residual, px. In the neutral frame: distance of a marked node from its mark. In later frames: forward-backward distance,
+    /// between the start of a step and its end tracked back. `None` where neither exists.
     pub residual: Option<f64>,
-    /// What the step into this frame knew of the node; `None` in the neutral frame, for a lost node, and in a track read from a file.
+    /// Measurements of the step into this frame; `None` in the neutral frame, for a lost node, and in a track read from a file.
     pub evidence: Option<Evidence>,
-    /// Expected error, px; half of such nodes are further off, half less. Neutral frame: of the node's place on the face, `None` where
-    /// that is not known. Later: of its offset from the neutral frame, see [`Confidence`].
+    /// Expected error, px: half of such nodes are closer, half further away. In the neutral frame it is the error of the node's position on
+    /// the face, `None` when unknown. In later frames it is the error of its offset from the neutral frame, see [`Confidence`].
     pub expected_error: Option<f64>,
 }
 
 impl TrackedNode {
-    /// A node without evidence and expectation.
+    /// Creates a node without evidence and expected error.
     pub fn new(position: Point2<f64>, state: NodeState, residual: Option<f64>) -> Self {
         Self { position, state, residual, evidence: None, expected_error: None }
     }
 }
 
-/// The dynamic facial expression model of tracked frames, pixels.
+/// Returns the dynamic facial expression model of tracked frames, in px.
 ///
 /// ```
 /// use grimace::track::{read_track, track_model};
@@ -214,7 +214,7 @@ pub enum TrackError {
 
 /// Which prepared frame a [`PointTracker`] works on.
 ///
-/// A tracker of one's own keeps three frames.
+/// The example is a tracker that keeps three frames.
 /// ```
 /// use grimace::track::Slot;
 ///
@@ -236,7 +236,7 @@ pub enum Slot {
     Current,
 }
 
-/// A point to find again.
+/// A point to search for in another frame.
 ///
 /// ```
 /// use grimace::track::Probe;
@@ -249,13 +249,13 @@ pub enum Slot {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Probe {
-    /// Where it is in the frame it comes from, px.
+    /// Position in the frame it comes from, px.
     pub position: Point2<f64>,
-    /// Where the search starts, px.
+    /// Start of the search, px.
     pub guess: Point2<f64>,
 }
 
-/// What a search gave.
+/// Result of a search.
 ///
 /// ```
 /// use grimace::track::Found;
@@ -269,7 +269,7 @@ pub struct Probe {
 pub enum Found {
     /// A match.
     At {
-        /// Where, px.
+        /// Position, px.
         position: Point2<f64>,
         /// Mean absolute grey difference of the two windows, 0 to 255.
         difference: f64,
@@ -278,7 +278,7 @@ pub enum Found {
     Lost,
 }
 
-/// Finds points of one frame in another: the seam between the method and whatever reads pixels.
+/// Finds points of one frame in another: the interface between the tracking method and the code that reads pixels.
 ///
 /// ```
 /// use grimace::{sequence::Frame, track::{Found, PointTracker, Probe, Slot, TrackError}};
@@ -300,14 +300,15 @@ pub enum Found {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub trait PointTracker {
-    /// Takes the next frame: it becomes the current one, the current one the previous, the first one stays the neutral.
+    /// Takes the next frame. It becomes the current frame, the current one becomes the previous one, and the first one stays the neutral
+    /// one.
     ///
     /// # Errors
     /// [`TrackError`] when the frame cannot be prepared.
     fn advance(&mut self, frame: &Frame) -> Result<(), TrackError>;
 
-    /// Mean gradient matrices of the windows around points of a frame, squared grey levels per px: how well, and in which
-    /// direction, a match is determined. A tracker that does not know says so by the default: all points, all directions alike.
+    /// Returns the mean gradient matrices of the windows around points of a frame, squared grey levels per px. They tell how well, and in
+    /// which direction, a match is determined. The default treats all points and directions alike.
     ///
     /// # Errors
     /// [`TrackError`] when the gradients cannot be read.
@@ -315,8 +316,9 @@ pub trait PointTracker {
         Ok(vec![Matrix2::identity(); points.len()])
     }
 
-    /// Grey values of a frame around points, smoothed by a Gaussian of standard deviation `smoothing` px, reaching at least `margin`
-    /// px beyond them where the image does. A tracker without images says so by the default, and nodes are not aligned.
+    /// Returns the grey values of a frame around points, smoothed by a Gaussian of standard deviation `smoothing` px, reaching at least
+    /// `margin` px beyond the points within the image. The default returns `None`, for a tracker without images; nodes are then not
+    /// aligned.
     ///
     /// # Errors
     /// [`TrackError`] when the image cannot be read.
@@ -324,14 +326,15 @@ pub trait PointTracker {
         Ok(None)
     }
 
-    /// Finds the probes of frame `from` in frame `to`, with a square window and that many pyramid levels; one answer per probe.
+    /// Finds the probes of frame `from` in frame `to`, with a square window of `window_px` and `levels` pyramid levels. Returns one result
+    /// per probe.
     ///
     /// # Errors
     /// [`TrackError`] when the search cannot run at all.
     fn find(&mut self, from: Slot, to: Slot, window_px: u32, levels: u32, probes: &[Probe]) -> Result<Vec<Found>, TrackError>;
 }
 
-/// Through `&mut T` and `Box<T>`.
+/// Forwards to the tracker behind a `&mut T` or `Box<T>`.
 impl<P: std::ops::DerefMut<Target: PointTracker>> PointTracker for P {
     fn advance(&mut self, frame: &Frame) -> Result<(), TrackError> {
         (**self).advance(frame)
@@ -350,9 +353,9 @@ impl<P: std::ops::DerefMut<Target: PointTracker>> PointTracker for P {
     }
 }
 
-/// Tracks a fitted wireframe through the frames; the first is the neutral frame it was fitted to.
+/// Tracks a fitted wireframe through the frames. The first frame is the neutral frame that the wireframe was fitted to.
 ///
-/// `tick` is called after every frame with its number, and may return `false` to stop. The wireframe is the one that was fitted.
+/// `tick` is called after every frame with its number and may return `false` to stop. `wireframe` must be the one that was fitted.
 ///
 /// ```
 /// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
@@ -388,9 +391,9 @@ pub fn track_sequence(
     track_with(&mut tracker, wireframe, plan, fitted, frames, options, tick)
 }
 
-/// Eye distance of the fitted wireframe, px: the unit of the relative options.
+/// Returns the eye distance of the fitted wireframe, px: the unit of the relative options.
 pub fn eye_distance_px(tables: &Tables, nodes: &[Point2<f64>]) -> Option<f64> {
-    // Only the length counts here, so roll is undone by taking both axes of the vector between the pupils.
+    // Only the length matters: taking both axes of the vector between the pupils removes the effect of roll.
     let definition = tables.fapus.iter().find(|d| d.fapu == crate::wireframe::Fapu::Es)?;
     let mean = |ids: &[NodeId]| -> Option<Vector2<f64>> {
         let points: Option<Vec<_>> = ids.iter().map(|n| nodes.get(n.index()).map(|p| p.coords)).collect();
@@ -399,14 +402,14 @@ pub fn eye_distance_px(tables: &Tables, nodes: &[Point2<f64>]) -> Option<f64> {
     Some((mean(&definition.plus_nodes)? - mean(&definition.minus_nodes)?).norm()).filter(|d| *d > 0.0)
 }
 
-/// Side of the KLT window for a neutral face: odd, px.
+/// Returns the side of the KLT window for a neutral face: odd, px.
 pub fn window_px(tables: &Tables, neutral: &[Point2<f64>], options: &TrackOptions) -> u32 {
     let eye_distance = eye_distance_px(tables, neutral).unwrap_or(0.0);
     let half = (options.window * eye_distance / 2.0).round().clamp(0.0, 100.0) as u32;
     (2 * half + 1).max(MIN_WINDOW_PX)
 }
 
-/// [`track_sequence`] with any tracker.
+/// Same as [`track_sequence`], with any point tracker.
 ///
 /// ```
 /// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
@@ -462,8 +465,8 @@ pub fn track_with(
     }
 }
 
-/// Tracks frame after frame and holds no more than the last one; whatever was tracked is the caller's to keep. Expected errors
-/// are left out: they depend on the whole track ([`expect_errors`]).
+/// Tracks frame after frame and keeps only the last one; the caller stores the tracked frames. Expected errors are not filled in, because
+/// they depend on the whole track ([`expect_errors`]).
 pub struct FrameTracker<'a, T> {
     tracker: T,
     wireframe: &'a Wireframe,
@@ -507,7 +510,7 @@ impl<'a, T: PointTracker> FrameTracker<'a, T> {
         &self.last
     }
 
-    /// Tracks the next frame, whichever way in time.
+    /// Tracks the next frame, forward or backward in time.
     ///
     /// # Errors
     /// [`TrackError`] for a lost face.
@@ -523,8 +526,8 @@ impl<'a, T: PointTracker> FrameTracker<'a, T> {
     }
 }
 
-/// The nodes of the neutral frame with their states: marked, corrected (set by hand), fitted, or following. What is expected of them is how
-/// far they sit from their place on the face.
+/// Returns the nodes of the neutral frame with their states: marked, corrected (set by hand), fitted, or following. Their expected error is
+/// the error of their position on the face.
 pub fn neutral_nodes(wireframe: &Wireframe, fitted: &FittedWireframe) -> Vec<TrackedNode> {
     let fit = |position: &Point2<f64>| TrackedNode::new(*position, NodeState::Fitted, None);
     let mut nodes: Vec<_> = fitted.model.nodes().iter().map(fit).collect();

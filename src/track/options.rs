@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{AlignOptions, KltKind};
 
-/// The forces by which tracked nodes drive the springs.
+/// Forces with which tracked nodes drive the springs.
 ///
 /// ```
 /// use grimace::track::{Forces, TrackOptions};
@@ -16,15 +16,16 @@ use super::{AlignOptions, KltKind};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Forces {
-    /// By how well KLT determined each displacement, in each direction: [`TrackOptions::force`] and [`TrackOptions::mismatch`].
+    /// By the accuracy of each displacement that KLT reports, in each direction: [`TrackOptions::force`] and [`TrackOptions::mismatch`].
     #[default]
     Measured,
     /// The same gain, [`TrackOptions::force`], at every node and in every direction [KP, section 3].
     Same,
 }
 
-/// Options of the tracker, each with its default. Lengths relative to the eye distance ES0 of the neutral frame make small and large
-/// faces alike.
+/// Options of the tracker, each with its default. Lengths are relative to the eye distance ES0 of the neutral frame, so that they suit
+/// small and large faces.
+/// 38~ Independent switches.
 ///
 /// ```
 /// use grimace::track::TrackOptions;
@@ -41,30 +42,31 @@ pub struct TrackOptions {
     pub window: f64,
     /// Pyramid levels, the image itself included; 4.
     pub levels: u32,
-    /// Largest forward-backward distance over the eye distance, 0.01; 0 leaves the way back out, as in KP.
+    /// Largest forward-backward distance over the eye distance, 0.01; 0 disables the backward search, as in KP.
     pub forward_backward: f64,
     /// A displacement is extreme when it differs from the neighbours' by more than this many robust standard deviations; 6.
     pub extreme: f64,
-    /// Gain of the force on a node that was not lost, over the stiffness of a spring, where the gradients of its window are as
-    /// strong as its mismatch; 150.
+    /// Gain of the force on a node that was not lost, over the stiffness of a spring, for a window whose gradients are as strong as its
+    /// mismatch; 150.
     pub force: f64,
-    /// Weight of the mismatch of the two windows, squared, against the gradients, 1; 0 trusts every match alike.
+    /// Weight of the squared mismatch of the two windows relative to the gradients, 1; 0 gives every match the same weight.
     pub mismatch: f64,
-    /// What the forces are made of; measured by default.
+    /// How forces are computed; measured by default.
     pub forces: Forces,
-    /// Search for nodes of the inner lip within their own lip: where the lips meet, KLT sees both. On, as the next four.
+    /// Search for nodes of the inner lip within their own lip, because KLT finds both lips where they meet. On by default, as are the next
+    /// four.
     pub lip_probes: bool,
-    /// Let the corners of each iris box move as one.
+    /// Move the corners of each iris box as one.
     pub rigid_eyes: bool,
-    /// Give every frame the light of the neutral one before points are searched for in it.
+    /// Adjust every frame to the light of the neutral one before the search.
     pub even_light: bool,
-    /// Put upper lids that shut where their eyes look as if they were.
+    /// Place lids by the look of the eyes when they close.
     pub read_lids: bool,
-    /// Re-deform after each step. Without it lost nodes stay where they were.
+    /// Deform the wireframe again after each step. Without it lost nodes do not move.
     pub deform: bool,
-    /// Alignment with the neutral frame after the re-deformation.
+    /// Alignment with the neutral frame after this deformation.
     pub align: AlignOptions,
-    /// Which KLT, by default our own; whole tracks differ by 0.0001 to 0.0002 px (median).
+    /// Implementation of KLT, by default [`Klt`](super::Klt); whole tracks differ by 0.0001 to 0.0002 px (median).
     #[serde(default)]
     pub klt: KltKind,
 }

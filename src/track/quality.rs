@@ -1,4 +1,4 @@
-//! How well a sequence was tracked, in a few numbers.
+//! Summarizes in a few numbers how well a sequence was tracked, and judges whether a person should look at it again.
 
 use std::collections::BTreeMap;
 
@@ -13,42 +13,42 @@ use crate::{
     wireframe::{Region, Tables, Wireframe},
 };
 
-/// Worst nodes that are named.
+/// Most worst nodes that a summary lists.
 const WORST_NODES: usize = 5;
-/// Regions that are named in a reason.
+/// Most regions that a reason lists.
 const WORST_REGIONS: usize = 3;
 
-/// A sequence is to be looked at again when its nodes are expected to be further off at the apex than this, over the eye distance, in
-/// the median, or one in ten of them further than [`WORST_LIMIT`].
+/// Limit of the median expected error at the apex, over the eye distance. Above it the verdict is "look again"; so it is when more than one
+/// node in ten exceeds [`WORST_LIMIT`].
 const MEDIAN_LIMIT: f64 = 0.02;
-/// See [`MEDIAN_LIMIT`].
+/// Limit of a single node's expected error, over the eye distance; see [`MEDIAN_LIMIT`].
 const WORST_LIMIT: f64 = 0.06;
-/// A sequence is to be looked at again when the nodes of a region that FAPs measure are expected to be further off at the apex than this, over
-/// the eye distance, on the mean: by where they sit on the neutral face and by how they moved since, as root of the sum of squares.
+/// Limit of the mean expected error at the apex of a region that FAPs measure, over the eye distance. Above it the verdict is "look again".
+/// A node's error is the root of the sum of squares of its position error on the neutral face and its motion error since.
 const REGION_LIMIT: f64 = 0.05;
-/// These regions.
+/// The regions that FAPs measure.
 const MEASURED: [Region; 4] = [Region::Brow, Region::Eye, Region::Mouth, Region::Jaw];
-/// A sequence is to be looked at again when more than this share of the (node, frame) pairs was lost,
+/// Limit of the share of lost (node, frame) pairs. Above it the verdict is "look again".
 const LOST_LIMIT: f64 = 0.1;
-/// or this share of the nodes in one frame.
+/// Limit of the share of nodes lost in one frame. Above it the verdict is "look again".
 const FRAME_LOST_LIMIT: f64 = 0.35;
-/// Nothing moves in a sequence in which fewer nodes than the first number are further from where the head's motion alone would have them
-/// at the apex than the second, over the eye distance. In 50 sequences of photographed people, six expressions, the fifth node moves by 4.6 % and more, in
-/// one that begins with a smile by 3.8 %, and by less than 0.001 % where one picture is repeated.
+/// Fewest nodes that must move, and by how much, over the eye distance, relative to the head's motion at the apex. With fewer, nothing
+/// moves in the sequence. In 50 sequences of photographed people, six expressions, the fifth node moves by at least 4.6 %, in one that
+/// begins with a smile by 3.8 %, and by less than 0.001 % where one picture is repeated.
 const STILL: (usize, f64) = (5, 0.01);
-/// Frames are missing where their numbers go on by more than so many times the usual step,
+/// Frames count as missing where the frame number jumps by more than this many usual steps.
 const GAP_STEPS: u32 = 3;
-/// and it matters where that is more than this share of the sequence.
+/// A gap is reported when it is longer than this share of the sequence.
 const GAP_SHARE: f64 = 0.25;
 
 /// Whether a person should look at a tracked sequence again. A warning, never a failure.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// Nothing speaks against it.
+    /// No reason to look again.
     #[default]
     Good,
-    /// See the reasons.
+    /// See [`TrackSummary::reasons`].
     LookAgain,
 }
 
@@ -89,34 +89,33 @@ pub struct TrackSummary {
     pub recovered: BTreeMap<String, usize>,
     /// Live nodes most often recovered, with the number of frames, worst first, at most five.
     pub worst_nodes: Vec<(NodeId, usize)>,
-    /// Median over the live nodes of how far they are expected to sit from their place on the neutral face, px; `None` where that is not
-    /// known.
+    /// Median over the live nodes of the expected error of their position on the neutral face, px; `None` when unknown.
     #[serde(default)]
     pub placement_error_px: Option<f64>,
-    /// Median over the live nodes of the expected error of their motion at the apex frame, px; `None` of a track without expected errors.
+    /// Median over the live nodes of the expected error of their motion at the apex frame, px; `None` for a track without expected errors.
     #[serde(default)]
     pub expected_error_px: Option<f64>,
-    /// Whether to look at it again.
+    /// Whether a person should look at the track again.
     #[serde(default)]
     pub verdict: Verdict,
-    /// Why to look at it again, a sentence each.
+    /// Reasons to look again, one sentence each.
     #[serde(default)]
     pub reasons: Vec<String>,
-    /// Those of the reasons that say where marks that were given lie beside the face of the neutral frame.
+    /// The reasons among `reasons` that list given marks that lie beside the face of the neutral frame.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub beside: Vec<String>,
-    /// That one of the reasons which says what parts of the face are covered in the neutral frame.
+    /// The reason among `reasons` that lists the parts of the face covered in the neutral frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub covered: Option<String>,
 }
 
 impl TrackSummary {
-    /// A length of the neutral frame, px, in percent of its eye distance; `None` without one.
+    /// Returns a length of the neutral frame, px, in percent of the eye distance; `None` when the eye distance is unknown.
     pub(crate) fn percent_of_eyes(&self, px: f64) -> Option<f64> {
         (self.eye_distance_px > 0.0).then(|| 100.0 * px / self.eye_distance_px)
     }
 
-    /// With what is known of parts of the face that are covered, as a reason to look at it again.
+    /// Adds the covered parts of the face as a reason to look again.
     #[must_use]
     pub(crate) fn with_covered(mut self, covered: Option<String>) -> Self {
         if covered.is_some() {
@@ -127,13 +126,13 @@ impl TrackSummary {
         self
     }
 
-    /// With what the neutral picture told `earlier`, a summary of the same track: its frames alone cannot tell it again.
+    /// Copies the findings from the neutral picture out of `earlier`, a summary of the same track: the frames alone cannot give them.
     #[must_use]
     pub(crate) fn told_by_the_picture_of(self, earlier: &Self) -> Self {
         self.with_marks_beside(earlier.beside.clone()).with_covered(earlier.covered.clone())
     }
 
-    /// With what is known of marks that lie beside the face, as reasons to look at it again.
+    /// Adds marks that lie beside the face as reasons to look again.
     #[must_use]
     pub(crate) fn with_marks_beside(mut self, beside: Vec<String>) -> Self {
         if !beside.is_empty() {
@@ -154,16 +153,16 @@ pub struct TrackQuality {
     pub emotion: String,
     /// The summary.
     pub summary: TrackSummary,
-    /// Every frame after the neutral one; empty where the frames are not at hand.
+    /// Quality of every frame after the neutral one; empty when the frames are not available.
     #[serde(default)]
     pub course: Vec<FrameQuality>,
-    /// JPEG files of the wireframe on the neutral and on the apex frame, small; `None` where there are no pictures, or none may be shown.
+    /// Small JPEG files of the wireframe on the neutral and the apex frame; `None` where there are no pictures or they may not be shown.
     #[serde(skip)]
     pub pictures: Option<[Vec<u8>; 2]>,
 }
 
 impl TrackQuality {
-    /// The quality of a track, without pictures.
+    /// Creates the quality of a track, without pictures.
     pub fn new(id: SequenceId, emotion: String, summary: TrackSummary, frames: &[TrackedFrame], wireframe: &Wireframe) -> Self {
         Self { id, emotion, summary, course: course(frames, wireframe), pictures: None }
     }
@@ -174,11 +173,11 @@ impl TrackQuality {
 pub struct FrameQuality {
     /// Share of the live nodes that were lost, 0 to 1.
     pub lost: f64,
-    /// Median expected error of the live nodes, px; `None` where it is not known.
+    /// Median expected error of the live nodes, px; `None` when unknown.
     pub expected_error_px: Option<f64>,
 }
 
-/// The quality of every frame after the neutral one.
+/// Returns the quality of every frame after the neutral one.
 pub fn course(frames: &[TrackedFrame], wireframe: &Wireframe) -> Vec<FrameQuality> {
     let live = wireframe.live_nodes();
     let frame = |frame: &TrackedFrame| {
@@ -216,7 +215,7 @@ pub fn summarize(frames: &[TrackedFrame], wireframe: &Wireframe, tables: &Tables
             match node.state {
                 NodeState::Recovered(reason) => {
                     *recovered.entry(reason.name().to_owned()).or_insert(0) += 1;
-                    // Without a landmark it is never tracked: that is no weakness of the node.
+                    // A node without a landmark is never tracked, so this says nothing about the node.
                     if reason != LossReason::NoLandmark {
                         *losses.entry(id).or_insert(0) += 1;
                     }
@@ -252,7 +251,7 @@ pub fn summarize(frames: &[TrackedFrame], wireframe: &Wireframe, tables: &Tables
     summary
 }
 
-/// Enters expected error, verdict and reasons.
+/// Fills in expected errors, verdict and reasons.
 fn judge(summary: &mut TrackSummary, frames: &[TrackedFrame], wireframe: &Wireframe, tables: &Tables) {
     let live = wireframe.live_nodes();
     let Some((neutral, later)) = frames.split_first() else { return };
@@ -306,7 +305,7 @@ fn judge(summary: &mut TrackSummary, frames: &[TrackedFrame], wireframe: &Wirefr
             ));
         }
     }
-    // Nodes lost in a frame, and the nodes that could be: one without a landmark is never tracked, and so not lost.
+    // Counts the nodes lost in a frame and the nodes that can be lost: a node without a landmark is never tracked, so it cannot be lost.
     let lost = |frame: &TrackedFrame| {
         let states = live.iter().filter_map(|id| frame.nodes.get(id.index())).map(|n| n.state);
         let could_be = states.filter(|&state| state != NodeState::Recovered(LossReason::NoLandmark));
@@ -345,7 +344,7 @@ fn judge(summary: &mut TrackSummary, frames: &[TrackedFrame], wireframe: &Wirefr
     summary.reasons = reasons;
 }
 
-/// Whether nodes were looked for in pictures: such have a residual, or a reason that landmarks do not give.
+/// Whether nodes were searched for in pictures: then they have a residual, or a loss reason that does not occur with landmarks.
 fn by_images(later: &[TrackedFrame]) -> bool {
     let looked_for = |node: &TrackedNode| match node.state {
         NodeState::Tracked => node.residual.is_some(),
@@ -355,7 +354,7 @@ fn by_images(later: &[TrackedFrame]) -> bool {
     later.iter().flat_map(|frame| &frame.nodes).any(looked_for)
 }
 
-/// What a person should know of a sequence with frames of these numbers of which some are missing.
+/// Returns the message about missing frames in a sequence with these frame numbers, if any.
 pub(crate) fn missing_said(numbers: impl Iterator<Item = u32>) -> Option<String> {
     let (first, last) = missing_frames(numbers.collect())?;
     Some(format!(
@@ -363,7 +362,7 @@ pub(crate) fn missing_said(numbers: impl Iterator<Item = u32>) -> Option<String>
     ))
 }
 
-/// The longest part that is missing, by frame number, where it matters (see [`GAP_STEPS`]).
+/// Returns the first and last frame number of the longest gap, if it is long enough (see [`GAP_STEPS`] and [`GAP_SHARE`]).
 fn missing_frames(mut numbers: Vec<u32>) -> Option<(u32, u32)> {
     numbers.sort_unstable();
     let span = numbers.last()? - numbers.first()?;
@@ -375,7 +374,7 @@ fn missing_frames(mut numbers: Vec<u32>) -> Option<(u32, u32)> {
     matters.then(|| (before + usual, before + longest - usual))
 }
 
-/// Whether enough nodes leave their places far enough (see [`STILL`]); what is unknown moves.
+/// Whether enough nodes move far enough (see [`STILL`]); `true` when this cannot be determined.
 fn moves(neutral: &TrackedFrame, apex: &TrackedFrame, live: &[NodeId], eye_distance: f64) -> bool {
     let pair = |id: &NodeId| Some((neutral.nodes.get(id.index())?.position, apex.nodes.get(id.index())?.position));
     let (from, to): (Vec<Point2<f64>>, Vec<Point2<f64>>) = live.iter().filter_map(pair).unzip();
@@ -440,7 +439,7 @@ mod tests {
     #[test]
     fn where_nothing_moves_is_to_be_looked_at() {
         let (w, t) = (Wireframe::candide3(), Tables::candide3());
-        // The head goes aside and turns; of the face only the first `count` live nodes move, by 1 px of 61.3.
+        // The head shifts and rotates; relative to it only the first `count` live nodes move, by 1 px of 61.3.
         let frame = |number: u32, count: usize| TrackedFrame {
             number,
             nodes: (0..113)
@@ -505,7 +504,7 @@ mod tests {
         };
         let good = summarize(&[frame(1, 2.0), frame(2, 0.5)], &w, &t);
         assert_eq!((good.verdict, good.placement_error_px, good.expected_error_px), (Verdict::Good, Some(0.5), Some(0.5)));
-        // 3 px where it sits and 1 px how it moved are sqrt(10) px.
+        // A position error of 3 px and a motion error of 1 px give sqrt(10) px.
         let again = summarize(&[frame(1, 3.0), frame(2, 1.0)], &w, &t);
         assert_eq!(again.verdict, Verdict::LookAgain);
         assert_eq!(
@@ -526,10 +525,10 @@ mod tests {
         };
         let neutral = || frame(0, |_| NodeState::Fitted);
         let without = |k: usize| k.is_multiple_of(2);
-        // Half of the nodes have no landmark: good all the same.
+        // Half of the nodes have no landmark: still good.
         let driven = frame(1, |k| if k % 2 == 0 { NodeState::Recovered(LossReason::NoLandmark) } else { NodeState::Tracked });
         assert_eq!(summarize(&[neutral(), driven.clone()], &w, &t).verdict, Verdict::Good);
-        // A frame without landmarks loses those that have one, and these are counted.
+        // A frame without landmarks loses the nodes that have one, and these are counted.
         let lost = frame(2, |_| NodeState::Recovered(LossReason::LostFrame));
         let summary = summarize(&[neutral(), driven, lost], &w, &t);
         let with = w.live_nodes().iter().filter(|id| !without(id.index())).count();

@@ -1,9 +1,9 @@
-//! Which displacements are extreme, and therefore lost.
+//! Rejects extreme displacements: their nodes count as lost.
 //!
-//! KP ask for "a uniform distribution" of displacements and treat nodes "with extreme displacement as lost", without a rule. Here a
-//! node's displacement is compared with the component-wise median of its neighbours' (nodes one or two springs away); it is extreme
-//! when the difference exceeds `extreme` robust standard deviations (1.4826 MAD) of all nodes' differences. A floor in the size of the
-//! face keeps a perfectly still face from losing its nodes to sub-pixel noise.
+//! KP ask for "a uniform distribution" of displacements and treat nodes "with extreme displacement as lost", without a rule. Here a node's
+//! displacement is compared with the component-wise median over its neighbours (nodes one or two springs away). It is extreme when the
+//! difference exceeds `extreme` robust standard deviations (1.4826 MAD) of all nodes' differences. A minimum relative to the face size
+//! keeps sub-pixel noise from rejecting nodes of a still face.
 
 use nalgebra::Vector2;
 
@@ -17,22 +17,22 @@ use crate::{
 /// Smallest standard deviation assumed, over the eye distance.
 const SIGMA_FLOOR: f64 = 0.004;
 
-/// What a step gave for one live node.
+/// Result of a step for one live node.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NodeStep {
     /// The node.
     pub node: NodeId,
     /// Displacement found, px; zero when lost.
     pub displacement: Vector2<f64>,
-    /// Forward-backward distance, px, where it could be measured.
+    /// Forward-backward distance, px, if measured.
     pub residual: Option<f64>,
     /// Mean absolute grey difference of the matched windows, 0 to 255.
     pub difference: f64,
-    /// Why the node was lost, if it was.
+    /// Reason for the loss, if the node was lost.
     pub loss: Option<LossReason>,
 }
 
-/// For every live node (by place), the places of the live nodes one or two springs away.
+/// For every live node (by index), the indices of the live nodes one or two springs away.
 #[derive(Clone, Debug)]
 pub struct Neighbours(Vec<Vec<usize>>);
 
@@ -58,7 +58,7 @@ impl Neighbours {
     }
 }
 
-/// Marks extreme displacements as lost; `steps` in the order of the live nodes.
+/// Marks extreme displacements as lost. `steps` are in the order of the live nodes.
 pub fn reject_extremes(neighbours: &Neighbours, steps: &mut [NodeStep], extreme: f64, eye_distance: f64) {
     let differences: Vec<Option<f64>> = (0..steps.len())
         .map(|i| {
@@ -80,7 +80,7 @@ pub fn reject_extremes(neighbours: &Neighbours, steps: &mut [NodeStep], extreme:
     }
 }
 
-/// Gives nodes that move as one (by place) the component-wise median of the displacements of those of them that were not lost.
+/// Gives nodes that move as one (by index) the component-wise median displacement of those that were not lost.
 pub fn move_as_one(steps: &mut [NodeStep], group: &[usize]) {
     let kept: Vec<usize> = group.iter().copied().filter(|&i| steps[i].loss.is_none()).collect();
     let (mut x, mut y): (Vec<f64>, Vec<f64>) = kept.iter().map(|&i| (steps[i].displacement.x, steps[i].displacement.y)).unzip();

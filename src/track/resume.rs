@@ -1,9 +1,8 @@
-//! Corrections by hand in a tracked sequence, and tracking again from a corrected frame.
+//! Hand-set corrections in a tracked sequence, and tracking again from a corrected frame.
 //!
-//! A correction is a hard position of one node in one frame after the neutral. It is kept in the track itself: the node's state in that
-//! frame is [`NodeState::Corrected`], so that tracking again honours every correction that is there. A corrected frame is the step from
-//! the frame before it, re-deformed by the springs: corrected nodes are where they were set, nodes that KLT tracked are held where it
-//! found them, nodes that were lost follow.
+//! A correction is a hard position of one node in one frame after the neutral. It is stored in the track: the node's state in that frame is
+//! [`NodeState::Corrected`], so that tracking again respects all corrections. In a corrected frame the springs repeat the step from the
+//! previous frame: corrected nodes keep their set position, nodes that KLT tracked are held at the found position, and lost nodes follow.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -20,14 +19,14 @@ use crate::{
     wireframe::Wireframe,
 };
 
-/// Force that holds a tracked node in a corrected frame, over the stiffness of a spring: a corrected neighbour at distance d moves it
-/// by less than d / 20.
+/// Force that holds a tracked node in a corrected frame, over the stiffness of a spring. A corrected neighbour that moves by d moves it by
+/// less than d / 20.
 const HOLDING_FORCE: f64 = 20.0;
 
 /// Hard positions by frame number and node, px.
 pub type Corrections = BTreeMap<u32, BTreeMap<NodeId, Point2<f64>>>;
 
-/// The corrections in a track: nodes set by hand in frames after the neutral.
+/// Returns the corrections in a track: nodes set by hand in frames after the neutral.
 pub fn corrections_of(frames: &[TrackedFrame]) -> Corrections {
     let mut corrections = Corrections::new();
     for frame in frames.iter().skip(1) {
@@ -40,7 +39,7 @@ pub fn corrections_of(frames: &[TrackedFrame]) -> Corrections {
     corrections
 }
 
-/// The nodes of a frame with hard positions put into them.
+/// Returns the nodes of a frame with hard positions applied.
 ///
 /// # Errors
 /// [`TrackError::Springs`] for a node in no triangle, or a position that is not finite.
@@ -68,12 +67,12 @@ pub fn correct_nodes(
     Ok(nodes.iter().zip(places).enumerate().map(corrected).collect())
 }
 
-/// Tracks the frames behind frame `start` of a track again, from its nodes as they are there.
+/// Tracks the frames after frame `start` of a track again, from its nodes in the track.
 ///
-/// `frames` are the neutral frame, the frame `start` and those to be tracked, in order; frames between the neutral and `start` are passed
-/// over. The answer holds the frames tracked, without `start` and what is before it. Nodes that `corrections` names are put in their
-/// places. The window and all lengths come from the neutral frame of the track, as in [`super::track_with`]. Expected errors are left
-/// out: they depend on the whole track ([`super::expect_errors`]).
+/// `frames` are the neutral frame, the frame `start` and the frames to track, in order; frames between the neutral frame and `start` are
+/// skipped. Returns only the frames after `start`. Nodes in `corrections` are put at their positions. The window and all lengths come from
+/// the neutral frame of the track, as in [`super::track_with`]. Expected errors are not filled in: they depend on the whole track
+/// ([`super::expect_errors`]).
 ///
 /// # Errors
 /// [`TrackError`] as for tracking, for a `start` that the track does not have, and for corrections that the springs cannot take.
@@ -98,13 +97,13 @@ pub fn resume_with(
     let mut out: Vec<TrackedFrame> = Vec::new();
     let mut template = None;
     let (mut light, mut lids): (Option<Light>, Option<Lids>) = (None, None);
-    // Frames by number may ascend or descend: what counts is their order in the track.
+    // Frame numbers may ascend or descend; only their order in the track matters.
     let passed: BTreeSet<u32> = track.iter().map(|f| f.number).take_while(|&n| n != start).chain([start]).collect();
     for (index, frame) in frames.into_iter().enumerate() {
         let frame = frame?;
         let number = frame.number();
         if index == 0 || number == start || !passed.contains(&number) {
-            // As when it was tracked, from the nodes of the frame before it.
+            // As in the original tracking, from the nodes of the previous frame.
             let before = if number == start { before_start.unwrap_or(&previous) } else { &previous };
             let even = light.as_ref().and_then(|light| light.undone_at(&frame, wireframe, before));
             tracker.advance(even.as_ref().unwrap_or(&frame))?;
@@ -113,7 +112,7 @@ pub fn resume_with(
             light = options.even_light.then(|| Light::new(&frame, wireframe.live_nodes(), &rest, window));
             lids = options.read_lids.then(|| Lids::new(&frame, &rest));
             template = plan.template(wireframe, tracker, &rest, (window, eye_distance), &options.align)?;
-            // What was corrected looks unlike the neutral frame: from there on it is followed, not drawn back.
+            // A corrected node's patch differs from the neutral frame: from there on it is not aligned with that frame.
             let corrected = corrections.iter().filter(|(number, _)| passed.contains(number)).flat_map(|(_, nodes)| nodes.keys());
             corrected.for_each(|node| release(template.as_mut(), lids.as_mut(), wireframe, *node));
         }
@@ -212,7 +211,7 @@ mod tests {
         for start in 1..=5 {
             let again = resume(&bench, &bench.track.frames, start, &Corrections::new());
             let mut whole = bench.track.frames.clone();
-            // What is expected of a node depends on the whole track.
+            // The expected error of a node depends on the whole track.
             whole.iter_mut().flat_map(|f| &mut f.nodes).for_each(|n| n.expected_error = None);
             assert_eq!(again, whole[start as usize..], "from frame {start}");
         }
@@ -243,7 +242,7 @@ mod tests {
         assert_eq!(corrections, Corrections::from([(2, hard(5.0)), (4, hard(9.0))]));
         let again = resume(&bench, &track, 2, &corrections);
         assert_eq!(again.iter().map(|f| f.number).collect::<Vec<_>>(), [3, 4, 5]);
-        // Frame 3: the corrected place, drifted by 1 px. Frame 4: where it was set. Frame 5: drifted from there.
+        // Frame 3: the corrected position, drifted by 1 px. Frame 4: the set position. Frame 5: drifted from there.
         assert!((at(&again, 0).position - (start + Vector2::new(6.0, -7.0))).norm() < 0.05, "{:?}", at(&again, 0));
         assert_eq!((at(&again, 1).position, at(&again, 1).state), (start + Vector2::new(9.0, -7.0), NodeState::Corrected));
         assert!((at(&again, 2).position - (start + Vector2::new(10.0, -7.0))).norm() < 0.05, "{:?}", at(&again, 2));
@@ -269,7 +268,7 @@ mod tests {
         assert!(near.iter().all(|&k| moved(&nodes, k) < 10.0 / 21.0));
         nodes[near[0]].state = NodeState::Recovered(LossReason::Klt);
         assert!(moved(&nodes, near[0]) > 1.0);
-        // Nothing to correct, nothing changed.
+        // Without corrections nothing changes.
         assert_eq!(correct_nodes(wireframe, &springs, &nodes, &BTreeMap::new()).unwrap(), nodes);
         // A node in no triangle drives nothing.
         let follower = BTreeMap::from([(NodeId(35), Point2::new(1.0, 1.0))]);

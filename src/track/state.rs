@@ -1,8 +1,8 @@
-//! How a node came to its position.
+//! States of a node: how it got its position.
 
 use std::{fmt, str::FromStr};
 
-/// Why a node was lost in a step.
+/// Reason why a node was lost in a step.
 ///
 /// ```
 /// use grimace::track::{LossReason, NodeState};
@@ -14,20 +14,20 @@ use std::{fmt, str::FromStr};
 pub enum LossReason {
     /// KLT found no match.
     Klt,
-    /// Tracked back, the node did not return to where it came from.
+    /// The backward search did not return to the start.
     ForwardBackward,
-    /// It left the image.
+    /// The node left the image.
     Outside,
-    /// Its displacement was extreme against its neighbours'.
+    /// The displacement was extreme compared with the neighbours'.
     Extreme,
-    /// No landmark stands for it; only in tracks from landmarks.
+    /// The node has no landmark; only in tracks from landmarks.
     NoLandmark,
     /// The whole frame was lost or is missing; only in tracks from landmarks.
     LostFrame,
 }
 
 impl LossReason {
-    /// The reason in a word, as in the `state` column behind `recovered_`.
+    /// Returns the reason as one word, as in the `state` column after `recovered_`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Klt => "klt",
@@ -40,7 +40,7 @@ impl LossReason {
     }
 }
 
-/// How a node came to its position in a frame.
+/// How a node got its position in a frame.
 ///
 /// ```
 /// use grimace::track::{LossReason, NodeState};
@@ -56,11 +56,11 @@ pub enum NodeState {
     Fitted,
     /// Set by hand.
     Corrected,
-    /// Followed by KLT, or by its landmark.
+    /// Tracked by KLT, or by its landmark.
     Tracked,
     /// Lost, and placed by the springs.
     Recovered(LossReason),
-    /// In no triangle: takes the mean position of the nodes it follows.
+    /// In no triangle: placed at the mean position of the nodes it follows.
     Follows,
 }
 
@@ -79,7 +79,7 @@ impl NodeState {
         (Self::Follows, "follows"),
     ];
 
-    /// The word in the `state` column of a track file.
+    /// Returns the word in the `state` column of a track file.
     pub fn name(self) -> &'static str {
         Self::NAMES.iter().find(|(state, _)| *state == self).map_or("", |(_, name)| name)
     }

@@ -1,15 +1,15 @@
-//! One step from a frame to the next: search, judge, re-deform [KP, section 3].
+//! One step from a frame to the next: search, judge, deform again [KP, section 3].
 //!
-//! KP drive the springs by the displacements of all nodes that were not lost, all alike. But a match on plain skin is worth less than
-//! one on a brow, and less across an edge than along its normal. The force on a node is therefore the matrix
+//! KP drive the springs by the displacements of all nodes that were not lost, with equal weight. But a match on plain skin is less accurate
+//! than one on a brow, and less accurate along an edge than along its normal. The force on a node is therefore the matrix
 //!
 //! ```text
 //! F = f G / (n + w d^2) + e I
 //! ```
 //!
 //! G: mean gradient matrix of the window; d: mean grey difference of the matched windows; f: [`TrackOptions::force`]; w:
-//! [`TrackOptions::mismatch`]; n, e: floors. This is KLT's own estimate of how well
-//! it determined a displacement; well textured, well matched nodes stay where KLT found them, the others follow the springs.
+//! [`TrackOptions::mismatch`]; n, e: floors. This is KLT's own estimate of how well it determined a displacement. Well-textured,
+//! well-matched nodes stay where KLT found them; the others follow the springs.
 
 use nalgebra::{Matrix2, Point2, Vector2};
 
@@ -27,19 +27,19 @@ use crate::{
     wireframe::{Tables, Wireframe},
 };
 
-/// Pixels around the wireframe that the alignment may read.
+/// Margin around the wireframe that the alignment may read, px.
 const PATCH_MARGIN_PX: f64 = 12.0;
 
-/// Fewest nodes that must not be lost in a step.
+/// Smallest number of nodes that must be tracked in a step.
 const MIN_TRACKED: usize = 8;
 
-/// Share of the way from the inner to the outer edge of a lip at which an inner-lip node is searched for.
+/// Where an inner-lip node is searched for, as a share of the way from the inner to the outer edge of its lip.
 const LIP_PROBE: f64 = 0.7;
 
-/// The same of an inner corner of the mouth: it goes with the outer one, at which there is something to see.
+/// The same for an inner corner of the mouth: it moves with the outer corner, which has texture.
 const CORNER_PROBE: f64 = 1.0;
 
-/// Squared grey levels that a perfect match is taken to differ by.
+/// Squared grey difference assumed for a perfect match.
 const MISMATCH_FLOOR: f64 = 0.05;
 
 /// Force on a node in a direction without any gradient, over the stiffness of a spring.
@@ -51,17 +51,17 @@ const LIPS: [(&str, &str); 6] = [("2.2", "8.1"), ("2.6", "8.5"), ("2.7", "8.6"),
 /// Inner and outer corners of the mouth, left and right.
 const CORNERS: [(&str, &str); 2] = [("2.4", "8.3"), ("2.5", "8.4")];
 
-/// Pupils, whose nodes are the corners of the iris boxes.
+/// Feature points of the pupils; their nodes are the corners of the iris boxes.
 const PUPILS: [&str; 2] = ["3.5", "3.6"];
 
-/// Roots of the eigenvalues of a mean gradient matrix, the smaller first: gradients across and along the strongest edge.
+/// Returns the roots of the eigenvalues of a mean gradient matrix, the smaller first: gradients across and along the strongest edge.
 fn root_eigenvalues(matrix: &Matrix2<f64>) -> [f64; 2] {
     let half_trace = f64::midpoint(matrix.m11, matrix.m22);
     let spread = ((matrix.m11 - matrix.m22) / 2.0).hypot(matrix.m12);
     [half_trace - spread, half_trace + spread].map(|value| value.max(0.0).sqrt())
 }
 
-/// What the tracker knows of a wireframe beforehand.
+/// What the tracker precomputes for a wireframe.
 ///
 /// ```
 /// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
@@ -87,15 +87,15 @@ pub struct TrackPlan {
     neighbours: recover::Neighbours,
     lips: Vec<LipTwin>,
     corners: Vec<LipTwin>,
-    /// Places among the live nodes of nodes that move as one: the corners of each iris box.
+    /// Indices, among the live nodes, of nodes that move as one: the corners of each iris box.
     rigid: Vec<Vec<usize>>,
     pub(super) tables: Tables,
 }
 
 /// An inner-lip node and the outer-lip node of the same lip.
 ///
-/// The inner-lip nodes of upper and lower lip coincide when the mouth is closed (40/87, 81/83, 82/84). KLT would see the same patch
-/// twice and the mouth would never open: each of them is searched for by a patch inside its own lip instead.
+/// The inner-lip nodes of upper and lower lip coincide when the mouth is closed (40/87, 81/83, 82/84). KLT would then find the same patch
+/// for both, and the mouth would never open. Each is therefore searched for by a patch inside its own lip.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct LipTwin {
     inner: NodeId,
@@ -103,7 +103,7 @@ struct LipTwin {
 }
 
 impl TrackPlan {
-    /// The plan for a wireframe.
+    /// Creates the plan for a wireframe.
     pub fn new(wireframe: &Wireframe, tables: &Tables) -> Self {
         let nodes = |fp: &str| fp.parse().ok().and_then(|fp| tables.feature_point_nodes(fp)).unwrap_or_default();
         let single = |fp: &str| match nodes(fp) {
@@ -128,7 +128,7 @@ impl TrackPlan {
 }
 
 impl TrackPlan {
-    /// The neutral frame's skin, for a tracker that has images.
+    /// Returns the template of the neutral frame's skin, for a tracker that has images.
     pub(super) fn template(
         &self,
         wireframe: &Wireframe,
@@ -147,20 +147,20 @@ pub(super) struct Step<'a> {
     pub wireframe: &'a Wireframe,
     pub plan: &'a TrackPlan,
     pub options: &'a TrackOptions,
-    /// The neutral frame's grey values, where the tracker has images.
+    /// Grey values of the neutral frame, for a tracker that has images.
     pub template: Option<&'a mut Template>,
     /// Side of the KLT window, px.
     pub window: u32,
     /// ES0 of the neutral frame, px.
     pub eye_distance: f64,
-    /// The eyes of the neutral frame, where lids are read.
+    /// Eyes of the neutral frame, when lids are read.
     pub lids: Option<&'a Lids>,
-    /// The current frame, as it is: the tracker may hold it in another light.
+    /// The current frame as recorded; the tracker may hold a version with corrected lighting.
     pub frame: &'a Frame,
 }
 
 impl Step<'_> {
-    /// The nodes of the current frame.
+    /// Returns the nodes of the current frame.
     pub fn run(&mut self, tracker: &mut impl PointTracker, previous: &TrackedFrame) -> Result<Vec<TrackedNode>, TrackError> {
         let live = self.wireframe.live_nodes();
         let positions: Vec<_> = previous.nodes.iter().map(|n| n.position).collect();
@@ -196,7 +196,7 @@ impl Step<'_> {
         Ok(nodes)
     }
 
-    /// Where a node is searched for, relative to it.
+    /// Returns the offset from a node to the point that is searched for in its place.
     fn probe_offset(&self, node: NodeId, positions: &[Point2<f64>]) -> Vector2<f64> {
         let of = |twins: &[LipTwin], share: f64| {
             let twin = twins.iter().find(|twin| twin.inner == node)?;
@@ -226,7 +226,7 @@ impl Step<'_> {
         Ok(live.zip(ways).map(|((&node, &start), (there, back))| self.judge(node, start, there, Some(back))).collect())
     }
 
-    /// What became of a node; `backward` is the way back, where one was searched for.
+    /// Decides whether a node was tracked or lost. `backward` is the result of the backward search, if one was made.
     fn judge(&self, node: NodeId, start: Point2<f64>, forward: Found, backward: Option<Found>) -> recover::NodeStep {
         let lost = |reason, residual| recover::NodeStep {
             node,
@@ -250,7 +250,7 @@ impl Step<'_> {
         recover::NodeStep { node, displacement: position - start, residual, difference, loss: None }
     }
 
-    /// Re-deforms the wireframe, driven by the nodes that were not lost.
+    /// Deforms the wireframe again, driven by the nodes that were not lost.
     fn place(
         &self,
         positions: &[Point2<f64>],
@@ -273,7 +273,7 @@ impl Step<'_> {
         Ok(self.plan.springs.deform(self.wireframe, positions, &targets)?)
     }
 
-    /// Corrects the nodes by the neutral frame; see [`super::align`].
+    /// Corrects the nodes by comparison with the neutral frame; see [`super::align`].
     fn align(
         &mut self,
         tracker: &impl PointTracker,
@@ -298,7 +298,7 @@ impl Step<'_> {
         Ok(())
     }
 
-    /// The force matrix of a node that was not lost: the module's, or the same for all.
+    /// Returns the force matrix of a node that was not lost: the one of the module's equation, or the same for all nodes.
     fn force(&self, step: &recover::NodeStep, gradient: &Matrix2<f64>) -> Matrix2<f64> {
         if self.options.forces == Forces::Same {
             return Matrix2::identity() * self.options.force;

@@ -1,11 +1,11 @@
-//! Counting how the skin covers a frame.
+//! Checks the coverage of a frame by the skin.
 
 use nalgebra::Point2;
 
 use super::{Deformation, Warp, convex_hull, raster};
 use crate::geometry::polygon::inside;
 
-/// How the skin covers a frame ([`Warp::audit`]).
+/// Coverage of a frame by the skin ([`Warp::audit`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Audit {
     /// Skin triangles that are turned over.
@@ -19,9 +19,9 @@ pub struct Audit {
 }
 
 impl Warp {
-    /// How a frame covers the picture: for tests, and for whoever wants to be sure.
+    /// Counts how often skin and openings cover each pixel of a frame; for tests and checks.
     pub fn audit(&self, deformation: &Deformation, size: (u32, u32)) -> Audit {
-        // Skin counts ones, openings sixteens.
+        // Skin adds 1, an opening 16.
         const OPENING: u8 = 16;
         let mut counts = vec![0_u8; size.0 as usize * size.1 as usize];
         let mut cover = |triangles: &[[u32; 3]], step: u8| {
@@ -38,7 +38,7 @@ impl Warp {
             cover(&opening.triangles, OPENING);
         }
         let mut audit = Audit { folded: self.folded(&deformation.vertices).count(), ..Audit::default() };
-        // The border of the mesh does not move: inside of it every pixel is skin once, or in an opening.
+        // The border of the mesh does not move; inside it every pixel must be covered by skin once, or by an opening.
         let border = convex_hull(self.mesh.fixed.iter().map(|&v| deformation.vertices[v as usize]).collect());
         for y in 0..size.1 {
             for x in 0..size.0 {

@@ -1,9 +1,9 @@
-//! The eyeballs of a photograph as layers of their own.
+//! The eyeballs of a photograph as separate layers.
 //!
-//! A wireframe knows an iris as a box of four nodes, and skin that is stretched from lid to lid makes a shield of it. So the iris is
-//! looked for in the picture as a circle (see `iris`). What the photograph hides under the lids is filled: the white by a smooth course
-//! from corner to corner, the iris by its mirror image and its mean colours around the centre. In a frame the white stays with the
-//! skull, the iris turns over it with the gaze, and the lids cover both. What the photograph shows is shown as it is there.
+//! The wireframe has the iris as a box of four nodes, and stretching the skin from lid to lid would distort it. So the iris is detected in
+//! the picture as a circle (see `iris`). What the lids hide on the photograph is filled: the white by a smooth function from corner to
+//! corner, the iris by its mirror image and its mean colours around the centre. In a frame the white stays with the skull, the iris
+//! turns over it with the gaze, and the lids cover both. Visible parts of the photograph are kept.
 
 use nalgebra::{Matrix3, Point2, Vector2, Vector3};
 
@@ -22,22 +22,22 @@ use crate::{
     interpolation::smooth_step,
 };
 
-/// Where the iris ends and the white is whole, over its radius.
+/// Radii at which the iris ends and the white is complete, relative to the radius of the iris.
 const LIMBUS: (f64, f64) = (1.03, 1.20);
-/// Bands along the upper and the lower lid where the photograph shows lashes and their shadow, and the wet edge of the lid, over the eye distance:
-/// not trusted once the lid has gone. That of a lower lid would be a light line over the dark iris at once.
+/// Widths of the bands along the upper and the lower lid where the photograph shows lashes with their shadow, and the wet edge of the lid, in eye
+/// distances. Once the lid moves away these bands are replaced; that of a lower lid would be a light line over the dark iris at once.
 const LASHES: f64 = 0.035;
 const WET_EDGE: f64 = 0.022;
-/// How far the lids have gone when none of these bands is trusted, over the eye distance.
+/// Movement of the upper and the lower lid, in eye distances, from which the whole band is replaced.
 const GONE: [f64; 2] = [0.03, 0.008];
-/// Depth of the shadow that the upper lid throws on what is filled, and its width over the eye distance.
+/// Depth of the upper lid's shadow on filled areas, and its width in eye distances.
 const SHADOW: (f64, f64) = (0.42, 0.035);
-/// Room around the lids that a patch has, over the eye distance.
+/// Margin of a patch around the lids, in eye distances.
 const ROOM: f64 = 0.16;
-/// Turn of the gaze, over the eye distance, at which the iris stands wholly on its own.
+/// Turn of the gaze, in eye distances, from which the iris is fully drawn as a separate layer.
 const TURNED: f64 = 0.015;
 
-/// An eyeball on its photograph.
+/// The eyeball of one eye on its photograph.
 #[derive(Clone, Debug)]
 pub struct Eyeball {
     /// Centre of the iris, px.
@@ -48,38 +48,38 @@ pub struct Eyeball {
     top: i64,
     width: usize,
     height: usize,
-    /// The white as it is behind iris and lids, and the iris as it is behind the lids; row by row.
+    /// The white without iris and lids, and the iris without lids, row by row.
     white: Vec<[f32; 3]>,
     iris: Vec<[f32; 3]>,
-    /// Distance from the lids, px, positive between them.
+    /// Distance of each pixel from the lids, px, positive between them.
     pub(super) depth: Vec<f32>,
     pub(super) eye_distance: f64,
 }
 
-/// Where an eyeball is in a frame.
+/// Position of an eyeball in a frame.
 #[derive(Clone, Debug)]
 pub struct Turned {
-    /// From the photograph to the frame, without the gaze.
+    /// Map from the photograph to the frame, without the gaze.
     pub head: Similarity,
-    /// Motion of the iris on top, px of the frame.
+    /// Additional motion of the iris by the gaze, px of the frame.
     pub gaze: Vector2<f64>,
-    /// Upper lid in the frame.
+    /// The upper lid in the frame.
     pub lid: Vec<Point2<f64>>,
-    /// Both lids as they are on the photograph, with how far each place went away from the other lid, over the eye distance.
+    /// Both lids on the photograph, with the distance each point moved away from the other lid, in eye distances.
     edges: [Vec<(Point2<f64>, f64)>; 2],
-    /// Whether a lid uncovers what the photograph does not show.
+    /// Whether a lid uncovers something that the photograph does not show.
     uncovers: bool,
 }
 
 impl Turned {
-    /// An eyeball as its fields say.
+    /// Creates the position from its fields.
     pub fn new(head: Similarity, gaze: Vector2<f64>, lid: Vec<Point2<f64>>, edges: [Vec<(Point2<f64>, f64)>; 2]) -> Self {
         let uncovers = edges.iter().flatten().any(|e| e.1 > 0.0);
         Self { head, gaze, lid, edges, uncovers }
     }
 
-    /// How much the photograph is to be trusted at a place of it that lies `depth` px between its lids: along a lid that went away it
-    /// shows lashes and their shadow.
+    /// Weight of the photograph, 0 to 1, at a point that lies `depth` px between its lids. It is low along a lid that moved away, where the
+    /// photograph shows lashes and their shadow.
     fn trust(&self, p: Point2<f64>, depth: f64, eye_distance: f64) -> f32 {
         let one = |edge: &[(Point2<f64>, f64)], width: f64, gone: f64| {
             let mut nearest = (f64::INFINITY, 0.0);
@@ -102,14 +102,14 @@ impl Turned {
     }
 }
 
-/// An eye on its photograph, and the colours there, whose iris is yet to be found.
+/// The surroundings of an eye and their colours, before the iris is detected.
 struct Patch {
     eye: Eyeball,
     photograph: Vec<[f32; 3]>,
 }
 
 impl Patch {
-    /// What lies around an opening; `None` outside of the picture.
+    /// Cuts out the surroundings of an opening; `None` outside the picture.
     fn new(warp: &Warp, opening: &OpeningMesh, texture: &Texture) -> Option<Self> {
         let nodes = OPENINGS.iter().find(|o| o.opening == opening.opening)?;
         let unit = warp.frame.eye_distance;
@@ -150,7 +150,7 @@ impl Patch {
 }
 
 impl Eyeball {
-    /// Finds the eyeballs behind both eyes; `None` where the picture shows no iris.
+    /// Finds the eyeballs of both eyes; `None` where the picture shows no iris.
     pub fn find(warp: &Warp, texture: &Texture) -> [Option<Self>; 2] {
         let down = warp.frame.down.into_inner();
         let patches = [1, 2].map(|k: usize| Patch::new(warp, warp.mesh.openings.get(k)?, texture));
@@ -169,12 +169,12 @@ impl Eyeball {
         })
     }
 
-    /// Place of the pixel `k` of the patch, px.
+    /// Position of pixel `k` of the patch, px.
     fn at(&self, k: usize) -> Point2<f64> {
         Point2::new((self.left + (k % self.width) as i64) as f64, (self.top + (k / self.width) as i64) as f64)
     }
 
-    /// Values of a patch between its pixels; `None` outside.
+    /// Interpolates values of a patch at a point; `None` outside.
     pub(super) fn sampled<T>(&self, values: &[T], p: Point2<f64>, of: impl Fn(&T) -> [f32; 3]) -> Option<[f32; 3]> {
         let (x, y) = (p.x - self.left as f64, p.y - self.top as f64);
         let inside = x >= 0.0 && y >= 0.0 && x <= (self.width - 1) as f64 && y <= (self.height - 1) as f64;
@@ -198,7 +198,7 @@ impl Eyeball {
         self.sampled(&self.depth, p, |d| [*d, 0.0, 0.0]).map_or(f64::NEG_INFINITY, |d| f64::from(d[0]))
     }
 
-    /// The white without iris and lids: a parabola from corner to corner through the whitest that the photograph shows.
+    /// The white without iris and lids: a parabola from corner to corner, fitted to the whitest visible pixels.
     fn filled_white(&self, photograph: &[[f32; 3]], down: Vector2<f64>) -> Vec<[f32; 3]> {
         let across = Vector2::new(down.y, -down.x);
         let along = |k: usize| (self.at(k) - self.centre).dot(&across) / (4.0 * self.radius);
@@ -245,7 +245,7 @@ impl Eyeball {
             .collect()
     }
 
-    /// The iris without lids: its mirror image where the photograph shows that, else the mean colour at the distance from the centre.
+    /// The iris without lids: its mirror image where that is visible on the photograph, otherwise the mean colour at that distance from the centre.
     fn filled_iris(&self, photograph: &[[f32; 3]], down: Vector2<f64>) -> Vec<[f32; 3]> {
         let band = LASHES * self.eye_distance;
         let bin = (self.radius / 16.0).max(0.5);
@@ -261,7 +261,7 @@ impl Eyeball {
                 }
             }
         }
-        // From the outside in: a ring that is hidden has the colour of the next one that is not.
+        // From the centre outwards: a hidden ring gets the colour of the last visible one.
         let mut colours: Vec<Option<[f32; 3]>> =
             rings.iter().map(|(sum, count)| (*count > 0.5).then(|| sum.map(|s| (s / count) as f32))).collect();
         let mut known = colours.iter().flatten().next().copied();

@@ -11,13 +11,13 @@ use crate::{
     warp::{MouthInside, NODE_COUNT, mouth::luma},
 };
 
-/// Where its irises are beside the middle of their nodes, px, and how large, over the eye distance.
+/// Offset of its irises from the middle of their nodes, px, and their size, in eye distances.
 const BESIDE: Vector2<f64> = Vector2::new(3.0, 1.0);
 const DRAWN: f64 = 0.097;
 const SKIN: [f64; 3] = [205.0, 160.0, 140.0];
 const WHITE: [f64; 3] = [232.0, 228.0, 224.0];
 const IRIS: [f64; 3] = [88.0, 66.0, 52.0];
-/// Directions that an outline is looked at in.
+/// Number of directions in which an outline is measured.
 const ANGLES: usize = 72;
 
 fn centre(nodes: &[Point2<f64>], eye: usize) -> Point2<f64> {
@@ -25,7 +25,7 @@ fn centre(nodes: &[Point2<f64>], eye: usize) -> Point2<f64> {
     Point2::from(iris.iter().map(|&n| nodes[usize::from(n)].coords).sum::<Vector2<f64>>() / iris.len() as f64)
 }
 
-/// Skin, and between the lids a white with a round iris and a pupil, edges one pixel soft.
+/// Skin, with a white between the lids that holds a round iris and a pupil; edges are one pixel soft.
 fn drawn(nodes: &[Point2<f64>]) -> RgbImage {
     let warp = test_face::warp();
     let outlines: Vec<Vec<Point2<f64>>> = warp.mesh.openings[1..]
@@ -42,7 +42,7 @@ fn drawn(nodes: &[Point2<f64>]) -> RgbImage {
     })
 }
 
-/// The circle nearest to points (I. Kasa's least squares): centre and radius.
+/// Circle fitted to points (I. Kasa's least squares): centre and radius.
 fn circle(points: &[Point2<f64>]) -> (Point2<f64>, f64) {
     let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
     let origin = points[0];
@@ -56,8 +56,8 @@ fn circle(points: &[Point2<f64>]) -> (Point2<f64>, f64) {
     (origin + centre, (found.z + centre.norm_squared()).sqrt())
 }
 
-/// Largest deviation of the outline of an iris from the circle nearest to it, as a share of its radius, and the share of the angles at
-/// which it shows between the lids.
+/// Largest deviation of an iris' outline from the fitted circle, relative to its radius, and the fraction of directions in which it is visible
+/// between the lids.
 fn roundness(warp: &Warp, frame: &RgbImage, deformation: &super::super::Deformation, eye: usize, at: Point2<f64>) -> (f64, f64) {
     let opening = &warp.mesh.openings[eye];
     let lids: Vec<Point2<f64>> =
@@ -94,7 +94,7 @@ fn roundness(warp: &Warp, frame: &RgbImage, deformation: &super::super::Deformat
     (worst, outline.len() as f64 / ANGLES as f64)
 }
 
-/// The nodes of the lids moved by so much of the eye distance down, both corners apart, and the irises by a gaze.
+/// The nodes with the lids moved down by so many eye distances, except for the corners, and the irises moved by a gaze.
 fn moved(upper: f64, lower: f64, corners: f64, gaze: Vector2<f64>) -> Vec<Point2<f64>> {
     let mut nodes = nodes();
     for eye in &OPENINGS[1..] {
@@ -155,7 +155,7 @@ fn irises_stay_round_within_a_tenth_when_lids_open_narrow_and_squint_and_the_gaz
             shields += usize::from(roundness(&plain, &before, &deformation, eye, at).0 > 0.10);
         }
     }
-    // Without the layer the lids draw the iris along.
+    // Without the layer the lids pull the iris along.
     assert!(shields >= 2, "{shields}");
 }
 

@@ -1,22 +1,21 @@
-//! How every vertex follows the driving nodes: the smoothest displacement field through them.
+//! Weights of the driving nodes for every vertex: the smoothest displacement field through the nodes.
 //!
-//! The field minimizes the bending energy `u' L M^-1 L u` (L the cotangent Laplacian over the triangles of the skin, M the area of
-//! each vertex), passes through the displacements of the driving nodes exactly, goes with a mean of them at the vertices tied to
-//! several, and is 0 on the ring around the face. It is cut at
-//! lips and lids: nothing pulls across an opening, and at its edge the field has no slope, so that lips and lid margins move as a
-//! whole and keep their thickness. The answer is linear in the displacements; one weight for each pair of vertex and node is solved
-//! for once, and a frame costs one product.
+//! The field minimizes the bending energy `u' L M^-1 L u` (L the cotangent Laplacian over the triangles of the skin, M the area of each vertex).
+//! It passes exactly through the displacements of the driving nodes, follows a weighted mean of them at tied vertices, and is 0 on the
+//! ring around the face. It is cut at lips and lids: nothing pulls across an opening, and the field has no slope at its edge, so that lips
+//! and lid margins move as a whole and keep their thickness. The solution is linear in the displacements. One weight for each pair of vertex
+//! and node is solved once; a frame then takes one matrix product.
 
 use nalgebra::Vector2;
 
 use super::{WarpError, mesh::Mesh};
 use crate::simd::widest;
 
-/// Weights of all vertices over the driving nodes.
+/// Weights of the driving nodes for all vertices.
 #[derive(Clone, Debug)]
 pub struct Weights {
     columns: usize,
-    /// Row by row: the weights of each vertex.
+    /// The weights of each vertex, row by row.
     values: Vec<f64>,
 }
 
@@ -26,12 +25,12 @@ impl Weights {
         let count = mesh.vertices.len();
         let columns = mesh.drivers.len();
         let energy = Energy::new(mesh);
-        // Shares of the drivers at the vertices whose displacement is known; none of them where it is 0.
+        // Weights of the drivers at the vertices whose displacement is known; empty where it is 0.
         let mut known: Vec<Option<Vec<(usize, f64)>>> = vec![None; count];
         mesh.fixed.iter().for_each(|&v| known[v as usize] = Some(Vec::new()));
         mesh.tied.iter().for_each(|(v, shares)| known[*v as usize] = Some(shares.clone()));
         mesh.drivers.iter().enumerate().for_each(|(k, &(_, v))| known[v as usize] = Some(vec![(k, 1.0)]));
-        // From top to bottom, so that the system is banded.
+        // Sorted from top to bottom, so that the system is banded.
         let mut free: Vec<usize> = (0..count).filter(|&v| known[v].is_none() && energy.masses[v] > 0.0).collect();
         free.sort_by(|&a, &b| {
             let (a, b) = (mesh.vertices[a], mesh.vertices[b]);
@@ -48,7 +47,7 @@ impl Weights {
                 match &known[other] {
                     Some(shares) => shares.iter().for_each(|&(driver, share)| right[i * columns + driver] -= value * share),
                     None if place[other] <= i => entries.push((place[other], value)),
-                    // In the upper half.
+                    // In the upper half, which is not stored.
                     None => {}
                 }
             }
@@ -79,7 +78,7 @@ impl Weights {
 
     /// Displacements of all vertices for those of the driving nodes.
     pub fn displaced(&self, offsets: &[Vector2<f64>]) -> Vec<Vector2<f64>> {
-        /// Vertices whose sums go on side by side.
+        /// Number of vertices that are summed together.
         const TOGETHER: usize = 4;
         let mut all = Vec::with_capacity(self.values.len() / self.columns.max(1));
         widest(
@@ -103,13 +102,13 @@ impl Weights {
         all
     }
 
-    /// Weights of a vertex over the driving nodes.
+    /// Weights of the driving nodes for a vertex.
     pub fn of(&self, vertex: usize) -> &[f64] {
         &self.values[vertex * self.columns..(vertex + 1) * self.columns]
     }
 }
 
-/// The bending energy as a sparse matrix, row by row on demand.
+/// The bending energy as a sparse matrix, with rows computed on demand.
 struct Energy {
     /// Cotangent Laplacian.
     laplacian: Vec<Vec<(usize, f64)>>,
@@ -131,7 +130,7 @@ impl Energy {
             for k in 0..3 {
                 let (i, j, o) = (k, (k + 1) % 3, (k + 2) % 3);
                 let (a, b) = (corners[i] - corners[o], corners[j] - corners[o]);
-                // Half the cotangent of the angle opposite the edge; an area of nearly nothing must not explode.
+                // Half the cotangent of the angle opposite the edge; the area is bounded below for numerical stability.
                 let weight = a.dot(&b) / (4.0 * area.max(1e-9));
                 let (i, j) = (triangle[i] as usize, triangle[j] as usize);
                 add(i, i, weight);
@@ -164,7 +163,7 @@ impl Energy {
     }
 }
 
-/// A symmetric positive definite matrix as rows of its lower half, each from its first entry on; Cholesky keeps that shape.
+/// A symmetric positive definite matrix stored as rows of its lower half, each from its first entry; Cholesky preserves that shape.
 #[derive(Default)]
 struct Skyline {
     /// First column and values up to the diagonal.
@@ -179,7 +178,7 @@ impl Skyline {
         self.rows.push((first, values));
     }
 
-    /// Cholesky in place; `None` for a matrix that is not positive definite.
+    /// Cholesky factorization in place; `None` for a matrix that is not positive definite.
     #[inline(always)]
     fn factor(&mut self) -> Option<()> {
         for i in 0..self.rows.len() {
@@ -201,7 +200,7 @@ impl Skyline {
         Some(())
     }
 
-    /// Solves for several right sides at once, stored row by row.
+    /// Solves for several right-hand sides at once, stored row by row.
     #[inline(always)]
     fn solve(&self, right: &mut [f64], columns: usize) {
         for (i, (first, row)) in self.rows.iter().enumerate() {
@@ -239,7 +238,7 @@ fn subtract(target: &mut [f64], source: &[f64], factor: f64) {
     }
 }
 
-/// Scalar product in four fixed parts: quick, and the same on every machine.
+/// Scalar product in four fixed parts: fast, and identical on every machine.
 #[inline(always)]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut sums = [0.0; 4];
@@ -260,7 +259,7 @@ mod tests {
     #[test]
     fn a_banded_system_is_solved() {
         // 4 1 0   x   9        x = (1.928571, 1.285714, 2.571429): 4 x + y = 9, x + 4 y + z = 9.642857..., y + 4 z = 11.571428...
-        // Checked by putting it back instead.
+        // Checked by multiplying back.
         let matrix = [[4.0, 1.0, 0.0], [1.0, 4.0, 1.0], [0.0, 1.0, 4.0]];
         let mut skyline = Skyline::default();
         skyline.push(0, &[(0, 4.0)]);

@@ -1,4 +1,4 @@
-//! Skin that a motion would fold is smoothed until it does not.
+//! Smooths a motion that would fold the skin until it does not.
 
 use std::sync::LazyLock;
 
@@ -7,19 +7,19 @@ use nalgebra::{Point2, Vector2};
 use super::{NODE_COUNT, Warp, mesh::Mesh};
 use crate::{fit::mirror_nodes, geometry::Similarity, units::NodeId, wireframe::Wireframe};
 
-/// A skin triangle counts as folded when its area falls below this share of the area in the reference, and below half of its area on
+/// A skin triangle counts as folded when its area falls below this fraction of its area in the reference, and below half of its area on
 /// the photograph.
 const LEAST_AREA: f64 = 0.02;
-/// Rounds of smoothing that a folded frame gets.
+/// Largest number of smoothing rounds for a folded frame.
 const UNFOLD_ROUNDS: usize = 120;
-/// Rounds of weakening that it gets when smoothing does not help, and the factor of each.
+/// Largest number of further rounds that weaken the whole motion, and the factor of each.
 const WEAKEN_ROUNDS: usize = 30;
 const WEAKEN: f64 = 0.75;
-/// Share of the way to its neighbours' mean that a node at a fold goes in a round.
+/// Fraction of the way to its neighbours' mean motion that a node at a fold moves per round.
 const UNFOLD_STEP: f64 = 0.1;
 
 impl Warp {
-    /// Vertices for the wanted nodes, and the rounds it took until no skin was folded; `wanted` becomes what was possible.
+    /// Vertices for the wanted nodes, and the number of rounds until no skin was folded; `wanted` is updated to the possible positions.
     pub(super) fn unfolded(&self, wanted: &mut [Point2<f64>], background: &Similarity) -> (Vec<Point2<f64>>, usize) {
         let mut rounds = 0;
         let mut vertices = self.vertices_of(wanted, background);
@@ -31,7 +31,7 @@ impl Warp {
             if rounds < UNFOLD_ROUNDS {
                 self.smooth(wanted, &folded, background);
             } else {
-                // No skin can do this: all of it is made weaker, until some skin can.
+                // Smoothing does not suffice: the whole motion is weakened until the skin can follow.
                 for (node, start) in wanted.iter_mut().zip(&self.nodes) {
                     let start = background.apply(start);
                     *node = start + (*node - start) * WEAKEN;
@@ -44,7 +44,7 @@ impl Warp {
         (vertices, rounds)
     }
 
-    /// Skin triangles that are turned over or nearly so.
+    /// Indices of skin triangles that are turned over or nearly so.
     pub(super) fn folded<'a>(&'a self, vertices: &'a [Point2<f64>]) -> impl Iterator<Item = usize> + 'a {
         let area = |points: &[Point2<f64>], t: &[u32; 3]| {
             let [a, b, c] = t.map(|v| points[v as usize]);
@@ -57,7 +57,7 @@ impl Warp {
         })
     }
 
-    /// Draws the nodes that dominate folded triangles towards the mean motion of the nodes around them.
+    /// Pulls the nodes with large weights in folded triangles towards the mean motion of their neighbours.
     fn smooth(&self, wanted: &mut [Point2<f64>], folded: &[usize], around: &Similarity) {
         let mut at_fold = vec![false; self.mesh.drivers.len()];
         for &k in folded {
@@ -67,7 +67,7 @@ impl Warp {
                 }
             }
         }
-        // Both sides of the face alike: one half of a smile that is drawn back would be a crooked one.
+        // Both sides of the face are treated alike, so that a smile does not become crooked.
         for d in 0..at_fold.len() {
             at_fold[self.partners[d]] |= at_fold[d];
         }
@@ -82,12 +82,12 @@ impl Warp {
     }
 }
 
-/// The least area of a triangle of these areas in the reference and on the photograph; a smaller one is folded.
+/// Least area of a triangle from its areas in the reference and on the photograph; a smaller one is folded.
 pub fn least_area(in_reference: f64, on_photograph: f64) -> f64 {
     (LEAST_AREA * in_reference).min(0.5 * on_photograph)
 }
 
-/// The driving node on the other side of the face for each; itself in the middle.
+/// Index of the driving node on the other side of the face, for each driving node; its own index on the midline.
 pub fn partners(mesh: &Mesh) -> Vec<usize> {
     static MIRROR: LazyLock<Vec<usize>> =
         LazyLock::new(|| mirror_nodes(&Wireframe::candide3()).unwrap_or_else(|_| (0..NODE_COUNT).collect()));
@@ -95,7 +95,7 @@ pub fn partners(mesh: &Mesh) -> Vec<usize> {
     (0..mesh.drivers.len()).map(|d| place(MIRROR[mesh.drivers[d].0.index()]).unwrap_or(d)).collect()
 }
 
-/// The six driving nodes nearest to each, in the reference.
+/// Indices of the six nearest driving nodes of each, in the reference.
 pub fn neighbours(mesh: &Mesh, reference: &[Point2<f64>]) -> Vec<Vec<usize>> {
     const COUNT: usize = 6;
     let at = |node: NodeId| reference[node.index()];

@@ -1,5 +1,5 @@
-//! Vertices that go with a mean of the driving nodes, where the smoothest field through the nodes would not do as a face does: edges of lips
-//! and lids, skin between brow and lid, brows.
+//! Vertices that follow a weighted mean of driving nodes, where the smoothest field does not move like a face: edges of lips
+//! and lids, the skin between brow and lid, and brows.
 
 use nalgebra::Point2;
 
@@ -9,27 +9,27 @@ use super::{
 };
 use crate::{interpolation::hermite, units::NodeId};
 
-/// A vertex, and places among the drivers with shares that sum to 1.
+/// A vertex, and (index among the drivers, weight) pairs; the weights sum to 1.
 pub type Tied = (u32, Vec<(usize, f64)>);
 
-/// Power of the parabola that the arch of an opening edge is: lips and lids are rounder than one, less so than an ellipse (0.5).
+/// Exponent applied to the parabola of an opening edge's arch: lips and lids are rounder than a parabola (1), less round than an ellipse (0.5).
 const LIP_ARCH: f64 = 0.54;
 const LID_ARCH: f64 = 0.75;
-/// Step between vertices along a brow, over the eye distance.
+/// Step between vertices along a brow, in eye distances.
 const STEP: f64 = 0.05;
-/// How far hair goes beyond the inner and the outer node, over the eye distance.
+/// Distance that the hair extends beyond the inner and the outer node, in eye distances.
 const BEYOND: (f64, f64) = (0.06, 0.14);
-/// Slope of the motion at either end, over that of the straight line to the middle: hair turns, it does not curl.
+/// Slope of the motion at either end, relative to that of the straight line to the middle: hair turns but does not curl.
 const END_SLOPE: f64 = 0.6;
 
-/// The place of a node among the drivers.
+/// Index of a node among the drivers.
 fn driver(drivers: &[(NodeId, u32)], node: u16) -> Option<usize> {
     drivers.iter().position(|d| d.0.0 == node)
 }
 
-/// Vertices of an edge between its nodes: the skin around would draw them into straight pieces with a corner at every node, while lips
-/// that part and lids that rise are arches. Beyond what the corners do, each goes with a share of the motion of the nodes beside it,
-/// and that share follows an arch over the corners.
+/// Ties the vertices of an edge between its nodes. The surrounding skin would pull them into straight pieces with a corner at every node, while
+/// parting lips and rising lids form arches. Beyond the motion of the corners, each vertex follows the nodes beside it, with
+/// weights that form an arch over the corners.
 pub fn edge(
     nodes: [u16; 5],
     edge: &[u32],
@@ -53,10 +53,10 @@ pub fn edge(
     (1..edge.len() - 1).filter(|k| !stops.contains(k)).map(follower).collect()
 }
 
-/// Shares of five nodes, the first and last of which are corners, in the motion of a place on their arch.
+/// Weights of five nodes, the first and last of which are corners, at a position on their arch.
 fn arch_shares(places: [f64; 5], at: f64, power: f64) -> [f64; 5] {
     let arch = |u: f64| (4.0 * u * (1.0 - u)).max(0.0).powf(power);
-    // Between the inner nodes a cubic with the slope of its neighbours at the middle one, flat at the others and beyond them.
+    // Between the inner nodes a cubic; at the middle node it has the slope between its neighbours, elsewhere it is flat.
     let [_, a, b, c, _] = places;
     let slope = 1.0 / (c - a);
     let inner = if at <= a {
@@ -78,7 +78,7 @@ fn arch_shares(places: [f64; 5], at: f64, power: f64) -> [f64; 5] {
     [corner(|u| 1.0 - u), inner[0], inner[1], inner[2], corner(|u| u)]
 }
 
-/// Vertices between brow and upper lid. A lid that shuts unfolds the skin below its crease; the skin above, and the brow, stay.
+/// Ties vertices between brow and upper lid. A shutting lid unfolds the skin below its crease; the skin above and the brow stay.
 pub fn lid_skin(reference: &[Point2<f64>], drivers: &[(NodeId, u32)], gathered: &mut Gathered) -> Vec<Tied> {
     let at = |node: u16| reference[usize::from(node)].coords;
     let mut tied = Vec::new();
@@ -107,7 +107,7 @@ pub fn lid_skin(reference: &[Point2<f64>], drivers: &[(NodeId, u32)], gathered: 
     tied
 }
 
-/// A column of vertices from the lid, half-way between two of its nodes (or at one that is there twice), up to a brow.
+/// A column of vertices from the lid to a brow; it starts half-way between two lid nodes, or at one that is listed twice.
 struct Column {
     lid: [u16; 2],
     corners: [u16; 2],
@@ -115,8 +115,8 @@ struct Column {
     share: f64,
 }
 
-/// The columns above an eye: over the nodes of its upper lid, and half-way between them, so that a crease that is held at the one does not sag at
-/// the other.
+/// The columns above an eye: over the nodes of its upper lid and half-way between them, so that the crease does not sag between
+/// nodes.
 fn columns(skin: &LidSkin) -> Vec<Column> {
     let LidSkin { lid, corners, brow, shares, .. } = *skin;
     let column = |lid: [u16; 2], share: f64| Column { lid, corners, brow, share };
@@ -125,8 +125,8 @@ fn columns(skin: &LidSkin) -> Vec<Column> {
     over.chain(between).collect()
 }
 
-/// Vertices on the brows. The smoothest field swings beyond nodes that lie at uneven distances, as a brow's do, and lets the end of the hair,
-/// which lies beyond the outermost node, stay behind: raised brows became hooks.
+/// Ties vertices on the brows. The smoothest field overshoots between unevenly spaced nodes such as a brow's, and leaves behind the end of
+/// the hair beyond the outermost node, so that raised brows turn into hooks.
 pub fn brows(reference: &[Point2<f64>], drivers: &[(NodeId, u32)], gathered: &mut Gathered) -> Vec<Tied> {
     let unit = gathered.eye_distance;
     let mut tied = Vec::new();
@@ -162,10 +162,10 @@ pub fn brows(reference: &[Point2<f64>], drivers: &[(NodeId, u32)], gathered: &mu
     tied
 }
 
-/// Shares of the inner node, the middle and the outer node in the motion of a place on a brow, of which two pieces have these lengths: a cubic
-/// in each, in the middle with the slope of the parabola through all three. Beyond the ends all of it goes with the node there.
+/// Weights of the inner node, the middle and the outer node at a position on a brow whose two pieces have these lengths. Each piece is a cubic; in
+/// the middle it has the slope of the parabola through all three. Beyond an end, its node has all the weight.
 fn brow_shares([first, second]: [f64; 2], along: f64) -> [f64; 3] {
-    // Slopes of the straight lines, and that in the middle, as shares of the three motions.
+    // Slopes of the straight lines and of the middle, as weights of the three motions.
     let (inner, outer) = ([-1.0 / first, 1.0 / first, 0.0], [0.0, -1.0 / second, 1.0 / second]);
     let middle: [f64; 3] = std::array::from_fn(|k| (second * inner[k] + first * outer[k]) / (first + second));
     let end = |line: [f64; 3]| line.map(|slope| END_SLOPE * slope);
@@ -198,7 +198,7 @@ mod tests {
         let places = [0.0, 0.25, 0.5, 0.75, 1.0];
         let value =
             |motion: [f64; 5], at: f64| arch_shares(places, at, LIP_ARCH).iter().zip(motion).map(|(s, m)| s * m).sum::<f64>();
-        // What the corners do by themselves is followed in a straight line; at a node the edge is where the node is.
+        // The corners' motion alone is interpolated linearly; at a node the edge lies at the node.
         for k in 0..=20 {
             let u = f64::from(k) / 20.0;
             assert!((value([1.0, 2.0, 3.0, 4.0, 5.0], u) - (1.0 + 4.0 * u)).abs() < 1e-12, "{u}");

@@ -1,9 +1,9 @@
-//! Furrows of the forehead below which brows rise.
+//! Furrows of the forehead that deepen as brows rise.
 //!
-//! A brow that rises pushes the skin of the forehead together, and it folds where that person's forehead folds: most adults have the lines of it on
-//! their calm faces, too, if shallow. So these are found on the photograph, as what is darker or lighter along the brows than right above and
-//! below, and deepen the more the brow below them rises; who has none gets none. The page of `play` does the same where it has WebGL
-//! (`player/assets/brows.js` and `gl.js`): who changes one changes the other.
+//! A rising brow compresses the skin of the forehead, which folds along that person's lines. Most adults show these lines faintly on a calm
+//! face. They are detected on the photograph as areas that are, along the brows, darker or lighter than right above and below, and are
+//! deepened in proportion to the rise of the brow below them. A forehead without lines gets none. The page of `play` does the same with WebGL
+//! (`player/assets/brows.js` and `gl.js`): change both together.
 
 use image::{GrayImage, Luma};
 use nalgebra::{Point2, Vector2};
@@ -18,56 +18,56 @@ use super::{
 };
 use crate::{geometry::blur::gaussian, interpolation::smooth_step};
 
-/// The grid they are found on: from the subject's right to the left and from below upwards, over the eye distance from the middle between the
-/// inner ends of the brows, and its step.
+/// Extent of the detection grid (from the subject's right to the left, and from below upwards) around the middle between the inner ends of the
+/// brows, and its step, in eye distances.
 const ACROSS: f64 = 0.95;
 const UP: (f64, f64) = (-0.10, 0.74);
 const STEP: f64 = 1.0 / 160.0;
-/// Where it ends there are none, from so far on, over the eye distance.
+/// Width of the fade at the border of the grid, in eye distances.
 const BORDER: f64 = 0.05;
-/// Places that a cell is the mean of, each way, at most: as many as it has pixels.
+/// Largest number of samples averaged per cell, each way; the number follows the pixels per cell.
 const GRAINS: usize = 4;
-/// How far lines are smoothed along the brows, and what lines are up from: details smaller than the first and larger than the second are none.
+/// Smoothing of lines along the brows, and limits of their width across, in eye distances: finer or wider details are not lines.
 const ALONG: f64 = 0.070;
 const FINE: f64 = 0.010;
 const WIDE: f64 = 0.045;
-/// The darkest and the lightest that a line is on a calm face, as logarithms of a ratio.
+/// Darkest and lightest value of a line on a calm face, as logarithms of a ratio.
 const DEEPEST: f32 = -0.08;
 const LIGHTEST: f32 = 0.035;
-/// How far above the brows and beside their ends they begin, over the eye distance, and from how high above them they end.
+/// Fade-in of the furrows above the brows and inside their ends, and fade-out by the height above the brows, in eye distances.
 const ABOVE_BROWS: (f64, f64) = (0.06, 0.16);
 const BESIDE: (f64, f64) = (0.0, 0.12);
 const HIGHEST: (f64, f64) = (0.42, 0.56);
-/// Skin is not darker than this under the forehead's brightness (a logarithm), its brightness does not change as fast as this from one width to
-/// the other, and it has no more fine detail than this; hair is and has.
+/// Criteria for skin, from certainly not to certainly (or the reverse): brightness relative to the forehead (`DARK`, logarithm), difference of
+/// brightness between two smoothing widths (`EDGE`), and fine detail (`HAIR`). Hair is darker, and has edges and detail.
 const DARK: (f32, f32) = (-0.45, -0.25);
 const EDGE: (f64, f64) = (0.05, 0.14);
 const EDGE_WIDTHS: (f64, f64) = (0.03, 0.10);
 const HAIR: (f64, f64) = (0.045, 0.080);
 const STRAND: f64 = 0.015;
-/// Of what may be forehead, by its brightness, that which it is compared with.
+/// Quantile of the brightness of the possible forehead that serves as its reference.
 const FOREHEAD: f64 = 0.60;
-/// How much deeper they are where the brow has risen by the eye distance, and at most.
+/// Deepening of the furrows per eye distance of the brow's rise, and its maximum.
 pub const DEEPEN: f64 = 20.0;
 pub const MOST: f64 = 4.0;
-/// Nodes of the brows by which it is known how far they rise, from the subject's right to the left: the middles of both edges, and the inner ends.
+/// Nodes that measure the rise of the brows, from the subject's right to the left: the middles of both edges, and the inner ends.
 pub const PARTS: [&[u16]; 4] = [&[BROWS[1][1], BROWS[1][2]], &[BROWS[1][0]], &[BROWS[0][0]], &[BROWS[0][1], BROWS[0][2]]];
-/// Logarithm of a ratio that the picture's 255 stands for; 128 is none.
+/// Logarithm of a ratio that level 255 of the picture means; 128 is no change.
 pub const LIMIT: f32 = 0.1;
 
 /// The furrows of one forehead.
 #[derive(Clone, Debug)]
 pub struct Furrows {
-    /// Place of the grid's first cell, and the steps across and up, px.
+    /// Position of the grid's first cell, and the steps across and up, px.
     pub from: Point2<f64>,
     pub across: Vector2<f64>,
     pub up: Vector2<f64>,
-    /// Levels: logarithms of the ratio to the skin around them.
+    /// Levels of the logarithm of the ratio to the surrounding skin.
     pub picture: GrayImage,
 }
 
 impl Furrows {
-    /// The furrows that a photograph shows; `None` where there is no forehead.
+    /// Detects the furrows on a photograph; `None` if it shows no forehead.
     pub fn find(warp: &Warp, texture: &Texture) -> Option<Self> {
         let Frame { eye_distance: unit, down } = warp.frame;
         let (right, up) = (warp.frame.across(), -down.into_inner());
@@ -110,19 +110,19 @@ impl Furrows {
             Luma([(128.0 + (log / LIMIT * 127.0).round()).clamp(1.0, 255.0) as u8])
         };
         let whole = GrayImage::from_fn(width as u32, height as u32, level);
-        // No more of it than there is.
+        // Cropped to the part that has furrows.
         let (mut low, mut high) = ((width as u32, height as u32), (0, 0));
         for (x, y, _) in whole.enumerate_pixels().filter(|(_, _, level)| level.0[0] != 128) {
             (low, high) = ((low.0.min(x), low.1.min(y)), (high.0.max(x), high.1.max(y)));
         }
-        // With a cell around it that is nothing.
+        // One neutral cell is kept around it.
         let (low, high) = ((low.0.saturating_sub(1), low.1.saturating_sub(1)), (high.0 + 2, high.1 + 2));
         let size = (high.0.min(width as u32).checked_sub(low.0)?, high.1.min(height as u32).checked_sub(low.1)?);
         let picture = image::imageops::crop_imm(&whole, low.0, low.1, size.0, size.1).to_image();
         Some(Self { from: from + across * f64::from(low.0) + up * f64::from(low.1), across, up, picture })
     }
 
-    /// The logarithm at a place of the photograph, and its distance from the subject's right end of the picture, in cells.
+    /// Logarithm at a point of the photograph, and its distance from the subject's right end of the picture, in cells.
     fn log(&self, at: Point2<f64>) -> Option<(f32, f64)> {
         let off = at - self.from;
         let (x, y) = (off.dot(&self.across) / self.across.norm_squared(), off.dot(&self.up) / self.up.norm_squared());
@@ -144,7 +144,7 @@ impl Furrows {
     }
 }
 
-/// The brows of a face, over the eye distance from the middle between their inner ends.
+/// The brows of a face, in eye distances from the middle between their inner ends.
 struct Brows {
     middle: Point2<f64>,
     /// Upper edge from the subject's right to the left.
@@ -155,7 +155,7 @@ impl Brows {
     fn of(nodes: &[Point2<f64>], frame: &Frame) -> Self {
         let [left, right] = BROWS.map(|brow| brow.map(|n| nodes[usize::from(n)]));
         let middle = nalgebra::center(&left[0], &right[0]);
-        // The inner node is on the lower edge: the upper one is as much higher as in the middle.
+        // The inner node lies on the lower edge; the upper edge is raised by the thickness in the middle.
         let upper = |[inner, above, below, outer]: [Point2<f64>; 4]| [outer, above, inner + (above - below)];
         let ([a, b, c], [d, e, f]) = (upper(right), upper(left));
         let place = |p: Point2<f64>| {
@@ -165,7 +165,7 @@ impl Brows {
         Self { middle, edge: [a, b, c, f, e, d].map(place).to_vec() }
     }
 
-    /// How far a place is forehead above the brows, by where it lies only.
+    /// Weight of a point as forehead above the brows, from its position alone.
     fn forehead(&self, (x, y): (f64, f64)) -> f64 {
         let (Some(first), Some(last)) = (self.edge.first(), self.edge.last()) else { return 0.0 };
         let edge = on_line(&self.edge, x);
@@ -179,21 +179,21 @@ impl Brows {
     }
 }
 
-/// Furrows as a frame deepens them.
+/// Furrows as deepened in a frame.
 pub struct Deepened<'a> {
     furrows: &'a Furrows,
-    /// How much deeper they are, by their distance from the subject's right end of the picture, cells.
+    /// Pairs of distance from the subject's right end of the picture (cells) and deepening there.
     depths: Vec<(f64, f64)>,
 }
 
-/// The furrows that a frame deepens; `None` where no brow rises.
+/// The furrows that a frame deepens; `None` if no brow rises.
 pub fn deepened<'a>(warp: &'a Warp, deformation: &Deformation) -> Option<Deepened<'a>> {
     let furrows = warp.furrows.as_ref()?;
     let depths = depths(warp, deformation, furrows);
     depths.iter().any(|depth| depth.1 > 0.0).then_some(Deepened { furrows, depths })
 }
 
-/// How much deeper furrows are above the outer half and the inner end of every brow.
+/// Deepening of the furrows above the outer half and the inner end of each brow.
 fn depths(warp: &Warp, deformation: &Deformation, furrows: &Furrows) -> Vec<(f64, f64)> {
     let head = openings::head(warp, deformation);
     let up = -warp.frame.down.into_inner();
@@ -219,7 +219,7 @@ impl Deepened<'_> {
         self.furrows.bounds()
     }
 
-    /// The colour of the skin at a place of the photograph.
+    /// Colour of the skin at a point of the photograph.
     pub fn colour(&self, at: Point2<f64>, colour: [f32; 3]) -> [f32; 3] {
         let Some((log, x)) = self.furrows.log(at).filter(|(log, _)| *log != 0.0) else { return colour };
         let factor = (log * on_line(&self.depths, x) as f32).exp();
@@ -246,7 +246,7 @@ mod tests {
         (brow - 0.38 * EYES) as u32..(brow - 0.20 * EYES) as u32
     }
 
-    /// A face with lines across its forehead, so much darker (a logarithm).
+    /// A face with lines across its forehead that are darker by `depth` (a logarithm).
     fn lined(depth: f64) -> RgbImage {
         let mut picture = lashed(&nodes(), 2.0);
         for (_, y, pixel) in picture.enumerate_pixels_mut().filter(|(_, y, _)| f64::from(*y) < nodes()[16].y - 0.05 * EYES) {
@@ -263,7 +263,7 @@ mod tests {
         levels.fold((f64::INFINITY, 0.0), |(low, high), level| (low.min(level), high.max(level)))
     }
 
-    /// How much darker lines are than what is around them above each brow, with the left one so far up.
+    /// Depth of the lines above each brow, with the left one raised by `by` eye distances.
     fn depths(picture: &RgbImage, by: f64) -> [f64; 2] {
         let texture = Texture::new(picture);
         let warp = warp().with_eyes(&texture);
@@ -286,7 +286,7 @@ mod tests {
         let calm = depths(&picture, 0.0);
         assert!(calm.iter().all(|depth| (depth - 0.04).abs() < 0.01), "{calm:?}");
         let [left, right] = depths(&picture, 0.10);
-        // DEEPEN times 0.10 is 2: three times as deep, of what the filter takes for a line.
+        // DEEPEN times 0.10 is 2: what the filter detects as a line becomes three times as deep.
         assert!((2.0..3.2).contains(&(left / calm[0])), "{left} of {calm:?}");
         assert!((right / calm[1] - 1.0).abs() < 0.3, "{right} of {calm:?}");
     }
@@ -295,7 +295,7 @@ mod tests {
     fn even_skin_has_no_furrows_and_hair_none_that_deepen() {
         let even = lashed(&nodes(), 2.0);
         assert!(depths(&even, 0.15).iter().all(|depth| *depth < 0.01));
-        // Every third row dark, here and there: strands of hair.
+        // Strands of hair: every third row dark, in alternating places.
         let mut hair = even.clone();
         for (x, y, pixel) in hair.enumerate_pixels_mut() {
             if f64::from(y) < nodes()[16].y - 0.05 * EYES && (y + x / 7 % 3) % 3 == 0 {
@@ -305,7 +305,7 @@ mod tests {
         let texture = Texture::new(&hair);
         let furrows = warp().with_eyes(&texture).furrows.unwrap();
         let most = furrows.picture.pixels().map(|p| p.0[0].abs_diff(128)).max();
-        // Five times as deep that is 4 % at most.
+        // Five times as deep, this is 4 % at most.
         assert!(most.is_some_and(|most| most <= 10), "{most:?}");
     }
 }

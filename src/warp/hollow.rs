@@ -1,9 +1,9 @@
 //! The hollow between a brow and an upper lid.
 //!
-//! Below the bone of the brow the skin lies in a hollow, and in its shade. A brow that rises draws that skin out of it: what was dark grows light,
-//! the more the further. Drawn out with the skin the shade would be a dark patch instead. So how much darker the skin is there than where it is
-//! bright, channel by channel, without lashes (see `lid_skin`) and without anything fine, is found on the photograph once, and goes with the depth
-//! of the hollow. The page of `play` does the same where it has WebGL (`player/assets/brows.js` and `gl.js`): who changes one changes the other.
+//! Below the bone of the brow the skin lies in a shaded hollow. A rising brow pulls that skin out of the shade, which lightens it in proportion;
+//! stretching the photograph would instead leave a large dark patch. So the shade is measured once on the photograph: the ratio to the bright
+//! skin nearby, per channel, without lashes (see `lid_skin`) and without fine detail. It is reduced as the hollow is drawn out. The page of `play`
+//! does the same with WebGL (`player/assets/brows.js` and `gl.js`): change both together.
 
 use nalgebra::Point2;
 
@@ -18,36 +18,36 @@ use super::{
 };
 use crate::interpolation::smooth_step;
 
-/// Places along the way between the corners of the eye, and between lid and brow, at which it is known.
+/// Size of the grid of the shade: between the corners of the eye, and between lid and brow.
 pub const COLUMNS: usize = 24;
 pub const ROWS: usize = 10;
-/// The first and the last of these places, as shares of the way from the outer to the inner corner.
+/// First and last column, as fractions of the way from the outer to the inner corner.
 pub const ALONG: (f64, f64) = (-0.25, 1.40);
-/// Over which shares of it, at both ends, and of the way from lid to brow, also at both, it begins.
+/// Widths of the fades: at both ends of the columns, then (as fractions of the way from lid to brow) above the lid and below the brow.
 const BEGINS: (f64, f64) = (0.22, 0.30);
 const ABOVE_LID: f64 = 0.20;
 const BELOW_BROW: f64 = 0.25;
-/// Places a place is the mean of, each way.
+/// Samples averaged per grid point, each way.
 const GRAINS: usize = 3;
-/// Of the skin between the corners, by its brightness, that which is not in the hollow.
+/// Quantiles of brightness between which the skin between the corners counts as not shaded.
 const BRIGHT: (f64, f64) = (0.70, 0.90);
-/// The darkest, as the logarithm of a ratio; the page can make nothing more than twice as light.
+/// Darkest value, as the logarithm of a ratio; the page cannot lighten anything by more than a factor of two.
 pub const DARKEST: f32 = -0.85;
-/// How much lighter it grows than by the length of the skin alone, and the most of its shade that goes.
+/// Factor on the lightening that follows from the length of the skin alone, and the largest fraction of the shade that is removed.
 pub const LIGHTER: f64 = 1.6;
 pub const MOST: f64 = 0.8;
 
 /// The shade between one brow and its lid.
 #[derive(Clone, Debug)]
 pub struct Hollow {
-    /// The brow's lower edge at every column, as a height above the line between the corners, px.
+    /// Height of the brow's lower edge at each column, above the line between the corners, px.
     pub brow: Vec<f64>,
-    /// Logarithms of the ratio to bright skin, 0 and less, row by row from the lid upwards.
+    /// Logarithms of the ratio to bright skin (at most 0), row by row from the lid upwards.
     pub logs: Vec<[f32; 3]>,
 }
 
 impl Hollow {
-    /// The hollows above both eyes, one for each opening.
+    /// Finds the hollows above both eyes; one entry per opening.
     pub fn find(warp: &Warp, texture: &Texture) -> Vec<Option<Self>> {
         let pairs = warp.mesh.openings.iter().zip(&warp.lids);
         pairs.map(|(opening, lid)| Self::new(warp, layout::lid_skin_of(opening.opening)?, lid.as_ref()?, texture)).collect()
@@ -73,7 +73,7 @@ impl Hollow {
         Some(hollow)
     }
 
-    /// The skin around a place, without lashes.
+    /// Mean skin around a grid point, without lashes.
     fn skin(&self, lid: &LidSkin, column: usize, row: usize, texture: &Texture) -> [f32; 3] {
         let off = |k: usize| (k as f64 + 0.5) / GRAINS as f64 - 0.5;
         let step = (ALONG.1 - ALONG.0) / (COLUMNS - 1) as f64;
@@ -89,7 +89,7 @@ impl Hollow {
         sum
     }
 
-    /// The box outside of which it is nothing.
+    /// The box outside of which there is no shade.
     fn bounds(&self, lid: &LidSkin) -> Option<Bounds> {
         let corners = self
             .brow
@@ -99,7 +99,7 @@ impl Hollow {
         Bounds::around(corners)
     }
 
-    /// The colour of the skin at a place of the photograph while so much of the hollow is drawn out.
+    /// Colour of the skin at a point of the photograph when a fraction `gone` of the shade is removed.
     fn colour(&self, lid: &LidSkin, at: Point2<f64>, gone: f64, colour: [f32; 3]) -> [f32; 3] {
         let (along, height) = lid.place(&at);
         let column = (along - ALONG.0) / (ALONG.1 - ALONG.0) * (COLUMNS - 1) as f64;
@@ -126,15 +126,15 @@ impl Hollow {
     }
 }
 
-/// A hollow that a frame draws out.
+/// A hollow that is drawn out in a frame.
 pub struct DrawnOut<'a> {
     hollow: &'a Hollow,
     lid: &'a LidSkin,
-    /// How much of its shade is gone.
+    /// Fraction of its shade that is removed.
     gone: f64,
 }
 
-/// The hollows that a frame draws out.
+/// The hollows that are drawn out in a frame.
 pub fn drawn_out_hollows<'a>(warp: &'a Warp, deformation: &Deformation) -> Vec<DrawnOut<'a>> {
     let head = openings::head(warp, deformation);
     let each = warp.mesh.openings.iter().zip(warp.lids.iter().zip(&warp.hollows));
@@ -151,29 +151,29 @@ impl DrawnOut<'_> {
         self.hollow.bounds(self.lid)
     }
 
-    /// The colour of the skin at a place of the photograph.
+    /// Colour of the skin at a point of the photograph.
     pub fn colour(&self, at: Point2<f64>, colour: [f32; 3]) -> [f32; 3] {
         self.hollow.colour(self.lid, at, self.gone, colour)
     }
 }
 
-/// How much of a hollow's shade is gone where the way from lid to brow is so many times as long as on the photograph.
+/// Fraction of the shade that is removed when the way from lid to brow is `drawn_out` times as long as on the photograph.
 pub fn gone(drawn_out: f64) -> f64 {
     (LIGHTER * (1.0 - 1.0 / drawn_out.max(1.0))).min(MOST)
 }
 
-/// The place along the lid of a column.
+/// Position along the lid of a column.
 fn along(column: usize) -> f64 {
     ALONG.0 + (ALONG.1 - ALONG.0) * column as f64 / (COLUMNS - 1) as f64
 }
 
-/// The two of so many places that one lies between, as the first of them, and how far it is from it.
+/// Index of the interval of a fractional grid index, and the fraction within it.
 fn cell(place: f64, count: usize) -> (usize, f64) {
     let k = (place.max(0.0) as usize).min(count - 2);
     (k, place - k as f64)
 }
 
-/// How much of the shade at a place is the hollow's: it ends softly.
+/// Weight of the shade at a grid point; it fades out at the border.
 fn share_at(column: usize, row: usize) -> f32 {
     let (along, up) = (along(column), row as f64 / (ROWS - 1) as f64);
     let across = smooth_step(ALONG.0, ALONG.0 + BEGINS.0, along) * (1.0 - smooth_step(ALONG.1 - BEGINS.1, ALONG.1, along));
@@ -198,7 +198,7 @@ mod tests {
         nalgebra::center(&lid, &nalgebra::center(&nodes[inner], &nodes[below]))
     }
 
-    /// Faces with even skin, and with the shade of a hollow there: 0.6 of the light in its middle.
+    /// Faces with even skin, and with the shade of a hollow: 0.6 of the light in its middle.
     fn faces() -> [RgbImage; 2] {
         let nodes = nodes();
         let even = lashed(&nodes, 2.0);
@@ -226,7 +226,7 @@ mod tests {
             let level = |by: f64| {
                 let moved = warp.deform(&with_brows(by)).unwrap();
                 let frame = warp.render(&texture, &moved, &MouthInside::Dark);
-                // Where the darkest place of the photograph goes.
+                // Where the darkest point of the photograph moves to.
                 let at = warp.map(&moved, &middle(&warp.nodes, 0)).unwrap();
                 f64::from(frame.get_pixel(at.x.round() as u32, at.y.round() as u32).0[0])
             };
@@ -234,7 +234,7 @@ mod tests {
         });
         assert!(even.iter().all(|level| (level - even[0]).abs() <= 2.0), "{even:?}");
         let [calm, half, whole, lowered] = shaded;
-        // 0.6 of 205 levels; and of a brow that rises by 0.15 of the eye distance the most of the shade is gone.
+        // 0.6 of 205 levels; when the brow rises by 0.15 eye distances, most of the shade is removed.
         assert!((calm - 123.0).abs() < 4.0 && (lowered - calm).abs() < 4.0, "{shaded:?}");
         assert!(half > calm + 10.0 && whole > half + 10.0 && whole < 205.0, "{shaded:?}");
     }
@@ -242,7 +242,7 @@ mod tests {
     #[test]
     fn nothing_is_gone_of_a_brow_that_stays_or_goes_down() {
         assert_eq!((gone(1.0), gone(0.7)), (0.0, 0.0));
-        // Half as long again: a third of its length is new. Four times as long: the most there is.
+        // Half as long again: a third of its length is new. Four times as long: the maximum.
         assert!((gone(1.5) - LIGHTER / 3.0).abs() < 1e-9 && gone(4.0) == MOST);
     }
 }

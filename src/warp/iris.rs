@@ -1,8 +1,9 @@
-//! Irises of a photograph, found as circles.
+//! Detects the irises of a photograph as circles.
 //!
-//! An iris is the circle across whose left and right arcs the picture grows brightest (Daugman's integro-differential operator, *High
-//! confidence visual recognition of persons*, PAMI 1993, over the arcs that no lid covers). A human iris is nearly the same share of the
-//! distance of the eyes in everybody, and both of a person's are of one size: a shadow in one corner, or lashes, do not sway two eyes alike.
+//! An iris is the circle across whose left and right arcs the brightness rises most (Daugman's integro-differential operator, *High
+//! confidence visual recognition of persons*, PAMI 1993, over the arcs that no lid covers). The size of a human iris relative to the eye
+//! distance hardly varies, and both irises of a person have one size. Searching both eyes together makes the result robust
+//! to lashes and to a shadow in one corner.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -10,24 +11,24 @@ use nalgebra::{Point2, Vector2};
 
 use super::{eyeball::Eyeball, mouth::luma};
 
-/// Radius of an iris, over the eye distance: expected (11.7 of 63 mm), and the deviation at which it costs one unit of score.
+/// Radius of an iris, in eye distances: expected value (11.7 of 63 mm), and the deviation that costs one unit.
 const RADIUS: (f64, f64) = (0.092, 0.009);
-/// Radii that are tried, over the eye distance, and how many.
+/// Range of tested radii, in eye distances, and their number.
 const RADII: (f64, f64) = (0.074, 0.116);
 const SIZES: usize = 12;
-/// How far around the iris nodes the centre is looked for, over the eye distance: across and along the face's vertical.
+/// Search range of the centre around the iris nodes, in eye distances: across and along the face's vertical.
 const REACH: (f64, f64) = (0.09, 0.06);
-/// Steps of the search, over the eye distance: first, and around the best.
+/// Steps of the search, in eye distances: the first one, and the one around the best result.
 const STEPS: (f64, f64) = (0.012, 0.004);
-/// Score (share of the brightness of the white) that a unit of each prior costs.
+/// Score (fraction of the brightness of the white) that one unit of each prior costs.
 const PRIOR: f64 = 0.03;
-/// Deviation of the centre from the iris nodes that costs one unit of score, over the eye distance.
+/// Deviation of the centre from the iris nodes that costs one unit, in eye distances.
 const CENTRE: f64 = 0.05;
-/// Least rise of brightness across the outline, as a share of the white's, for a circle to be believed.
+/// Least rise of brightness across the outline for a valid circle, relative to the white.
 const LEAST_RISE: f64 = 0.05;
-/// Half the width of the arcs to the left and right that are looked at.
+/// Half the angle of the arcs to the left and right, radians.
 const ARC: f64 = 0.8;
-/// Places on each arc.
+/// Number of positions on each arc.
 const PLACES: usize = 11;
 
 /// An iris, px.
@@ -38,7 +39,7 @@ pub struct Circle {
     score: f64,
 }
 
-/// One eye that is searched.
+/// The search for the iris of one eye.
 pub struct Search<'a> {
     eye: &'a Eyeball,
     levels: Vec<f32>,
@@ -48,7 +49,7 @@ pub struct Search<'a> {
     down: Vector2<f64>,
 }
 
-/// The irises of two eyes, of one size where both are found.
+/// Detects the irises of two eyes; both get one size if both are found.
 pub fn both(eyes: &[Option<Search<'_>>; 2]) -> [Option<Circle>; 2] {
     let found: [Vec<Option<Circle>>; 2] = [0, 1].map(|k: usize| match &eyes[k] {
         Some(eye) => (0..SIZES).map(|size| eye.best(size)).collect(),
@@ -56,7 +57,7 @@ pub fn both(eyes: &[Option<Search<'_>>; 2]) -> [Option<Circle>; 2] {
     });
     let score = |circle: &Option<Circle>| circle.as_ref().map_or(f64::NEG_INFINITY, |c| c.score);
     let own = [0, 1].map(|k: usize| found[k].iter().max_by(|a, b| score(a).total_cmp(&score(b))).copied().flatten());
-    // What is best at the smallest size of all is the part of an iris that narrow lids show.
+    // A best result at the smallest radius is only the part of an iris that narrow lids show.
     let rises = |k: usize| match (&eyes[k], own[k].filter(|c| found[k][0].is_none_or(|least| c.score > least.score))) {
         (Some(eye), Some(circle)) => eye.rise(circle.centre, circle.radius).is_some_and(|rise| rise >= LEAST_RISE),
         _ => false,
@@ -72,7 +73,7 @@ pub fn both(eyes: &[Option<Search<'_>>; 2]) -> [Option<Circle>; 2] {
 }
 
 impl<'a> Search<'a> {
-    /// A search for the iris of an eye whose centre is where the nodes have it; `None` where too little of it is seen.
+    /// Prepares the search around the iris nodes; `None` if too little of the eye is visible.
     pub fn new(eye: &'a Eyeball, photograph: &[[f32; 3]], down: Vector2<f64>) -> Option<Self> {
         let levels: Vec<f32> = photograph.iter().map(|&c| luma(c)).collect();
         let mut shown: Vec<f32> = levels.iter().zip(&eye.depth).filter(|(_, d)| **d > 0.0).map(|(l, _)| *l).collect();
@@ -84,7 +85,7 @@ impl<'a> Search<'a> {
         Some(Self { eye, levels, white, across: Vector2::new(down.y, -down.x), down })
     }
 
-    /// How much brighter it is outside of a circle, over the white; `None` where lids cover too much of it.
+    /// Mean rise of brightness across a circle, relative to the white; `None` if lids cover too much of it.
     fn rise(&self, centre: Point2<f64>, radius: f64) -> Option<f64> {
         let unit = self.eye.eye_distance;
         let step = (0.018 * unit).max(0.8);
@@ -103,7 +104,7 @@ impl<'a> Search<'a> {
                 }
             }
         }
-        // Half of the two arcs at least; where one side is hidden by the corner the other one counts.
+        // At least 35 % of the positions on both arcs; one side may be hidden by the corner.
         (count >= PLACES as f64 * 0.7).then(|| sum / count)
     }
 

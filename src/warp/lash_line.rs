@@ -1,9 +1,8 @@
 //! The line of lashes where lids meet.
 //!
-//! The upper lashes of an eye that shuts lie over the lower lid: a line that is sharp towards the lid, and from which single lashes stand downwards,
-//! fanned out from the middle of the eye. It also covers the white of the eye that the skin's edge has where a fitted lid lies inside the real
-//! one. The page of `play` draws the same (`player/assets/rig.js`, `gl.js`, and with single lashes as a shade `flat.js`): who changes one changes the
-//! others.
+//! The upper lashes of a shutting eye lie over the lower lid as a line that is sharp towards the lid, with single lashes pointing downwards and
+//! fanned out from the middle of the eye. The line also covers white of the eye at the skin's edge, where a fitted lid lies inside the real one.
+//! The page of `play` draws the same (`player/assets/rig.js`, `gl.js`, and with single lashes as a shade `flat.js`): change all together.
 
 use std::f64::consts::TAU;
 
@@ -20,28 +19,28 @@ use super::{
 };
 use crate::interpolation::smooth_step;
 
-/// Lids nearer than this share of their distance on the photograph show lashes where they meet.
+/// Opening, relative to that on the photograph, below which lashes appear where the lids meet.
 pub const CLOSING: f64 = 0.6;
-/// Width of the line in the middle of the eye, over the eye distance, the least, px, and the share of it that is left at the corners.
+/// Width of the line in the middle of the eye, in eye distances; its minimum, px; and the fraction of it that is left at the corners.
 pub const WIDTH: f64 = 0.024;
 pub const LEAST_WIDTH: f64 = 0.6;
 pub const CORNERS: f64 = 0.35;
-/// Where the line ends above and below, over its width: from where it fades, and to where.
+/// Distances above and below, over the line's width, between which it fades out.
 pub const ABOVE: (f64, f64) = (0.15, 0.75);
 pub const BELOW: (f64, f64) = (0.25, 0.85);
-/// The same of single lashes, how dark they are, how many, and how much they lean outwards for each width.
+/// The same for single lashes; their opacity, their number, and their outward lean per width.
 pub const HAIR: (f64, f64) = (0.5, 2.2);
 pub const HAIR_SHARE: f64 = 0.5;
 pub const HAIRS: f64 = 20.0;
 pub const LEAN: f64 = 0.12;
-/// Pixels from one lash to the next below which they are a shade, and from which on they are seen one by one.
+/// Pixels between lashes below which they are drawn as a shade, and from which they are drawn separately.
 pub const APART: (f64, f64) = (1.5, 3.0);
-/// Red, green and blue of lashes over their brightness: what is dark along a lid is the pupil, too, and what that mirrors. Hair is brown.
+/// Red, green and blue of lashes relative to their brightness: brown like hair. The dark colours along a lid include the pupil and reflections.
 const BROWN: [f32; 3] = [1.15, 0.96, 0.88];
-/// One in so many places along an upper lid is darker than its lashes.
+/// One in this many samples along an upper lid is darker than its lashes.
 const DARKER: usize = 6;
 
-/// Draws it over the frame.
+/// Draws the line over the frame.
 pub fn draw(warp: &Warp, opening: &OpeningMesh, texture: &Texture, vertices: &[Point2<f64>], frame: &mut RgbImage) {
     let open = gap(warp, opening, &warp.source);
     let shut = (1.0 - gap(warp, opening, vertices) / (CLOSING * open).max(1e-9)).min(1.0);
@@ -53,7 +52,7 @@ pub fn draw(warp: &Warp, opening: &OpeningMesh, texture: &Texture, vertices: &[P
     let line: Vec<Point2<f64>> = edges.map(|(&a, &b)| nalgebra::center(&vertices[a as usize], &vertices[b as usize])).collect();
     let (from, to) = (line[0], line[line.len() - 1]);
     let down = warp.frame.down.into_inner();
-    // From the outer to the inner corner, which is to the left on one eye and to the right on the other.
+    // `across` runs from the outer to the inner corner: to the left on one eye and to the right on the other.
     let across = to - from;
     let heights = warp.frame.line(line.iter().map(|p| p.coords));
     let width = (WIDTH * warp.frame.eye_distance).max(LEAST_WIDTH);
@@ -69,12 +68,12 @@ pub fn draw(warp: &Warp, opening: &OpeningMesh, texture: &Texture, vertices: &[P
     }
 }
 
-/// Its width at a place along it: finer towards the corners.
+/// Width of the line at a position along it; it narrows towards the corners.
 fn local(width: f64, along: f64) -> f64 {
     width * (CORNERS + (1.0 - CORNERS) * 4.0 * along * (1.0 - along))
 }
 
-/// How much of the skin it covers at a place along it, so many widths below its middle, where lashes are seen one by one (1) or as a shade (0).
+/// Opacity of the lashes at a position along the line and a height in widths below its middle, for separate lashes (`single` 1) or a shade (0).
 fn cover(along: f64, below: f64, single: f64) -> f64 {
     let (edge, off) = if below < 0.0 { (ABOVE, -below) } else { (BELOW, below) };
     let core = 1.0 - smooth_step(edge.0, edge.1, off);
@@ -87,7 +86,7 @@ fn cover(along: f64, below: f64, single: f64) -> f64 {
     (4.0 * along * (1.0 - along)).sqrt() * core.max(hair)
 }
 
-/// As dark as the lashes of the open eye: as nearly the darkest of what lies along its upper lid.
+/// Colour of the lashes: brown, about as dark as the darkest samples along the upper lid of the open eye.
 pub fn colour(warp: &Warp, opening: &OpeningMesh, texture: &Texture) -> [f32; 3] {
     let unit = warp.frame.eye_distance;
     let down = warp.frame.down.into_inner();
@@ -107,12 +106,12 @@ mod tests {
     #[test]
     fn lashes_stand_downwards_and_the_line_ends_at_the_corners() {
         assert_eq!([cover(0.5, 0.0, 1.0), cover(0.0, 0.0, 1.0), cover(1.0, 0.5, 1.0)], [1.0, 0.0, 0.0]);
-        // One width above its middle there is none of it; below it, half of a lash where one is, and nothing between two of them.
+        // Nothing one width above its middle; below it half opacity at a lash, and nothing between two lashes.
         assert_eq!(cover(0.5, -1.0, 1.0), 0.0);
         assert!(cover(0.5, 0.9, 1.0) > 0.4 && cover(0.5 + 0.5 / HAIRS, 0.0, 1.0) > 0.99);
         let between = 0.5 + 0.5 / (HAIRS * (1.0 - 0.9 * LEAN));
         assert!(cover(between, 0.9, 1.0) < 0.01, "{}", cover(between, 0.9, 1.0));
-        // As a shade they are as dark everywhere.
+        // As a shade they are equally dark everywhere.
         assert_eq!(cover(0.5, 0.9, 0.0), HAIR_SHARE * 0.5 * (1.0 - smooth_step(HAIR.0, HAIR.1, 0.9)));
     }
 }

@@ -1,9 +1,9 @@
-//! Lashes below a brow that rises.
+//! Lashes below a rising brow.
 //!
-//! A brow that rises draws out the skin below it, and with it what stands over that skin: lashes become threads, and the shade under them a smear.
-//! Lashes stand on the margin of the lid and keep their shape. So the skin that is drawn out is what it is without them (see `lid_skin`), and what
-//! the photograph has of them, its ratio to that skin, is laid over it as high above the margin as it was. The page of `play` does the same where
-//! it has WebGL (`player/assets/rig.js`, `lids.js` and `gl.js`): who changes one changes the other.
+//! A rising brow stretches the skin below it together with the lashes in front of it: lashes become threads, and their shade a smear. Real
+//! lashes stand on the margin of the lid and keep their shape. So the stretched skin is replaced by skin without lashes (see `lid_skin`), and
+//! the photograph's ratio to that skin, which contains the lashes, is laid over it at its original height above the margin. The page of `play`
+//! does the same with WebGL (`player/assets/rig.js`, `lids.js` and `gl.js`): change both together.
 
 use image::RgbImage;
 use nalgebra::Point2;
@@ -11,28 +11,28 @@ use nalgebra::Point2;
 use super::{Deformation, Texture, Warp, layout, lid_skin::LidSkin, mesh::OpeningMesh, openings, raster, sample};
 use crate::{geometry::Similarity, interpolation::smooth_step};
 
-/// By how much the way from the lid to the brow is longer than on the photograph where lashes begin to stand by themselves, and do wholly.
+/// Relative length of the way from lid to brow (1 on the photograph) at which the separate lashes fade in, and are complete.
 pub const DRAWN_OUT: (f64, f64) = (1.04, 1.22);
-/// The darkest that lashes are over skin; they are never lighter.
+/// Darkest ratio of lashes to skin; they are never lighter than the skin.
 pub const DARKEST: f32 = 0.15;
-/// Levels that count as noise in the dark.
+/// Levels that count as noise in dark areas.
 pub const FLOOR: f32 = 4.0;
-/// How far beyond the corners of the eye they stand, over its width.
+/// Extent of the lashes beyond the corners of the eye, over its width.
 pub const BEYOND: f64 = 0.08;
 
-/// An upper lid whose skin is without lashes in a frame.
+/// An upper lid whose skin is drawn without lashes in a frame.
 pub struct BareLid<'a> {
     pub skin: &'a LidSkin,
     pub(super) opening: &'a OpeningMesh,
-    /// How far it is, since its eye shuts, and since its lashes stand by themselves below a brow that rises, 0 to 1; on an eye that shuts they are a
-    /// line, and do not.
+    /// Opacity of that skin, 0 to 1: because the eye shuts, and (`stands`) because its lashes are drawn separately below a rising brow. On a shutting
+    /// eye the lashes are a line instead.
     pub(super) shut: f64,
     stands: f64,
-    /// How the head has moved.
+    /// Motion of the head.
     pub(super) head: Similarity,
 }
 
-/// The lids without lashes in a frame.
+/// The lids that are drawn without lashes in a frame.
 pub fn bare_lids<'a>(warp: &'a Warp, deformation: &Deformation) -> Vec<BareLid<'a>> {
     let head = openings::head(warp, deformation);
     let pairs = warp.mesh.openings.iter().zip(&warp.lids);
@@ -46,12 +46,12 @@ pub fn bare_lids<'a>(warp: &'a Warp, deformation: &Deformation) -> Vec<BareLid<'
     lids.filter(|lid| lid.gone() > 0.0).collect()
 }
 
-/// How far lashes stand by themselves where the way from lid to brow is so many times as long as on the photograph.
+/// Opacity of the separate lashes for a relative length of the way from lid to brow.
 fn share(drawn_out: f64) -> f64 {
     smooth_step(DRAWN_OUT.0, DRAWN_OUT.1, drawn_out)
 }
 
-/// How many times as long as on the photograph a brow that rises makes the way from the lid to itself; `None` for the mouth.
+/// Relative length of the way from lid to brow, 1 as on the photograph; `None` for the mouth.
 pub(super) fn drawn_out(warp: &Warp, opening: &OpeningMesh, deformation: &Deformation, head: &Similarity) -> Option<f64> {
     let skin = layout::lid_skin_of(opening.opening)?;
     let middle = |nodes: &[Point2<f64>], pair: [u16; 2]| {
@@ -65,12 +65,12 @@ pub(super) fn drawn_out(warp: &Warp, opening: &OpeningMesh, deformation: &Deform
 }
 
 impl BareLid<'_> {
-    /// How far its skin takes the place of the photograph's, 0 to 1.
+    /// Opacity of the skin without lashes, 0 to 1.
     pub fn gone(&self) -> f64 {
         self.shut.max(self.stands)
     }
 
-    /// Lays the lashes that stand by themselves over the skin.
+    /// Draws the separate lashes over the skin.
     pub fn draw_lashes(&self, warp: &Warp, texture: &Texture, deformation: &Deformation, frame: &mut RgbImage) {
         if self.stands <= 0.0 {
             return;
@@ -92,7 +92,7 @@ impl BareLid<'_> {
         }
     }
 
-    /// The margin of the upper lid, and a little beyond both corners.
+    /// The margin of the upper lid, extended a little beyond both corners.
     fn margin(&self, vertices: &[Point2<f64>]) -> Vec<Point2<f64>> {
         let upper: Vec<Point2<f64>> = self.opening.upper.iter().map(|&v| vertices[v as usize]).collect();
         let (Some(&first), Some(&last)) = (upper.first(), upper.last()) else { return Vec::new() };
@@ -101,14 +101,14 @@ impl BareLid<'_> {
     }
 }
 
-/// The factor by which skin is to be darkened that has so much of its lashes left, as a share of `ratio`, for it to have all of them: `ratio`
-/// where it is bare (1), and 1 where it is as it is on the photograph (0).
+/// Factor that gives skin the full darkness `ratio` of its lashes: `ratio` if it is bare (`bare` 1), 1 if it still has all of them (0), and
+/// in between what is missing.
 fn missing(ratio: f32, bare: f32) -> f32 {
     ratio / (ratio + (1.0 - ratio) * bare)
 }
 
 impl LidSkin {
-    /// What lashes leave of the skin's red, green and blue at a place of the photograph, as factors.
+    /// Ratio of the photograph's red, green and blue to the skin without lashes.
     fn lashes(&self, at: Point2<f64>, texture: &Texture) -> [f32; 3] {
         let photograph = texture.sample(at);
         let skin = self.colour(at, 1.0, photograph, texture);
@@ -138,7 +138,7 @@ mod tests {
         let lids = bare_lids(&warp, &deformation);
         assert!(lids.len() == 2 && lids.iter().all(|lid| lid.stands == 1.0));
         let frame = warp.render(&texture, &deformation, &MouthInside::Dark);
-        // How high it is dark above the middle of a lid, in tenths of a pixel.
+        // Height of the dark above the middle of a lid, in tenths of a pixel.
         let height = |picture: &RgbImage, lid: Point2<f64>| {
             let texture = Texture::new(picture);
             (0..300).filter(|&k| texture.sample(Point2::new(lid.x, lid.y - 0.1 * f64::from(k)))[0] < 120.0).count() as f64
@@ -146,7 +146,7 @@ mod tests {
         for eye in &OPENINGS[1..] {
             let lid = usize::from(eye.upper[2]);
             let (was, is) = (height(&picture, nodes[lid]), height(&frame, deformation.node(lid)));
-            // The skin there is drawn out by a quarter and more.
+            // The skin there is stretched by a quarter or more.
             assert!(was > 50.0 && (is / was - 1.0).abs() < 0.1, "{was} {is}");
         }
     }
@@ -189,7 +189,7 @@ mod tests {
 
     #[test]
     fn skin_that_is_half_bare_gets_half_of_its_lashes_back() {
-        // Of lashes that leave a fifth of the light: all of it, none, and as much as is missing at the half, where 0.6 of the light is left.
+        // Lashes that leave a fifth of the light: all of that, none, and the missing part at the half, where 0.6 of the light is left.
         assert_eq!((missing(0.2, 1.0), missing(0.2, 0.0), missing(1.0, 0.5)), (0.2, 1.0, 1.0));
         assert!((0.6 * missing(0.2, 0.5) - 0.2).abs() < 1e-6);
     }

@@ -1,4 +1,4 @@
-//! Pixels between lids or lips, with a soft border.
+//! A layer of pixels between lids or lips, with a soft border.
 
 use image::RgbImage;
 use nalgebra::{Point2, Vector2};
@@ -7,12 +7,12 @@ use tiny_skia::{FillRule, Mask, PathBuilder, Transform};
 use super::{mouth::luma, raster, sample};
 use crate::geometry::blur::gaussian;
 
-/// How soft what is drawn is by itself, px (sigma): its pixels are samples between those of a picture, and shares of an outline.
+/// Blur of the drawn content itself, px (sigma): its pixels are interpolated samples and anti-aliased outlines.
 const DRAWN: f64 = 0.4;
-/// How much further colours run into each other than brightness does, px (sigma).
+/// Additional blur of colours against brightness, px (sigma).
 const COLOURS: f64 = 1.2;
 
-/// Pixels that are laid over a frame within an outline.
+/// Pixels to be laid over a frame within an outline.
 pub struct Layer {
     /// First column in the frame.
     pub left: u32,
@@ -21,14 +21,14 @@ pub struct Layer {
     /// Columns.
     pub width: u32,
     height: u32,
-    /// Colour, and whether there is one.
+    /// Colour, and whether it is set.
     pub pixels: Vec<([f32; 3], bool)>,
     coverage: Mask,
 }
 
 impl Layer {
-    /// A layer over the bounding box of an outline, clipped to the frame, which can be softened by so much (px); `None` when nothing of it is in the
-    /// frame.
+    /// Creates a layer over the bounding box of an outline, clipped to the frame, with a margin for blurring by `softness` px; `None` if it lies
+    /// outside the frame.
     pub fn new(outline: &[Point2<f64>], size: (u32, u32), softness: f64) -> Option<Self> {
         let margin = 2.0 + 3.0 * softness;
         let (mut low, mut high) = (outline.first().copied()?, outline.first().copied()?);
@@ -43,7 +43,7 @@ impl Layer {
         let mut coverage = Mask::new(width, height)?;
         let mut path = PathBuilder::new();
         for (k, p) in outline.iter().enumerate() {
-            // Pixel centres are whole numbers in image space and halves here.
+            // Pixel centres have integer coordinates in image space and half-integers here.
             let (x, y) = ((p.x + 0.5 - f64::from(left)) as f32, (p.y + 0.5 - f64::from(top)) as f32);
             if k == 0 { path.move_to(x, y) } else { path.line_to(x, y) }
         }
@@ -53,7 +53,7 @@ impl Layer {
         Some(Self { left, top, width, height, pixels, coverage })
     }
 
-    /// Fills a triangle of the layer; values are interpolated between the corners and become colours, over what was there before.
+    /// Fills a triangle of the layer. Values are interpolated between the corners; `colour` converts them, and the previous colour, to the new one.
     pub fn fill(&mut self, to: [Point2<f64>; 3], values: [Point2<f64>; 3], colour: impl Fn(Point2<f64>, [f32; 3]) -> [f32; 3]) {
         let origin = Vector2::new(f64::from(self.left), f64::from(self.top));
         let (width, pixels) = (self.width, &mut self.pixels);
@@ -63,7 +63,7 @@ impl Layer {
         });
     }
 
-    /// Gives every pixel that the outline touches its colour.
+    /// Sets the colour of every pixel that the outline touches.
     pub fn paint(&mut self, colour: impl Fn(Point2<f64>) -> [f32; 3]) {
         for (k, pixel) in self.pixels.iter_mut().enumerate() {
             if self.coverage.data()[k] > 0 {
@@ -73,7 +73,7 @@ impl Layer {
         }
     }
 
-    /// Gives the pixels that the outline touches, but no triangle has its centre in, the colour of their neighbours.
+    /// Gives pixels that the outline touches, but that no triangle has set, the mean colour of their neighbours.
     pub fn spread(&mut self) {
         let before = self.pixels.clone();
         let (width, height) = (i64::from(self.width), i64::from(self.height));
@@ -97,7 +97,7 @@ impl Layer {
         }
     }
 
-    /// Lays the pixels whose centre the triangles have on the frame, whole, and empties the layer.
+    /// Copies the pixels that are set to the frame, without blending, and empties the layer.
     pub fn lay_under(&mut self, frame: &mut RgbImage) {
         for (k, (colour, is_set)) in self.pixels.iter_mut().enumerate() {
             if std::mem::take(is_set) {
@@ -107,8 +107,7 @@ impl Layer {
         }
     }
 
-    /// Softens its border with a Gaussian, so that it is as soft as the photograph that it is laid on (sigma, px). Beyond the border it goes on as it is
-    /// there.
+    /// Blurs the border to the photograph's `sigma`, px. The colours at the border are extended beyond it.
     pub fn soften_border(&mut self, sigma: f64) {
         let sigma = missing(sigma);
         if sigma <= 0.0 {
@@ -120,8 +119,8 @@ impl Layer {
         }
     }
 
-    /// Softens its border and what it shows. Its colours run a little further into each other and into those around it than its brightness does, as in
-    /// all pictures that were stored with half as many of colours.
+    /// Blurs the border and the content. Colours blur more than brightness, also with the surrounding frame, as in all pictures stored with
+    /// chroma subsampling.
     pub fn soften(&mut self, sigma: f64, frame: &RgbImage) {
         let sigma = missing(sigma);
         if sigma <= 0.0 {
@@ -153,7 +152,7 @@ impl Layer {
         self.coverage.data_mut().iter_mut().zip(&coverage).for_each(|(level, soft)| *level = sample::byte(*soft));
     }
 
-    /// Lays it on the frame as far as the outline covers each pixel.
+    /// Blends the layer over the frame, weighted by the outline's coverage of each pixel.
     pub fn lay_on(&self, frame: &mut RgbImage) {
         for y in 0..self.height {
             for x in 0..self.width {
@@ -168,7 +167,7 @@ impl Layer {
     }
 }
 
-/// The Gaussian that makes what is drawn as soft as another one would make a point (sigma, px).
+/// Sigma of the Gaussian that brings drawn content to a total blur of `sigma`, px.
 fn missing(sigma: f64) -> f64 {
     (sigma * sigma - DRAWN * DRAWN).max(0.0).sqrt()
 }

@@ -1,10 +1,9 @@
-//! The skin of upper lids as it is without lashes, for eyes that shut and for brows that rise (see `lashes`).
+//! The skin of the upper lids without lashes, for eyes that shut and for brows that rise (see `lashes`).
 //!
-//! A lid that shuts draws the skin above it down, and lashes that stand over that skin on the photograph would be drawn out to stripes. So
-//! the skin is guessed as it would be without them: at every place along the lid the brighter colours of what lies between lid and brow,
-//! where no lash is, carried down to the edge. It takes the place of the photograph's while the lid goes down; where the
-//! eye was it is painted (see `shut_lid`), and the line of lashes is drawn over it (see `lash_line`). The page of `play` does the same
-//! (`player/assets/lids.js`): who changes one changes the other.
+//! A shutting lid pulls down the skin above it, which would draw the lashes in front of it out to stripes. This module estimates the skin
+//! without them: at each position along the lid, the brighter colours between lid and brow, above any lash, are extended down to the edge.
+//! This estimate replaces the photograph while the lid goes down. The area where the eye was is painted (see `shut_lid`), and the
+//! line of lashes is drawn on top (see `lash_line`). The page of `play` does the same (`player/assets/lids.js`): change both together.
 
 use nalgebra::{Point2, Vector2};
 
@@ -18,59 +17,59 @@ use super::{
 };
 use crate::interpolation::smooth_step;
 
-/// Least and most height above the lid that is looked at, over the eye distance, and the most over the way to the brow.
+/// Least and greatest height above the lid that is sampled, in eye distances, and (`BROW_SHARE`) the greatest fraction of the way to the brow.
 const HEIGHTS: (f64, f64) = (0.05, 0.15);
 const BROW_SHARE: f64 = 0.6;
-/// Step upwards, over the eye distance; places along the lid.
+/// Step upwards, in eye distances; number of positions along the lid.
 const STEP: f64 = 0.006;
 const PLACES: usize = 28;
-/// Places to either side whose colours count for one.
+/// Number of positions to either side whose colours are pooled.
 const BESIDE: usize = 3;
-/// Of the colours above a place, by their brightness, those that are skin without lashes.
+/// Quantiles of brightness between which the colours above a position count as skin without lashes.
 const SKIN: (f64, f64) = (0.75, 0.95);
-/// Lashes end where it is this bright over that skin.
+/// Brightness relative to that skin at which lashes end.
 const LASHLESS: f64 = 0.93;
-/// How fast the lid's height falls along it, over the way.
+/// Steepest slope of the height of the lashes along the lid.
 const FALL: f64 = 0.6;
-/// Least height of the band of lashes, and that over which it fades, over the eye distance; it fades before the brow, so much of the way there, if
-/// only over that.
+/// Least height of the band of lashes, and the height over which the replacement fades above it, in eye distances. The fade ends before the
+/// brow (`BEFORE_BROW`, fraction of the way there), but has at least `LEAST_FADE`.
 pub const LEAST_BAND: f64 = 0.03;
 const FADE: f64 = 0.055;
 const BEFORE_BROW: f64 = 0.85;
 const LEAST_FADE: f64 = 0.015;
-/// Skin from above the lashes is laid over the guess, that much of it, and from so much less of a height than it is laid on; not where it is
-/// darker than this over the guess, and wholly where it is as bright as that.
+/// Skin from above the lashes is laid over the estimate with this opacity. It is compressed in height by `FOLDED`. `CLEAR`: it is not used where it
+/// is darker than the first value relative to the estimate, and fully used from the second on.
 pub const GRAIN: f32 = 0.55;
 pub const FOLDED: f64 = 0.4;
 pub const CLEAR: (f64, f64) = (0.80, 0.95);
-/// Offsets to either side, over the eye distance, whose skin counts for one place: single lashes that reach higher are no stripes then.
+/// Sideways offsets, in eye distances, of the skin samples that are averaged, so that single higher lashes do not become stripes.
 pub const STRIPS: [f64; 5] = [-0.024, -0.012, 0.0, 0.012, 0.024];
-/// Where along the lid it begins beside the outer corner, and where it ends beside the inner one.
+/// Positions along the lid between which the replacement fades in at the outer corner and fades out at the inner one.
 pub const ENDS: [(f64, f64); 2] = [(-0.06, 0.10), (0.90, 1.06)];
-/// Share of the opening that is gone when the skin begins to take the place of the photograph's, and when it has.
+/// Closed fractions of the opening at which the replacement begins and is complete.
 pub const SHUT: (f64, f64) = (0.25, 0.70);
 
-/// The skin above one eye.
+/// The skin above one eye without lashes.
 #[derive(Clone, Debug)]
 pub struct LidSkin {
-    /// Outer corner of the eye, and the way to the inner one.
+    /// Outer corner of the eye, and the vector to the inner one.
     pub from: Point2<f64>,
     pub across: Vector2<f64>,
     down: Vector2<f64>,
     eye_distance: f64,
-    /// The lid at every place along it, as a height above the line between the corners, px.
+    /// Height of the lid at each position along it, above the line between the corners, px.
     pub edge: Vec<f64>,
-    /// The skin there, levels, and how high lashes reach, px.
+    /// The skin at each position, levels, and the height of the lashes, px.
     pub skin: Vec<[f32; 3]>,
     pub band: Vec<f64>,
-    /// Red, green and blue of the lid where the eye was, when it has shut, levels (see `shut_lid`).
+    /// Colour of the shut lid where the eye was, levels (see `shut_lid`).
     pub shut: [f32; 3],
-    /// Over how much more it fades, px.
+    /// Height over which the replacement fades above the lashes, px.
     pub fade: f64,
 }
 
 impl LidSkin {
-    /// The skin above both eyes, the subject's left one first; `None` where there is no room for any.
+    /// Finds the skin above both eyes, the subject's left one first; `None` if there is too little room.
     pub fn find(warp: &Warp, texture: &Texture) -> [Option<Self>; 2] {
         [1, 2].map(|k: usize| Self::new(warp, warp.mesh.openings.get(k)?, texture))
     }
@@ -114,12 +113,12 @@ impl LidSkin {
         }
         lid.skin = smoothed(&lid.skin, |list| mean(list).unwrap_or_default());
         lid.band = smoothed(&lid.band, |list| list.iter().copied().fold(0.0, f64::max));
-        // Nor walls: the crease runs down to the corners.
+        // The slope is limited: the crease runs down to the corners.
         let fall = FALL * across.norm() / PLACES as f64;
         for order in [(1..PLACES).map(|k| (k - 1, k)).collect::<Vec<_>>(), (1..PLACES).rev().map(|k| (k, k - 1)).collect()] {
             order.into_iter().for_each(|(from, to)| lid.band[to] = lid.band[to].max(lid.band[from] - fall));
         }
-        // No steps from one place to the next: skin has none.
+        // Smoothed along the lid, because skin has no steps.
         for _ in 0..2 {
             lid.band = smoothed(&lid.band, |list| list.iter().sum::<f64>() / list.len() as f64);
             lid.skin = smoothed(&lid.skin, |list| mean(list).unwrap_or_default());
@@ -129,20 +128,20 @@ impl LidSkin {
         Some(lid)
     }
 
-    /// Share of the way from the outer to the inner corner, and height above the line between them, px.
+    /// Position along the way from the outer to the inner corner (0 to 1), and height above the line between them, px.
     pub(super) fn place(&self, p: &Point2<f64>) -> (f64, f64) {
         let off = p - self.from;
-        // Along the line between the corners, but straight up from it: the face's own vertical.
+        // Along the line between the corners, with heights along the face's vertical.
         let determinant = self.across.perp(&self.down);
         (off.perp(&self.down) / determinant, -self.across.perp(&off) / determinant)
     }
 
-    /// The place that is so far along the lid and so high.
+    /// Inverse of [`LidSkin::place`].
     pub(super) fn at(&self, along: f64, height: f64) -> Point2<f64> {
         self.from + self.across * along - self.down * height
     }
 
-    /// The lid's height there, px; beyond its ends as high as there.
+    /// Height of the lid at a position along it, px; beyond the ends that of the end.
     pub(super) fn edge_at(&self, along: f64) -> f64 {
         let place = (along * PLACES as f64 - 0.5).clamp(0.0, (PLACES - 1) as f64);
         let k = (place as usize).min(PLACES - 2);
@@ -153,17 +152,17 @@ impl LidSkin {
         self.band.iter().copied().fold(0.0, f64::max)
     }
 
-    /// How high above the lid it takes the place of the photograph's at most, px.
+    /// Greatest height above the lid at which the photograph is replaced, px.
     pub fn reach(&self) -> f64 {
         self.highest_band() + self.fade
     }
 
-    /// How far it takes the place of the photograph's where `shut` of the opening is gone, 0 to 1.
+    /// Opacity of the replacement (0 to 1) when a fraction `shut` of the opening is closed.
     pub fn share(shut: f64) -> f64 {
         smooth_step(SHUT.0, SHUT.1, shut)
     }
 
-    /// The box outside of which [`LidSkin::colour`] is the photograph.
+    /// The box outside of which [`LidSkin::colour`] equals the photograph.
     pub(super) fn bounds(&self) -> Option<Bounds> {
         let unit = self.eye_distance;
         let lowest = self.edge.iter().copied().fold(f64::INFINITY, f64::min) - 0.5 * LEAST_BAND * unit;
@@ -173,7 +172,7 @@ impl LidSkin {
         Bounds::around(corners.into_iter().flat_map(corner))
     }
 
-    /// The photograph's colour at a place, as it is while the eye shuts, by [`LidSkin::share`].
+    /// Blends the photograph's colour at a point with the skin without lashes; `gone` is the opacity from [`LidSkin::share`].
     pub fn colour(&self, at: Point2<f64>, gone: f64, photograph: [f32; 3], texture: &Texture) -> [f32; 3] {
         let (along, height) = self.place(&at);
         let place = along * PLACES as f64 - 0.5;
@@ -185,7 +184,7 @@ impl LidSkin {
         let between = |a: f64, b: f64| a + (b - a) * t;
         let above = height - self.edge_at(along);
         let band = between(self.band[k], self.band[k + 1]);
-        // Beside the corners, too, it is the photograph's again.
+        // Beyond the corners, too, the photograph is used.
         let inside = smooth_step(ENDS[0].0, ENDS[0].1, along) * (1.0 - smooth_step(ENDS[1].0, ENDS[1].1, along));
         let share = gone * inside * (1.0 - smooth_step(band, band + self.fade, above));
         if share <= 0.0 || above < -0.5 * LEAST_BAND * self.eye_distance {
@@ -206,7 +205,7 @@ impl LidSkin {
     }
 }
 
-/// Share of the way between the corners of a place along the lid.
+/// Position along the lid, 0 to 1 between the corners, of sample `k`.
 fn along(k: usize) -> f64 {
     (k as f64 + 0.5) / PLACES as f64
 }
@@ -216,7 +215,7 @@ pub(super) fn mean(colours: &[[f32; 3]]) -> Option<[f32; 3]> {
     (!colours.is_empty()).then(|| std::array::from_fn(|c| colours.iter().map(|colour| colour[c]).sum::<f32>() / count))
 }
 
-/// Each value by those beside it.
+/// Combines each value with its neighbours.
 fn smoothed<T: Copy>(values: &[T], of: impl Fn(&[T]) -> T) -> Vec<T> {
     (0..values.len()).map(|k| of(&values[k.saturating_sub(BESIDE)..(k + BESIDE + 1).min(values.len())])).collect()
 }
@@ -282,7 +281,7 @@ mod tests {
             [1, 2, 3].map(|k| gap(&asked, k) / gap(&given, k))
         };
         assert!(left(0.0).iter().all(|share| share.abs() < 1e-9), "{:?}", left(0.0));
-        // Half: 1.35 times half beside it. Nearly open: as asked.
+        // Half shut: 1.35 times half beside the middle. Nearly open: as requested.
         let half = left(0.5);
         assert!((half[0] - 0.675).abs() < 1e-9 && (half[1] - 0.5).abs() < 1e-9 && (half[2] - 0.675).abs() < 1e-9, "{half:?}");
         assert_eq!(left(0.8)[0], 1.0);

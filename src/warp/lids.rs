@@ -1,9 +1,9 @@
-//! Upper lids, put where the photograph shows them, and the corners between the lips.
+//! Detects upper lids, the lip line and a parted lower lip on the photograph and moves the nodes to them.
 //!
-//! A fit knows the edge of an upper lid to a few percent of the eye distance. Skin that is cut a little above the lashes leaves them on the
-//! eyeball when the lid rises; cut below them, it takes white along. So the edge is looked for in the picture, as the line from corner to
-//! corner along which dark lashes lie above and the white of the eye below. It moves as a whole, an arch over the corners that may lean
-//! to one side: two numbers for an eye, which a lash or a highlight does not sway.
+//! A fit knows the edge of an upper lid to a few percent of the eye distance. A cut above the lashes leaves them on the eyeball when the lid
+//! rises; a cut below them takes white along. The edge is therefore detected as the line from corner to corner with dark lashes above and
+//! the white of the eye below. It moves as a whole, by an arch over the corners that may lean to one side: two parameters per eye, which a lash or a
+//! highlight affects little.
 
 use nalgebra::{Point2, Vector2};
 
@@ -15,31 +15,31 @@ use super::{
     parted::place_lower_lip,
 };
 
-/// How far up and down the middle of a lid is looked for, and how far it may lean, over the eye distance.
+/// Search range of the middle of a lid, up and down, and of its lean, in eye distances.
 const REACH: (f64, f64) = (0.048, 0.032);
 /// Step of both, over the eye distance.
 const STEP: f64 = 0.004;
 /// Deviation of both that costs [`PRIOR`], over the eye distance.
 const EXPECTED: f64 = 0.024;
-/// Share of the brightness of the white that a deviation costs.
+/// Cost of such a deviation, as a fraction of the brightness of the white.
 const PRIOR: f64 = 0.02;
-/// Band above the edge where lashes are, and below where they are not, over the eye distance.
+/// Band above the edge with lashes, and band below it without, in eye distances.
 const LASHES: (f64, f64) = (0.004, 0.026);
 const BELOW: (f64, f64) = (0.004, 0.028);
-/// Limits of a place's say, over the brightness of the white: a highlight in a pupil counts no more than white beside lashes.
+/// Limits of the contribution of one position, relative to the brightness of the white: a highlight in a pupil counts no more than white
+/// beside lashes.
 const SAY: (f64, f64) = (-0.15, 0.40);
-/// Share of the way between the corners that is looked at.
+/// Range between the corners that is used, as fractions of the way.
 const SEEN: (f64, f64) = (0.12, 0.88);
-/// Most of the opening that a lid may go down.
+/// Largest fraction of the opening by which a lid may move down.
 const MOST_SHUT: f64 = 0.3;
 
-/// How far from where Candide-3 has them the inner corners of the mouth lie towards the outer ones: lips part to their end. What is left of the
-/// line in which they meet goes on beyond the opening, as a dark spur.
+/// Fraction of the way by which the inner corners of the mouth are moved from Candide-3's position towards the outer ones. Lips part up to
+/// their end, and any rest of their line would extend beyond the opening as a dark spur.
 const CORNERS: f64 = 0.6;
 
-/// The nodes with the upper lids, the line in which closed lips meet and a parted lower lip where the picture shows them, and lips that end near
-/// their corners; a node of
-/// which `is_set` says that a person placed it stays.
+/// Returns the nodes with upper lids, the line of closed lips and a parted lower lip moved to where the picture shows them, and with the inner
+/// corners of the mouth moved near the outer ones. Nodes for which `is_set` returns true were placed by a person and stay.
 pub fn placed_edges(nodes: &[Point2<f64>], photograph: &Texture, is_set: impl Fn(u16) -> bool) -> Vec<Point2<f64>> {
     let mut placed = nodes.to_vec();
     for (inner, outer) in [(88, 31), (89, 64)] {
@@ -65,7 +65,7 @@ pub fn placed_edges(nodes: &[Point2<f64>], photograph: &Texture, is_set: impl Fn
     placed
 }
 
-/// How far a lid is moved down, px.
+/// Downward shift of a lid.
 #[derive(Clone, Copy, Default)]
 struct Shift {
     middle: f64,
@@ -73,26 +73,26 @@ struct Shift {
 }
 
 impl Shift {
-    /// At a share of the way between the corners.
+    /// Shift at a fraction of the way between the corners.
     fn at(self, along: f64) -> f64 {
         (4.0 * along * (1.0 - along)).max(0.0) * (self.middle + self.lean * (2.0 * along - 1.0))
     }
 }
 
-/// Share of the way from the outer to the inner corner.
+/// Fraction of the way from the outer to the inner corner.
 fn place(eye: &OpeningNodes, nodes: &[Point2<f64>], point: &Point2<f64>) -> f64 {
     let (outer, inner) = (nodes[usize::from(eye.upper[0])], nodes[usize::from(eye.upper[4])]);
     let chord = inner - outer;
     (point - outer).dot(&chord) / chord.norm_squared().max(1e-12)
 }
 
-/// Steps of a profile to either side of a lid.
+/// Number of steps of a profile above and below a lid.
 const STEPS: i32 = 24;
 
-/// The brightness above and below a place of a lid.
+/// The whiteness above and below a point of a lid.
 struct Profile {
     along: f64,
-    /// Sums of the whiteness from the top down, a value a step.
+    /// Cumulative sums of the whiteness from the top down, one per step.
     sums: Vec<f64>,
 }
 
@@ -118,7 +118,7 @@ impl Profile {
     }
 }
 
-/// Where the lid is in the picture; `None` where nothing speaks for another place than it has.
+/// Detected shift of the lid, px; `None` if no other position is better.
 fn shift(eye: &OpeningNodes, nodes: &[Point2<f64>], photograph: &Texture, frame: &Frame) -> Option<Shift> {
     let unit = frame.eye_distance;
     let upper = eye.upper.map(|n| nodes[usize::from(n)]);

@@ -1,8 +1,8 @@
-//! The line in which closed lips meet, put where the photograph shows it.
+//! Detects the line where closed lips meet on the photograph and moves the nodes to it.
 //!
-//! A fit knows the corners of a mouth to two or three percent of the eye distance. Lips that are cut beside the line in which they meet take a piece
-//! of the other lip along, and part in a corner that is none. The line is the darkest one from corner to corner, with lighter lip above and below.
-//! It moves as a whole: either end up or down, and its middle beyond them, three numbers, which a shadow or a highlight does not sway.
+//! A fit knows the corners of a mouth to two or three percent of the eye distance. If the cut lies beside the real line, each lip takes a piece of
+//! the other along, and the lips part at a false corner. The line is the darkest one from corner to corner, with lighter lips above and below.
+//! It has three parameters, the vertical shifts of both ends and of the middle relative to them, so shadows and highlights affect it little.
 
 use nalgebra::Point2;
 
@@ -12,30 +12,31 @@ use super::{
     mouth::luma,
 };
 
-/// The mouth's corners: the inner one, the outer one.
+/// Corners of the mouth: the inner and the outer node.
 const CORNERS: [[usize; 2]; 2] = [[88, 31], [89, 64]];
-/// Upper and lower inner edge of the lips between the corners, and their outer edges, as nodes.
+/// Nodes of the upper and the lower inner edge of the lips between the corners, and of their outer edges.
 const PAIRS: [[usize; 4]; 3] = [[81, 83, 33, 85], [87, 40, 7, 8], [82, 84, 66, 86]];
-/// Places along the line, and step across it, over the eye distance.
+/// Number of positions along the line, and (`STEP`) step across it in eye distances.
 const PLACES: usize = 25;
 const STEP: f64 = 0.004;
-/// How far ends and any place of the line go, and the middle beyond them, over the eye distance; and the step of both.
+/// Search range of the ends and of any point of the line, of the middle relative to the ends (`BEND`), and step of both (`TRIED`), in eye
+/// distances.
 const REACH: f64 = 0.060;
 const BEND: f64 = 0.024;
 const TRIED: f64 = 0.006;
-/// How far the line is expected to be off at its ends and in its middle, over the eye distance, and what that costs, as a share of the skin's
-/// brightness. On 30 faces whose lines were moved by so much it comes back to within 0.003 of where it goes from its own place.
+/// Expected error of the line at its ends and in its middle, in eye distances. Such a shift costs [`PRIOR`], a fraction of the skin's
+/// brightness. On 30 faces with lines displaced by this much, the result is within 0.003 of the undisturbed one.
 const EXPECTED: (f64, f64) = (0.026, 0.012);
 const PRIOR: f64 = 0.007;
-/// Half the height of the dark line, and where the lips above and below it are looked at, over the eye distance.
+/// Half the height of the dark line, and the distances at which the lips above and below it are sampled, in eye distances.
 const DARK: f64 = 0.006;
 const LIPS: (f64, f64) = (0.012, 0.036);
-/// Limits of a place's say, over the brightness of the skin.
+/// Limits of the contribution of one position, relative to the brightness of the skin.
 const SAY: (f64, f64) = (-0.10, 0.35);
-/// Most of a lip's height that the line goes into it.
+/// Largest fraction of a lip's height by which the line may move into it.
 const INTO_LIP: f64 = 0.6;
 
-/// How far the line goes down, over the eye distance: at the corner on the subject's left, at the other one, and in the middle beyond both.
+/// Downward shift of the line in eye distances: at the corner on the subject's left, at the other one, and in the middle relative to both.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Shift {
     ends: [f64; 2],
@@ -43,7 +44,7 @@ struct Shift {
 }
 
 impl Shift {
-    /// At a share of the way from the corner on the subject's left to the other one.
+    /// Shift at a fraction of the way from the corner on the subject's left to the other one.
     fn at(self, along: f64) -> f64 {
         let [from, to] = self.ends;
         from + (to - from) * along + self.middle * (1.0 - (2.0 * along - 1.0).powi(2))
@@ -55,8 +56,8 @@ impl Shift {
     }
 }
 
-/// Moves the line in which closed lips meet to where the picture has it; it stays where `is_set` says that a person placed a corner or a node between
-/// them: bent between ends that stay, it would press the skin at the corners into folds.
+/// Moves the line where closed lips meet to where the photograph shows it. It stays if `is_set` returns true for a corner or a node between
+/// them (set by a person), because a line bent between fixed ends would fold the skin at the corners.
 pub fn place_lip_line(nodes: &mut [Point2<f64>], photograph: &Texture, is_set: impl Fn(u16) -> bool, frame: &Frame) {
     let unit = frame.eye_distance;
     let height = |n: usize| frame.height(&nodes[n]);
@@ -75,7 +76,7 @@ pub fn place_lip_line(nodes: &mut [Point2<f64>], photograph: &Texture, is_set: i
     if !knots.windows(2).all(|pair| pair[0].0 < pair[1].0) {
         return;
     }
-    // What the line may go up and down at each pair of nodes.
+    // Range of the line, up and down, at each pair of nodes.
     let room: Vec<(f64, [f64; 2])> = PAIRS
         .iter()
         .zip(&knots[1..])
@@ -96,9 +97,9 @@ pub fn place_lip_line(nodes: &mut [Point2<f64>], photograph: &Texture, is_set: i
     }
 }
 
-/// How far each place of the line would be a valley of brightness, by how far it goes down.
+/// Depth of the valley of brightness at each position of the line, for each shift.
 struct Table {
-    /// For each place its share of the way, and a value for each step from [`REACH`] above to as far below.
+    /// For each position: its fraction of the way, and a value for each step from [`REACH`] above to [`REACH`] below.
     places: Vec<(f64, Vec<f64>)>,
 }
 
@@ -119,7 +120,7 @@ impl Table {
         levels.sort_by(f64::total_cmp);
         let skin = levels.get(levels.len() / 2).copied().unwrap_or(0.0).max(20.0);
         let valley = |profile: &[f64], step: i32| {
-            // Means of levels between two distances from the line, both included.
+            // Mean level between two distances from the line, both included.
             let mean = |from: i32, to: i32| {
                 let range = (margin + step + from) as usize..=(margin + step + to) as usize;
                 let values = &profile[range];
@@ -133,7 +134,7 @@ impl Table {
         Self { places: profiles.into_iter().map(rows).collect() }
     }
 
-    /// Mean over the places, less what the shift costs; `None` beyond what is looked at.
+    /// Mean over the positions minus the cost of the shift; `None` outside the search range.
     fn score(&self, shift: Shift) -> Option<f64> {
         let mut sum = 0.0;
         for (share, values) in &self.places {
@@ -149,14 +150,14 @@ impl Table {
     }
 }
 
-/// A place of the line through knots, at a share of the way between its ends.
+/// A point of the line through knots, at a fraction of the way between its ends.
 fn on_line(knots: &[(f64, Point2<f64>)], share: f64) -> Point2<f64> {
     let piece = knots.windows(2).find(|pair| share <= pair[1].0).unwrap_or(&knots[knots.len() - 2..]);
     let ((from, a), (to, b)) = (piece[0], piece[1]);
     a + (b - a) * ((share - from) / (to - from))
 }
 
-/// The best shift that leaves the line between the outer edges of the lips; `None` where the line is best where it is.
+/// The best shift that keeps the line between the outer edges of the lips; `None` if no shift is better than none.
 fn best(table: &Table, room: &[(f64, [f64; 2])]) -> Option<Shift> {
     let count = |reach: f64| (reach / TRIED).round() as i32;
     let range = |reach: f64| -count(reach)..=count(reach);
@@ -186,7 +187,7 @@ mod tests {
     use super::*;
     use crate::{geometry::polygon::distance_to_line, warp::test_face::nodes};
 
-    /// Skin with lips, which meet in a dark line through the nodes.
+    /// Skin with lips that meet in a dark line through the nodes.
     fn drawn(nodes: &[Point2<f64>]) -> Texture {
         let line: Vec<Point2<f64>> = [31, 88, 81, 87, 82, 89, 64].map(|n: usize| nodes[n]).to_vec();
         Texture::new(&RgbImage::from_fn(300, 380, |x, y| {
@@ -223,7 +224,7 @@ mod tests {
             place_lip_line(&mut placed, &picture, |_| false, &frame);
             assert!(error(&wrong) > 1.5 && error(&placed) < 0.8, "{left} {right}: {} of {}", error(&placed), error(&wrong));
             assert!((0..placed.len()).all(|n| line.contains(&n) || [83, 40, 84].contains(&n) || placed[n] == wrong[n]));
-            // Nothing moves where a person placed a corner or the middle.
+            // Nothing moves if a person placed a corner or the middle.
             for placed in [31, 89, 40] {
                 let mut set = wrong.clone();
                 place_lip_line(&mut set, &picture, |n| n == placed, &frame);
@@ -254,7 +255,7 @@ mod tests {
         for (along, expected) in [(0.0, 0.02), (1.0, -0.01), (0.5, 0.035)] {
             assert!((shift.at(along) - expected).abs() < 1e-12);
         }
-        // One deviation at one end costs as much as one of the middle.
+        // One deviation at one end costs as much as one in the middle.
         let one = |shift: Shift| (shift.cost() - PRIOR).abs() < 1e-12;
         assert!(one(Shift { ends: [EXPECTED.0, 0.0], middle: 0.0 }) && one(Shift { ends: [0.0; 2], middle: EXPECTED.1 }));
     }

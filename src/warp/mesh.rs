@@ -1,4 +1,4 @@
-//! The mesh of the warp: a triangulation of the reference that keeps the edges of mouth and eyes, fine where the face moves most.
+//! The mesh of the warp: a triangulation of the reference that keeps the edges of mouth and eyes and is finest where the face moves most.
 
 use nalgebra::Point2;
 use spade::{ConstrainedDelaunayTriangulation, Triangulation};
@@ -13,40 +13,40 @@ use crate::{
     units::NodeId,
 };
 
-/// Longest step along the edge of an opening, over the eye distance.
+/// Longest step along the edge of an opening, in eye distances.
 const EDGE_STEP: f64 = 0.03;
-/// Spacing of vertices near the openings, on the rest of the face, and around it, over the eye distance.
+/// Spacing of vertices near the openings, on the rest of the face, and around it, in eye distances.
 const SPACINGS: [f64; 3] = [0.036, 0.065, 0.13];
-/// How far the finest spacing reaches from the edge of an opening, over the eye distance.
+/// Distance from the edge of an opening within which the finest spacing applies, in eye distances.
 const FINE_REACH: f64 = 0.14;
-/// How far the middle spacing reaches from the face, over the eye distance.
+/// Distance from the face within which the middle spacing applies, in eye distances.
 const FACE_REACH: f64 = 0.10;
-/// Vertices keep this share of the local spacing between them.
+/// Least distance between vertices, as a fraction of the local spacing.
 const CLEARANCE: f64 = 0.62;
-/// Two driving nodes nearer than this, over the eye distance, are one.
+/// Two driving nodes nearer than this, in eye distances, share a vertex.
 const SAME_PLACE: f64 = 0.008;
-/// How far around the face the surroundings follow, over the eye distance: to the sides and above, and below the chin.
+/// Width of the surroundings that follow the face, in eye distances: to the sides and above, and below the chin.
 const MARGIN: (f64, f64) = (0.45, 0.75);
-/// Outer share of the margin that is fixed, so that the motion ends without a crease.
+/// Fraction of the margin beyond which vertices are fixed, so that the motion ends without a crease.
 const FIXED_FROM: f64 = 0.82;
-/// Vertices of the outermost ring.
+/// Number of vertices in the outermost ring.
 const RING: usize = 72;
-/// Places of the vertices on the eyeball, as shares of the way from the upper to the lower lid margin.
+/// Positions of the vertices on the eyeball, as fractions of the way from the upper to the lower lid margin.
 pub const EYEBALL_SHARES: [f64; 2] = [0.22, 0.78];
 
 /// An opening of the mesh.
 #[derive(Clone, Debug)]
 pub struct OpeningMesh {
-    /// Which one.
+    /// Which opening.
     pub opening: Opening,
     /// Vertices of the upper edge from corner to corner.
     pub upper: Vec<u32>,
-    /// Vertices of the lower edge, as many, the corners being the same.
+    /// Vertices of the lower edge, equally many, with the same corners.
     pub lower: Vec<u32>,
-    /// Vertices on the eyeball, each between the vertices of one place along the two edges: the place, the share of the way from the
-    /// upper to the lower one, the vertex. None in a mouth.
+    /// Vertices on the eyeball, each between the two vertices at one index along the edges: that index, the fraction of the way from
+    /// the upper to the lower one, the vertex. Empty for the mouth.
     pub eyeball: Vec<(usize, f64, u32)>,
-    /// Where along the edges the five nodes are.
+    /// Indices along the edges of the five nodes.
     pub stops: [usize; 5],
     /// Triangles inside: strips between pairs of vertices, so that a shut opening has none.
     pub triangles: Vec<[u32; 3]>,
@@ -57,19 +57,19 @@ pub struct OpeningMesh {
 pub struct Mesh {
     /// Vertices in the reference, px.
     pub vertices: Vec<Point2<f64>>,
-    /// Triangles of the skin and the surroundings, all of one winding in the reference.
+    /// Triangles of the skin and the surroundings, all with the same winding in the reference.
     pub skin: Vec<[u32; 3]>,
     /// The openings, in the order of [`OPENINGS`].
     pub openings: Vec<OpeningMesh>,
     /// Driving nodes and their vertices.
     pub drivers: Vec<(NodeId, u32)>,
-    /// Vertices that go with a mean of the driving nodes: the vertex, and places in `drivers` with shares that sum to 1.
+    /// Vertices that follow a weighted mean of driving nodes: the vertex, and indices in `drivers` with weights that sum to 1.
     pub tied: Vec<Tied>,
     /// Vertices that never move.
     pub fixed: Vec<u32>,
 }
 
-/// Vertices while they are gathered.
+/// Vertices collected so far.
 pub struct Gathered {
     points: Vec<Point2<f64>>,
     pub eye_distance: f64,
@@ -81,14 +81,14 @@ impl Gathered {
         self.points.len() as u32 - 1
     }
 
-    /// Whether there is room for a vertex among the finest ones.
+    /// Whether a vertex at the finest spacing fits here.
     pub fn has_room(&self, point: &Point2<f64>) -> bool {
         self.all_beyond(point, CLEARANCE * SPACINGS[0] * self.eye_distance)
     }
 
-    /// Whether all vertices are farther from a point than so much.
+    /// Whether all vertices are farther than `distance` from a point.
     fn all_beyond(&self, point: &Point2<f64>, distance: f64) -> bool {
-        // Of nearly all that can be told without a root.
+        // Most cases are decided without a square root.
         let surely = distance * distance * (1.0 + 1e-9);
         let is_beyond = |square: f64| square > surely || square.sqrt() > distance;
         self.points.iter().all(|p| is_beyond((p - point).norm_squared()))
@@ -100,7 +100,7 @@ impl Gathered {
 }
 
 impl Mesh {
-    /// The mesh over the reference nodes.
+    /// Creates the mesh over the reference nodes.
     pub fn new(reference: &[Point2<f64>], frame: &Frame) -> Result<Self, WarpError> {
         let unit = frame.eye_distance;
         let mut gathered = Gathered { points: Vec::new(), eye_distance: unit };
@@ -147,12 +147,12 @@ impl Mesh {
     }
 }
 
-/// Puts the edges of an opening and the points of its iris among the vertices.
+/// Adds the edges of an opening and the points on its eyeball as vertices.
 fn edge_vertices(nodes: &OpeningNodes, reference: &[Point2<f64>], gathered: &mut Gathered) -> OpeningMesh {
     let unit = gathered.eye_distance;
     let place = |list: [u16; 5]| list.map(|n| reference[usize::from(n)]);
     let (upper, lower) = (place(nodes.upper), place(nodes.lower));
-    // As many samples above as below, segment by segment, so that they come in pairs.
+    // Equal numbers of samples above and below in each segment, so that they form pairs.
     let counts: Vec<usize> = (0..4)
         .map(|k| {
             let length = (upper[k + 1] - upper[k]).norm().max((lower[k + 1] - lower[k]).norm());
@@ -179,7 +179,7 @@ fn edge_vertices(nodes: &OpeningNodes, reference: &[Point2<f64>], gathered: &mut
     OpeningMesh { opening: nodes.opening, upper, lower: below, eyeball, stops, triangles }
 }
 
-/// Bands of triangles from the upper edge over the vertices between to the lower edge; the corners close them.
+/// Bands of triangles from the upper edge across the vertices between to the lower edge; they close at the corners.
 fn strips(upper: &[u32], lower: &[u32], between: &[(usize, f64, u32)]) -> Vec<[u32; 3]> {
     let column = |k: usize| -> Vec<u32> {
         let inner = between.iter().filter(|b| b.0 == k).map(|b| b.2);
@@ -202,7 +202,7 @@ fn strips(upper: &[u32], lower: &[u32], between: &[(usize, f64, u32)]) -> Vec<[u
     triangles
 }
 
-/// The outermost ring.
+/// Adds the outermost ring of vertices.
 fn ring(gathered: &mut Gathered, hull: &[Point2<f64>], middle: &Point2<f64>, margin: &impl Fn(&Point2<f64>) -> f64) -> Vec<u32> {
     (0..RING)
         .map(|k| {
@@ -299,7 +299,7 @@ fn triangulate(
     Ok(Mesh { vertices, skin, openings, drivers, tied: Vec::new(), fixed })
 }
 
-/// Convex hull, all corners turning the same way (Andrew's monotone chain).
+/// Convex hull, with all corners turning the same way (Andrew's monotone chain).
 pub fn convex_hull(mut points: Vec<Point2<f64>>) -> Vec<Point2<f64>> {
     points.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
     let turn = |o: &Point2<f64>, a: &Point2<f64>, b: &Point2<f64>| (a - o).perp(&(b - o));

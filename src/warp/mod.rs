@@ -1,22 +1,23 @@
-//! Moving the face of a photograph: the texture engine of cloning [KP, section 5] and of animated photographs.
+//! Image warping of a face: the texture engine of cloning [KP, section 5] and of animated photographs.
 //!
-//! From a photograph, the positions of Candide-3's nodes on it, and the positions they are to have, comes a frame: skin that follows
-//! the nodes smoothly, surroundings that follow the skin, and a background that is not touched.
+//! Input: a photograph, the positions of Candide-3's nodes on it, and their new positions. Output: a frame in which the skin follows the nodes
+//! smoothly, the surroundings follow the skin, and the background does not change.
 //!
-//! KP leave texture to "a well-known texture mapping technique". Mapping each of the 184 triangles by itself shows their edges as
-//! creases, so the wireframe only *drives* a finer mesh here:
+//! KP refer to "a well-known texture mapping technique". Mapping each of the 184 triangles separately shows their edges as creases.
+//! Here the wireframe only *drives* a finer mesh:
 //!
-//! 1. *Reference*: the face as given, with mouth and eyes open, triangulated around the edges of lips and lids. In it the two lips
-//!    of a closed mouth are apart, so that each can go its own way.
-//! 2. *Weights*: how each vertex follows the driving nodes, from the smoothest field through them that ends in 0 on a ring around
-//!    the face (see `field`). Solved once for a face; a frame is one product.
-//! 3. *Texture*: each small triangle is filled from where it lies on the photograph, by bicubic sampling; triangles that do not move
-//!    are not touched, so a still face gives the photograph back to the bit.
-//! 4. *Openings*: the eyeball stays behind the lids (a closing lid covers the iris, it does not squeeze it), has a round iris that is
-//!    found in the photograph, and turns with the iris nodes; lips open onto the inside of a mouth.
+//! 1. *Reference*: the face with mouth and eyes open, triangulated around the edges of lips and lids. It separates the two lips of a closed
+//!    mouth, so that they can move independently.
+//! 2. *Weights*: how each vertex follows the driving nodes. They come from the smoothest field through these nodes that is 0 on a ring around
+//!    the face (see `field`). They are solved once per face; a frame then takes one matrix product.
+//! 3. *Texture*: each small triangle is filled from its position on the photograph by bicubic sampling. Triangles that do not move
+//!    are not touched, so a still face reproduces the photograph bit for bit.
+//! 4. *Openings*: the eyeball is a layer behind the lids, so a closing lid covers the iris instead of squeezing it. The iris is a circle
+//!    detected in the photograph and turns with the iris nodes. Parted lips show the inside of a mouth.
 //!
-//! The positions that vertices and nodes have in a frame are known exactly ([`Deformation::node`], [`Warp::map`]), which makes frames
-//! with ground truth. Nothing here depends on OpenCV, on threads or on chance.
+//! The exact positions of vertices and nodes in a frame are known ([`Deformation::node`], [`Warp::map`]), so frames have ground truth.
+//! The module does not depend on OpenCV, threads or random numbers.
+//!
 //!
 //! ```
 //! # use grimace::{internal::warp::{MouthInside, Texture, Warp}, wireframe::Wireframe};
@@ -82,10 +83,10 @@ pub(crate) use sample::byte;
 pub(crate) use softness::SHARP;
 pub(crate) use tone::one_tone;
 
-/// Most skin that may be folded on the photograph, in squares of the eye distance: the nodes of a fit are not where a face's are to the
-/// pixel, and where lips close a sliver may turn.
+/// Largest area of folded skin on the photograph, in squares of the eye distance; more is an error. Some is tolerated because fitted nodes
+/// are not exact to the pixel and slivers may flip where lips close.
 const MOST_FOLDED: f64 = 0.04;
-/// Distance from a corner of an eye, over the eye distance, within which skin may fold.
+/// Radius around a corner of an eye, in eye distances, within which skin may fold.
 const BESIDE_CORNER: f64 = 0.07;
 
 /// Why a face cannot be warped.
@@ -111,73 +112,73 @@ pub enum WarpError {
     Folded,
 }
 
-/// Nodes that lie elsewhere, and by how much.
+/// Nodes whose positions differ between `nodes` and `placed`, with the shifts.
 fn shifts(nodes: &[Point2<f64>], placed: &[Point2<f64>]) -> Vec<(usize, Vector2<f64>)> {
     (0..NODE_COUNT).map(|n| (n, placed[n] - nodes[n])).filter(|(_, shift)| shift.norm() > 0.0).collect()
 }
 
-/// A place of the skin: a triangle, and how far along its first two edges.
+/// A position on the skin: a triangle and the barycentric weights of its second and third vertex.
 #[derive(Clone, Debug)]
 struct Place {
     triangle: usize,
     shares: [f64; 2],
 }
 
-/// A face of a photograph, ready to be moved.
+/// The face of a photograph, prepared for warping.
 #[derive(Clone, Debug)]
 pub struct Warp {
     mesh: Mesh,
     weights: Weights,
     frame: Frame,
-    /// The nodes as given.
+    /// The nodes as passed in.
     given: Vec<Point2<f64>>,
-    /// The nodes of the texture: as given, but lips that are as good as closed are closed, and edges lie where the photograph has them.
+    /// The nodes on the texture: those passed in, with nearly closed lips closed and edges moved to where the photograph shows them.
     nodes: Vec<Point2<f64>>,
-    /// Nodes whose edges lie elsewhere on the photograph than given, and by how much.
+    /// Nodes moved to the edges seen on the photograph, with their shifts in px.
     placed: Vec<(usize, Vector2<f64>)>,
-    /// Where the nodes of the texture are on the skin; none of those that drive it, and of those that lie beside it.
+    /// Positions of the texture nodes on the skin; `None` for driving nodes and for nodes outside the skin.
     places: Vec<Option<Place>>,
     reference_nodes: Vec<Point2<f64>>,
     /// Whether the photograph shows a closed mouth.
     closed: bool,
-    /// The vertices on the photograph.
+    /// Positions of the vertices on the photograph.
     source: Vec<Point2<f64>>,
-    /// Skin triangles that may fold: they have no area on the photograph (at the corners of closed lips), or are too small for that to be seen.
+    /// Skin triangles that may fold: they have no area on the photograph (at the corners of closed lips), or are too small for a fold to show.
     is_flat: Vec<bool>,
-    /// Driving nodes around each driving node, for unfolding.
+    /// Indices of the driving nodes around each driving node, for unfolding.
     neighbours: Vec<Vec<usize>>,
-    /// The driving node on the other side of the face for each, as places.
+    /// Index of the driving node on the other side of the face, for each driving node.
     partners: Vec<usize>,
-    /// How far vertices of the upper and the lower lip's edge lie below the arches through their nodes, px; closed lips meet in a bow.
+    /// Offsets (px, downwards) of the vertices of the upper and the lower lip's edge from the arches through their nodes: closed lips meet in a bow.
     bows: [Vec<(usize, f64)>; 2],
-    /// Eyeballs found in the photograph, one for each opening; none for the mouth, and for an eye in which no iris was found.
+    /// Detected eyeballs, one per opening; `None` for the mouth and for an eye without a detected iris.
     eyes: Vec<Option<Eyeball>>,
-    /// The skin of their upper lids without lashes.
+    /// Skin of the upper lids without lashes, one per opening.
     lids: Vec<Option<LidSkin>>,
-    /// The hollows above them.
+    /// Hollows above the eyes.
     hollows: Vec<Option<Hollow>>,
-    /// How soft the photograph is, px; 0 before it is known.
+    /// Blur of the photograph (sigma), px; 0 until it is measured.
     softness: f64,
-    /// The furrows of its forehead.
+    /// Furrows of the forehead.
     furrows: Option<Furrows>,
-    /// The teeth that it shows where its mouth is made; none before they are seen.
+    /// Upper teeth of the synthetic mouth; computed on first use.
     dentition: OnceLock<Option<Rgba32FImage>>,
 }
 
-/// Where everything is in one frame.
+/// Positions of everything in one frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Deformation {
     /// Vertices of the mesh.
     vertices: Vec<Point2<f64>>,
     nodes: Vec<Point2<f64>>,
     background: Similarity,
-    /// Rounds of smoothing it took until no triangle was folded.
+    /// Rounds of smoothing until no triangle was folded.
     rounds: usize,
 }
 
 impl Deformation {
-    /// Where a node is in this frame. That is where it was asked to be, unless lips or lids would have passed through each other, a lid shuts
-    /// in its middle, or the skin would have folded.
+    /// Position of a node in this frame, px. It is the requested one, except where lips or lids would pass through each other, where the skin would
+    /// fold, beside the middle of a lid that shuts, and at the lower edge of a brow that would change its thickness.
     ///
     /// # Panics
     /// If Candide-3 has no such node (a programmer's error).
@@ -185,23 +186,23 @@ impl Deformation {
         self.nodes[node]
     }
 
-    /// All nodes.
+    /// Positions of all nodes, px.
     pub fn nodes(&self) -> &[Point2<f64>] {
         &self.nodes
     }
 
-    /// How everything around the face moved.
+    /// Motion of everything around the face.
     pub fn background(&self) -> &Similarity {
         &self.background
     }
 
-    /// Rounds of smoothing that the motion needed so that no skin folds; 0 for a motion that is rendered as it was asked for.
+    /// Rounds of smoothing that the motion needed so that no skin folds; 0 when the requested motion is rendered unchanged.
     pub fn unfolding_rounds(&self) -> usize {
         self.rounds
     }
 }
 
-/// Vertices of the mesh on some picture of a face ([`Warp::place`]).
+/// Positions of the mesh's vertices on another picture of a face ([`Warp::place`]).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Placement(Vec<Point2<f64>>);
 
@@ -213,7 +214,7 @@ impl Placement {
 }
 
 impl Warp {
-    /// The warp of a face with its nodes at the given positions (px, all of Candide-3's, neutral).
+    /// Creates the warp of a face with its neutral nodes at the given positions (px, all nodes of Candide-3).
     ///
     /// # Errors
     /// [`WarpError`] for another number of nodes, or positions that are not those of a face seen from the front.
@@ -222,8 +223,8 @@ impl Warp {
         Self::cut(nodes, nodes)
     }
 
-    /// The warp of a face that is cut where its photograph shows upper lids and the ends of the lips, which a fit knows to a few percent of the
-    /// eye distance; a node of which `is_set` says that a person placed it is believed. Nodes are asked for, and told, as they are given.
+    /// Creates a warp whose upper lids and lip line lie where the photograph shows them: a fit knows them to a few percent of the eye distance only.
+    /// Nodes for which `is_set` returns true were marked by a person and are not moved. Later requests and results use the positions passed in here.
     ///
     /// # Errors
     /// As [`Warp::new`].
@@ -233,12 +234,12 @@ impl Warp {
         Self::cut(nodes, &placed).or_else(|_| Self::cut(nodes, nodes))
     }
 
-    /// How far the edges of lids and lips lie on the photograph from the nodes that [`Warp::on_photograph`] was given: nodes, and px.
+    /// Shifts (node, px) from the nodes passed to [`Warp::on_photograph`] to the edges of lids and lips seen on the photograph.
     pub fn edge_shifts(&self) -> &[(usize, Vector2<f64>)] {
         &self.placed
     }
 
-    /// The same of nodes on some photograph.
+    /// Returns the same shifts for nodes on any photograph, without creating a warp.
     ///
     /// # Errors
     /// [`WarpError`] as of [`Warp::new`] for another number of nodes, or positions that are not finite.
@@ -247,7 +248,7 @@ impl Warp {
         Ok(shifts(nodes, &lids::placed_edges(nodes, photograph, |_| false)))
     }
 
-    /// The warp of a face with its nodes at `nodes`, of which the texture has those at `placed`.
+    /// Creates the warp of a face with nodes at `nodes`, which lie at `placed` on the texture.
     fn cut(nodes: &[Point2<f64>], placed: &[Point2<f64>]) -> Result<Self, WarpError> {
         let frame = Frame::of(nodes).ok_or(WarpError::NoEyes)?;
         let (source_nodes, closed) = layout::source(placed, &frame);
@@ -294,8 +295,8 @@ impl Warp {
         warp.places = (0..NODE_COUNT).map(|n| if drives(n) { None } else { warp.place_of(&warp.nodes[n]) }).collect();
         let flat: Vec<usize> = warp.folded(&warp.source).collect();
         flat.iter().for_each(|&k| warp.is_flat[k] = true);
-        // At the corners of an eye the few pixels of a lid that shuts pass what does not move; the lid's own skin and lashes cover them. What
-        // is smoothed for their sake is the whole lid.
+        // At the corners of an eye a few pixels of a shutting lid pass skin that does not move; the lid's skin and lashes hide that.
+        // Unfolding them would smooth the whole lid.
         let corners = OPENINGS[1..].iter().flat_map(|eye| [eye.upper[0], eye.upper[4]]).map(|n| warp.nodes[usize::from(n)]);
         let corners: Vec<Point2<f64>> = corners.collect();
         for (k, triangle) in warp.mesh.skin.iter().enumerate() {
@@ -303,8 +304,8 @@ impl Warp {
             let is_near = |corner: &Point2<f64>| (middle - corner.coords).norm() < BESIDE_CORNER * frame.eye_distance;
             warp.is_flat[k] |= corners.iter().any(is_near);
         }
-        // So are the slivers at the edges of the lips, of a pixel or two, which an edge that is drawn flat presses upon: what would be seen to fold
-        // takes the skin beyond them along.
+        // Slivers of a pixel or two at the edges of the lips may fold, too, where a flattened edge compresses them. A fold large enough to be
+        // visible also turns triangles next to them, which are checked.
         for (is_flat, triangle) in warp.is_flat.iter_mut().zip(&warp.mesh.skin) {
             let mouth = &warp.mesh.openings[0];
             *is_flat |= triangle.iter().any(|v| mouth.upper.contains(v) || mouth.lower.contains(v));
@@ -320,8 +321,8 @@ impl Warp {
         Ok(warp)
     }
 
-    /// The warp with the eyeballs that the photograph shows as layers of their own: irises stay round behind lids that move.
-    /// Without them, and for an eye in which no iris is found, what lies between the lids is stretched where they open further.
+    /// Adds what is found in the photograph: eyeballs as separate layers, lid skin, hollows, furrows and blur. Irises then stay round behind
+    /// moving lids. Without an eyeball, the area between the lids is stretched where they open further.
     #[must_use]
     pub fn with_eyes(mut self, photograph: &Texture) -> Self {
         let [left, right] = Eyeball::find(&self, photograph);
@@ -334,32 +335,31 @@ impl Warp {
         self
     }
 
-    /// How far the lips are apart in the middle over the eye distance, if the photograph shows the inside of the mouth: what is there stays,
-    /// with the upper jaw, and none is made.
+    /// Distance of the lips in the middle, in eye distances, if the photograph shows the inside of the mouth; `None` for a closed mouth.
+    /// A visible inside is kept and moves with the upper jaw; a synthetic one, without teeth, shows only behind it.
     pub fn lips_apart(&self) -> Option<f64> {
         let [upper, lower] = [OPENINGS[0].upper[2], OPENINGS[0].lower[2]].map(|n| self.nodes[usize::from(n)]);
         (!self.closed).then(|| (lower - upper).norm() / self.frame.eye_distance)
     }
 
-    /// Centre and radius (px) of the iris found in each eye, the subject's left one first; `None` before [`Warp::with_eyes`], and
-    /// where none was found.
+    /// Centre and radius (px) of the iris detected in each eye, the subject's left one first; `None` if not found or before [`Warp::with_eyes`].
     pub fn irises(&self) -> [Option<(Point2<f64>, f64)>; 2] {
         [1, 2].map(|k: usize| self.eyes.get(k)?.as_ref().map(|eye| (eye.centre, eye.radius)))
     }
 
-    /// The nodes as given.
+    /// The nodes as passed in.
     // Not those of the texture, whose lips are closed.
     #[allow(clippy::misnamed_getters)]
     pub fn nodes(&self) -> &[Point2<f64>] {
         &self.given
     }
 
-    /// The nodes as the photograph has them: lips closed that are as good as closed, edges where they are seen.
+    /// The nodes on the photograph: nearly closed lips are closed, and edges lie where they are seen.
     pub fn texture_nodes(&self) -> &[Point2<f64>] {
         &self.nodes
     }
 
-    /// The upper teeth of a face whose mouth is made.
+    /// The upper teeth of the synthetic mouth.
     fn teeth(&self) -> Option<&Rgba32FImage> {
         let made = || {
             let (proportions, size) = (mouth::Proportions::of(self), mouth::teeth_size(self));
@@ -368,22 +368,22 @@ impl Warp {
         self.dentition.get_or_init(made).as_ref()
     }
 
-    /// Distance between the middles of the eyes, px.
+    /// Distance between the centres of the eyes, px.
     pub fn eye_distance(&self) -> f64 {
         self.frame.eye_distance
     }
 
-    /// Sigma of the Gaussian that softens the photograph, px; 0 before [`Warp::with_eyes`].
+    /// Blur of the photograph as the sigma of a Gaussian, px; 0 before [`Warp::with_eyes`].
     pub fn softness(&self) -> f64 {
         self.softness
     }
 
-    /// Direction from forehead to chin on the photograph, of length 1.
+    /// Unit vector from forehead to chin on the photograph.
     pub fn down(&self) -> Vector2<f64> {
         self.frame.down.into_inner()
     }
 
-    /// The frame in which the nodes are at `nodes` and the background stays.
+    /// Computes the frame with the nodes at `nodes` and a still background.
     ///
     /// # Errors
     /// [`WarpError`] for another number of nodes or positions that are not finite.
@@ -391,8 +391,8 @@ impl Warp {
         self.deform_with(nodes, &Similarity::identity())
     }
 
-    /// The frame in which the nodes are at `nodes` and everything around the face has moved by `background`, a map from the
-    /// photograph to the frame (camera or whole-picture motion).
+    /// Computes the frame with the nodes at `nodes`. `background` maps the photograph to the frame for everything around the face
+    /// (camera motion or motion of the whole picture).
     ///
     /// # Errors
     /// As [`Warp::deform`].
@@ -406,7 +406,7 @@ impl Warp {
         self.close_lids(&mut wanted);
         self.separate(&mut wanted);
         let (vertices, rounds) = self.unfolded(&mut wanted, background);
-        // Nodes that drive are where their vertex is; the others go with the skin or the eye around them.
+        // Driving nodes lie at their vertices; the others follow the skin or the eye around them.
         let carried = |(node, place): (&Point2<f64>, &Option<Place>)| {
             place.as_ref().map_or_else(|| background.apply(node), |place| self.at(&vertices, place))
         };
@@ -426,8 +426,8 @@ impl Warp {
         Ok(Deformation { vertices, nodes: found, background: *background, rounds })
     }
 
-    /// Where the mesh lies on another picture of a face, of the same or another person, given its nodes there: what is at a vertex
-    /// here is at the same vertex there.
+    /// Places the mesh on another picture of a face, of the same or another person, from the nodes there: each vertex then lies on the same
+    /// point of the face in both.
     ///
     /// # Errors
     /// [`WarpError`] for another number of nodes, positions that are not finite, or nodes that all coincide.
@@ -440,13 +440,12 @@ impl Warp {
         Ok(Placement(self.solve(&self.mesh.vertices, &self.reference_nodes, &wanted, &there)))
     }
 
-    /// Where a point of the photograph is in a frame; `None` for a point outside the mesh (it moves with the background) or inside
-    /// an opening.
+    /// Maps a point of the photograph to a frame. `None` for a point outside the mesh (it moves with the background) or inside an opening.
     pub fn map(&self, deformation: &Deformation, point: &Point2<f64>) -> Option<Point2<f64>> {
         Some(self.at(&deformation.vertices, &self.place_of(point)?))
     }
 
-    /// Where a point of the photograph is on the skin; `None` beside it.
+    /// Position of a point of the photograph on the skin; `None` outside it.
     fn place_of(&self, point: &Point2<f64>) -> Option<Place> {
         self.mesh.skin.iter().enumerate().find_map(|(triangle, t)| {
             let [a, b, c] = t.map(|v| self.source[v as usize]);
@@ -457,7 +456,7 @@ impl Warp {
         })
     }
 
-    /// The point at a place of the skin whose vertices are at `vertices`.
+    /// The point at a position of the skin, for vertices at `vertices`.
     fn at(&self, vertices: &[Point2<f64>], place: &Place) -> Point2<f64> {
         let [p, q, r] = self.mesh.skin[place.triangle].map(|v| vertices[v as usize]);
         p + (q - p) * place.shares[0] + (r - p) * place.shares[1]

@@ -1,4 +1,4 @@
-//! Where vertices go: the skin with the nodes, lips and lids not through each other, the eyeball with its corners and the gaze.
+//! Positions of vertices in a frame: skin follows the nodes, lips and lids do not cross, the eyeball follows its corners and the gaze.
 
 use nalgebra::{Point2, Vector2};
 
@@ -9,26 +9,26 @@ use super::{
 };
 use crate::{geometry::Similarity, interpolation::smooth_step};
 
-/// Largest turn of the gaze that is shown, as a shift of the iris over the eye distance.
+/// Largest gaze motion that is shown, as a shift of the iris in eye distances.
 const MAX_GAZE: f64 = 0.12;
-/// Edges of an opening this near, over the eye distance, are shut.
+/// Distance of the edges of an opening, in eye distances, up to which it counts as shut.
 const SHUT: f64 = 1e-4;
-/// Share of its opening that is left beside the middle of a lid, at most, over that in the middle.
+/// Largest remaining opening beside the middle of a lid, as a fraction of its neutral value, relative to that in the middle.
 const BESIDE_MIDDLE: f64 = 1.35;
-/// Distance of the lips over the eye distance at which the edges of the upper and the lower one begin to lose the bow in which they meet, and
-/// at which they have none: an upper lip is drawn over teeth.
+/// Distances of the lips, in eye distances, at which the edges of the upper and the lower one begin to lose the bow in which they meet, and
+/// have lost it: an upper lip is stretched over the teeth.
 const PARTED: [(f64, f64); 2] = [(0.03, 0.10), (0.06, 0.20)];
 
-/// How near to each other lips lie on each other at the corners of a mouth that opens a little, over the eye distance, up to which share of
-/// its width, and the upper lip's share of the way.
+/// Touching lips at the corners of a slightly open mouth: distance up to which they touch, in eye distances; fraction of the mouth's width from
+/// either end; and the upper lip's part of the motion.
 const CLING: f64 = 0.12;
 const CLING_WITHIN: f64 = 0.42;
 const CLING_UPPER: f64 = 0.4;
-/// Distances of the lips over the eye distance: where that has begun, where it begins to cease, and where it has ceased.
+/// Distances of the lips, in eye distances, at which this has begun fully, begins to end, and has ended.
 const CLINGING: (f64, f64, f64) = (0.04, 0.10, 0.22);
 
 impl Warp {
-    /// Vertices of a frame whose driving nodes are at `wanted`, all else having moved by `around`.
+    /// Vertices of a frame with the driving nodes at `wanted`, and everything else moved by `around`.
     pub(super) fn vertices_of(&self, wanted: &[Point2<f64>], around: &Similarity) -> Vec<Point2<f64>> {
         let mut moved = self.carried(&self.source, &self.nodes, wanted, around);
         let parted = (self.frame.height(&wanted[40]) - self.frame.height(&wanted[87])) / self.frame.eye_distance;
@@ -42,8 +42,8 @@ impl Warp {
         moved
     }
 
-    /// Draws the lips together towards the corners of a mouth that a dropping lower lip opens a little: thick and soft as they are, they lie on each
-    /// other there, and leave each other in a line, not in a wedge. Where the upper lip is raised, or the mouth gapes, they are stretched.
+    /// Draws the lips together towards the corners of a mouth that a dropping lower lip opens a little: soft lips touch there and separate in a line
+    /// instead of a wedge. They do not where the upper lip is raised or the mouth gapes, because they are stretched.
     fn cling(&self, moved: &mut [Point2<f64>], wanted: &[Point2<f64>], parted: f64, down: &Vector2<f64>) {
         let clinging = smooth_step(0.0, CLINGING.0, parted) * (1.0 - smooth_step(CLINGING.1, CLINGING.2, parted));
         if !(self.closed && clinging > 0.0) {
@@ -68,7 +68,7 @@ impl Warp {
         }
     }
 
-    /// The bows of the upper and the lower lip's edge in the texture; none where it shows them open.
+    /// The bows of the edges of the upper and the lower lip on the texture; empty if it shows an open mouth.
     pub(super) fn lip_bows(&self) -> [Vec<(usize, f64)>; 2] {
         let mouth = &self.mesh.openings[0];
         let height = |v: u32| self.frame.height(&self.source[v as usize]);
@@ -82,7 +82,7 @@ impl Warp {
         })
     }
 
-    /// Vertices when the driving nodes go from `base` to `wanted` and all else by `around`.
+    /// Vertices when the driving nodes move from `base` to `wanted`, and everything else by `around`.
     pub(super) fn solve(
         &self,
         vertices: &[Point2<f64>],
@@ -95,7 +95,7 @@ impl Warp {
         moved
     }
 
-    /// [`Warp::solve`], lips and lids going where they are drawn.
+    /// [`Warp::solve`] without keeping lips and lids from crossing.
     fn carried(
         &self,
         vertices: &[Point2<f64>],
@@ -110,10 +110,10 @@ impl Warp {
         vertices.iter().zip(displaced).map(|(p, offset)| if still { p + offset } else { around.apply(p) + offset }).collect()
     }
 
-    /// Lips and lids that would pass through each other meet; what lies between them follows.
+    /// Makes lips and lids meet where they would cross, and places the vertices between them.
     fn meet(&self, moved: &mut [Point2<f64>], wanted: &[Point2<f64>]) {
         for (nodes, opening) in OPENINGS.iter().zip(&self.mesh.openings) {
-            // Where the edges would pass through each other they meet, and so they do between two nodes that are shut.
+            // Edges that would cross meet, and so do those between two shut nodes.
             let gap = |k: usize| {
                 self.frame.height(&wanted[usize::from(nodes.lower[k])]) - self.frame.height(&wanted[usize::from(nodes.upper[k])])
             };
@@ -134,8 +134,8 @@ impl Warp {
         }
     }
 
-    /// An eye that shuts shuts from corner to corner: beside the middle of a lid little more of the opening is left than there, whatever was
-    /// asked for. FAP files move the middle alone.
+    /// Makes an eye shut from corner to corner: beside the middle of a lid hardly more of the opening remains than in the middle, whatever was
+    /// requested. FAP files move the middle alone.
     pub(super) fn close_lids(&self, nodes: &mut [Point2<f64>]) {
         for eye in &OPENINGS[1..] {
             let gap = |points: &[Point2<f64>], k: usize| {
@@ -155,7 +155,7 @@ impl Warp {
         }
     }
 
-    /// Lips and lids do not pass through each other.
+    /// Keeps lips and lids from crossing.
     pub(super) fn separate(&self, nodes: &mut [Point2<f64>]) {
         for OpeningNodes { upper, lower, .. } in &OPENINGS {
             for k in 1..4 {
@@ -165,7 +165,7 @@ impl Warp {
     }
 }
 
-/// How an eyeball moves: with the corners of the eye, and by the gaze on top.
+/// Motion of an eyeball: with the corners of the eye, plus the gaze.
 pub fn eye_motion(
     nodes: &OpeningNodes,
     base: &[Point2<f64>],
@@ -188,7 +188,7 @@ mod tests {
     use super::*;
     use crate::warp::test_face::{EYES, nodes};
 
-    /// Distances of the lips, px, at places of the opening from the one corner to the other, when some nodes go down.
+    /// Distances of the lips, px, from one corner of the opening to the other, when some nodes move down.
     fn gaps(moved: &[(usize, f64)]) -> Vec<f64> {
         let nodes = nodes();
         let warp = Warp::new(&nodes).unwrap();
@@ -199,7 +199,7 @@ mod tests {
         mouth.upper.iter().zip(&mouth.lower).map(|(&a, &b)| frame.vertices[b as usize].y - frame.vertices[a as usize].y).collect()
     }
 
-    /// The share of the middle's gap an eighth of the way from the corner.
+    /// Gap an eighth of the way from the corner, relative to the middle's.
     fn beside_corner(gaps: &[f64]) -> f64 {
         gaps[gaps.len() / 8] / gaps[gaps.len() / 2]
     }
@@ -208,7 +208,7 @@ mod tests {
     fn lips_that_part_a_little_lie_on_each_other_towards_the_corners() {
         let lower = |by: f64| [40, 83, 84, 8, 85, 86, 9, 10].map(|n| (n, by));
         let (little, wide) = (gaps(&lower(0.08)), gaps(&lower(0.30)));
-        // The middle opens as far as it was asked to; towards the corners the gap is narrower than that of a mouth that gapes: by hand, an eighth of
+        // The middle opens as far as requested; towards the corners the gap is narrower than in a gaping mouth: by hand, an eighth of
         // the way along 6.6 + 10.4 - hypot(6.6, 10.4) = 4.7 px of 6.6, which leaves 0.29 of its share.
         assert!((little[little.len() / 2] - 0.08 * EYES).abs() < 0.01 * EYES, "{little:?}");
         assert!(

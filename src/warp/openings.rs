@@ -1,4 +1,4 @@
-//! What shows between lids and between lips.
+//! Draws what shows between lids and between lips.
 
 use image::RgbImage;
 use nalgebra::{Point2, Vector2};
@@ -21,20 +21,20 @@ use crate::{
     interpolation::smooth_step,
 };
 
-/// Width of the zone in which lips turn inwards, over the eye distance; gaps at which they begin to, and wholly do; what is left of red,
-/// green and blue at the edge.
+/// Width of the zone in which lips turn inwards, in eye distances; `ROLLED`: gaps at which this begins and is complete; `ROLLED_COLOUR`: factors on
+/// red, green and blue at the edge.
 const ROLL: f64 = 0.040;
 const ROLLED: (f64, f64) = (0.01, 0.10);
 const ROLLED_COLOUR: [f32; 3] = [0.78, 0.64, 0.64];
-/// Shares of that where the upper lip is raised: on itself, and on a lower one, which faces the light then.
+/// Factors on that darkening where the upper lip is raised: on the upper lip, and on the lower one, which then faces the light.
 const ROLLED_LIT: [f64; 2] = [0.5, 0.4];
-/// Share of their widest distance by which lips have to be apart at a place to turn inwards there as they do in the middle: towards the corners they
-/// lie on each other, unless the mouth gapes.
+/// Local distance of the lips, relative to their widest distance, from which they turn inwards fully. Towards the corners lips touch, unless
+/// the mouth gapes.
 const ROLLS_APART: f64 = 0.6;
-/// How much less it is on the upper and the lower lip of a mouth that gapes, where it would be a rim.
+/// Reduction of the darkening on the upper and the lower lip of a gaping mouth, where it would look like a rim.
 const ROLLED_LESS: [f64; 2] = [0.25, 0.6];
 
-/// Draws what is behind an opening over the frame.
+/// Draws what lies behind an opening over the frame.
 pub fn draw(
     warp: &Warp,
     opening: &OpeningMesh,
@@ -61,7 +61,7 @@ pub fn draw(
     match (opening.opening, inside) {
         (Opening::Mouth, MouthInside::Picture { texture: source, placement }) => {
             let tone = Tone::of(texture, &warp.nodes);
-            // The cast of the light that the source stands in, as its skin shows it.
+            // The cast of the source's light, estimated from its skin.
             let skin = || warp.mesh.drivers.iter().map(|(_, v)| *v as usize);
             let seen = |texture: &Texture, places: &[Point2<f64>]| skin().map(|v| texture.sample(places[v])).collect::<Vec<_>>();
             let factors = tone::cast(&seen(source, &placement.0), &seen(texture, &warp.source));
@@ -100,7 +100,7 @@ pub fn draw(
         roll_lips(&lips, &warp.frame, seam, &Tone::of(texture, &warp.nodes), frame);
         layer.soften(warp.softness, frame);
     } else {
-        // What it shows is as soft as it is, and what hardly moves is nearly the photograph.
+        // The content already has its own blur, and content that hardly moves is nearly the photograph.
         let moved = all.map(|&v| (vertices[v as usize] - warp.source[v as usize]).norm()).fold(0.0, f64::max);
         layer.soften_border(warp.softness * moved.min(1.0));
     }
@@ -110,25 +110,25 @@ pub fn draw(
     }
 }
 
-/// The eyeball found behind an opening.
+/// The eyeball detected behind an opening.
 fn eyeball<'a>(warp: &'a Warp, opening: &OpeningMesh) -> Option<&'a Eyeball> {
     let place = warp.mesh.openings.iter().position(|o| o.opening == opening.opening)?;
     warp.eyes.get(place)?.as_ref()
 }
 
-/// Between the corners of an eye.
+/// The middle between the corners of an eye.
 fn middle_of_eye(points: &[Point2<f64>], eye: &OpeningNodes) -> Point2<f64> {
     nalgebra::center(&points[usize::from(eye.upper[0])], &points[usize::from(eye.upper[4])])
 }
 
-/// Where, how large and how much turned the head is in a frame, by the line between the eyes.
+/// Position, size and rotation of the head in a frame, from the line between the eyes.
 pub(super) fn head(warp: &Warp, deformation: &Deformation) -> Similarity {
     let eyes = |points: &[Point2<f64>]| [1, 2].map(|k: usize| middle_of_eye(points, &OPENINGS[k]));
     Similarity::fit(&eyes(&warp.nodes), &eyes(&deformation.nodes), None).unwrap_or_else(|_| Similarity::identity())
 }
 
-/// Where an eyeball is in a frame. It is as large and as much turned as the head is, by the line between the eyes; the corners of its own
-/// eye, which a squint moves, only say where it is.
+/// Position of an eyeball in a frame. Its size and rotation follow the head, from the line between the eyes; the corners of its own eye,
+/// which a squint moves, give its position only.
 fn turned(warp: &Warp, opening: &OpeningMesh, deformation: &Deformation) -> Turned {
     let nodes = nodes_of(opening);
     let head = head(warp, deformation);
@@ -162,8 +162,8 @@ fn nodes_of(opening: &OpeningMesh) -> &'static OpeningNodes {
     OPENINGS.iter().find(|o| o.opening == opening.opening).unwrap_or(&OPENINGS[0])
 }
 
-/// Darkens the lips towards the edge of an open mouth: they turn away from the light there, and what was inside of the closed mouth is
-/// redder and wet. `lips` are the inner edges of the upper and of the lower one.
+/// Darkens the lips towards the edge of an open mouth: they turn away from the light there, and the inner surface of the lips is redder and
+/// wet. `lips` are the inner edges of the upper and the lower lip.
 fn roll_lips(lips: &[Vec<Point2<f64>>; 2], face: &Frame, seam: &Seam, tone: &Tone, frame: &mut RgbImage) {
     let unit = face.eye_distance;
     let strength = smooth_step(ROLLED.0, ROLLED.1, seam.gap / unit);
@@ -191,13 +191,13 @@ fn roll_lips(lips: &[Vec<Point2<f64>>; 2], face: &Frame, seam: &Seam, tone: &Ton
     }
 }
 
-/// How far lips, given as lines across the face, are apart at a place across it: 1 where it is a good part of their widest distance, 0 where they lie on each other.
+/// Local distance of the lips, given as lines across the face, at coordinate `x`: 0 where they touch, 1 from [`ROLLS_APART`] of the widest distance.
 fn apart(lines: &[Vec<(f64, f64)>; 2], x: f64, widest: f64) -> f64 {
     let [upper, lower] = lines.each_ref().map(|line| line_at(line, x));
     upper.zip(lower).map_or(0.0, |(upper, lower)| smooth_step(0.0, ROLLS_APART, (lower - upper) / widest.max(1e-9)))
 }
 
-/// The pixels of a picture in the box around a line and so much more, row by row.
+/// The pixels of a picture in the box around a line with a margin, row by row.
 pub(super) fn pixels_around(line: &[Point2<f64>], width: f64, size: (u32, u32)) -> impl Iterator<Item = (u32, u32)> {
     let bounds = |axis: usize, size: u32| {
         let (low, high) = line.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), p| (l.min(p[axis]), h.max(p[axis])));
@@ -208,8 +208,8 @@ pub(super) fn pixels_around(line: &[Point2<f64>], width: f64, size: (u32, u32)) 
     bounds(1, size.1).flat_map(move |y| columns.clone().map(move |x| (x, y)))
 }
 
-/// Carries the skin at the edges on into the opening, so that an edge has something to be blended with, and a shut opening shows
-/// no slit: each half gets the colours of its edge.
+/// Extends the skin at the edges into the opening, so that the edge has something to blend with and a shut opening shows no slit. Each
+/// half gets the colours of its edge.
 fn extend_edges(
     warp: &Warp,
     opening: &OpeningMesh,
@@ -240,14 +240,14 @@ fn extend_edges(
     }
 }
 
-/// Largest distance of the edges, px.
+/// Greatest distance of the edges, px.
 pub(super) fn gap(warp: &Warp, opening: &OpeningMesh, vertices: &[Point2<f64>]) -> f64 {
     let height = |v: u32| warp.frame.height(&vertices[v as usize]);
     opening.upper.iter().zip(&opening.lower).map(|(&a, &b)| height(b) - height(a)).fold(0.0, f64::max)
 }
 
-/// The triangles behind the lids: what the photograph shows there moves with the head and the gaze only. Where the eye is now wider
-/// open than on the photograph, its edge is stretched to meet the lid.
+/// The triangles behind the lids. The photograph's content there moves with the head and the gaze only; where the eye is wider open than on
+/// the photograph, its edge is stretched to meet the lid.
 fn behind(warp: &Warp, opening: &OpeningMesh, deformation: &Deformation) -> Vec<[Point2<f64>; 3]> {
     let moved = &deformation.vertices;
     let (rigid, gaze) = eye_motion(nodes_of(opening), &warp.nodes, &deformation.nodes, warp.frame.eye_distance);

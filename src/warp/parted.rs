@@ -1,5 +1,5 @@
-//! Where teeth end at the lower lip of a mouth that is open on its photograph: what lies above stays with the skull, and a lip that dropped
-//! with a rim of teeth, or left a rim of lip, would show it at once. Marks are not as exact.
+//! Detects where teeth end at the lower lip of a mouth that is open on its photograph. Everything above moves with the skull; a dropping lip
+//! would reveal any error as a rim of teeth or of lip. Marks are not exact enough.
 
 use nalgebra::Point2;
 
@@ -9,21 +9,21 @@ use super::{
     mouth::{luma, whiteness},
 };
 
-/// Upper lip's lower edge, lower lip's upper and lower edge, as nodes, on three lines across the lips.
+/// Nodes on three lines across the lips: the upper lip's lower edge, and the lower lip's upper and lower edge.
 const LINES: [[usize; 3]; 3] = [[81, 83, 85], [87, 40, 8], [82, 84, 86]];
 
-/// Places on a line from the first to the last of its nodes.
+/// Number of positions on a line from its first to its last node.
 const PLACES: usize = 64;
-/// Half the width that is averaged at each, over the eye distance.
+/// Half the width that is averaged at each, in eye distances.
 const HALF_WIDTH: f64 = 0.012;
-/// Least difference in whiteness between teeth and lip that is told apart, levels.
+/// Least detectable difference in whiteness between teeth and lip, levels.
 const LEAST: f32 = 18.0;
-/// A gap between teeth and lip is darker than this share of the lip: the upper edge of a lip whose middle glistens is not.
+/// Brightness relative to the lip below which a gap is detected between teeth and lip; the upper edge of a lip with a glistening middle is brighter.
 const GAP_LIGHT: f32 = 0.45;
-/// How far up and down an edge is moved at most, over the eye distance.
+/// Largest shift of an edge upwards and downwards, in eye distances.
 const REACH: (f64, f64) = (0.05, 0.11);
 
-/// Moves the lower lip's inner edge to where the photograph has it; a node of which `is_set` says that a person placed it stays.
+/// Moves the lower lip's inner edge to where the photograph shows it. Nodes for which `is_set` returns true were placed by a person and stay.
 pub fn place_lower_lip(nodes: &mut [Point2<f64>], photograph: &Texture, is_set: impl Fn(u16) -> bool, frame: &Frame) {
     let [upper, lower, _] = LINES[1].map(|n| frame.height(&nodes[n]));
     if lower - upper < CLOSED_GAP * frame.eye_distance {
@@ -40,7 +40,7 @@ pub fn place_lower_lip(nodes: &mut [Point2<f64>], photograph: &Texture, is_set: 
     }
 }
 
-/// Where on the line from the upper lip through the lower one teeth end and lip begins.
+/// The point on the line from the upper lip through the lower one at which teeth end and the lip begins.
 fn edge([start, found, end]: [Point2<f64>; 3], photograph: &Texture, frame: &Frame) -> Option<Point2<f64>> {
     let way = end - start;
     let length = way.norm();
@@ -58,8 +58,8 @@ fn edge([start, found, end]: [Point2<f64>; 3], photograph: &Texture, frame: &Fra
     (-REACH.0..=REACH.1).contains(&shift).then(|| at(k))
 }
 
-/// The first place of the lip below the teeth, on a line that leads from the upper lip's lower edge to the lower lip's lower edge and whose
-/// lower lip was found to begin at a share of it; of each place its whiteness and its brightness.
+/// Index of the first position of the lip below the teeth. `line` holds whiteness and brightness at positions from the upper lip's lower edge to the
+/// lower lip's lower edge; `found` is the fraction at which the fit has the lower lip begin.
 fn teeth_end(line: &[[f32; 2]], found: f64) -> Option<usize> {
     let last = line.len().checked_sub(1)?;
     let [values, lights] = [0, 1].map(|of| line.iter().map(|place| place[of]).collect::<Vec<f32>>());
@@ -75,7 +75,7 @@ fn teeth_end(line: &[[f32; 2]], found: f64) -> Option<usize> {
     let between = 0.5 * (tooth + lip);
     let falls = |k: &usize| values[*k..(*k + 3).min(values.len())].iter().all(|v| *v < between);
     let fallen = (brightest..last).find(falls)?;
-    // What is darker than the lip is a gap between the two.
+    // Anything darker than the lip is a gap between the two.
     let dark = lip - 0.35 * (tooth - lip);
     let gap = (fallen..last.min(fallen + values.len() / 8)).find(|&k| values[k] < dark && lights[k] < GAP_LIGHT * lip_light);
     match gap {
@@ -94,7 +94,7 @@ fn median(values: impl Iterator<Item = f32>) -> f32 {
 mod tests {
     use super::*;
 
-    /// A line of 64 places: teeth of 200 up to a place, then a gap, then lip of 100.
+    /// A line of 64 positions: teeth of 200 up to a position, then a gap, then lip of 100.
     fn line(teeth: usize, gap: usize) -> Vec<[f32; 2]> {
         let level = |k: usize| match k {
             k if k < teeth => 200.0,
@@ -111,11 +111,11 @@ mod tests {
         }
         // A dark gap belongs to the mouth.
         assert_eq!(teeth_end(&line(26, 4), 0.4), Some(30));
-        // A light on the lip is no tooth.
+        // A highlight on the lip is not a tooth.
         let mut shiny = line(26, 0);
         shiny[40..44].fill([210.0; 2]);
         assert_eq!(teeth_end(&shiny, 0.4), Some(26));
-        // Nor is the red edge of a lip whose middle glistens a gap.
+        // The red edge of a lip with a glistening middle is not a gap.
         let mut glistens = line(26, 4);
         glistens[26..30].fill([20.0, 70.0]);
         assert_eq!(teeth_end(&glistens, 0.4), Some(26));

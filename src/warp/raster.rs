@@ -1,4 +1,4 @@
-//! Triangles to pixels.
+//! Rasterization of triangles.
 
 use nalgebra::{Point2, Vector2};
 
@@ -8,7 +8,7 @@ use crate::simd::widest;
 /// Calls `visit(x, y, value)` for every pixel whose centre lies in the triangle, clipped to `size`; `value` is the affine
 /// interpolation of `values` at the pixel's centre.
 ///
-/// Triangles that share an edge share no pixel and leave none out, whatever their order and winding.
+/// Triangles that share an edge cover each pixel along it exactly once, whatever their order and winding.
 pub fn fill(corners: [Point2<f64>; 3], values: [Point2<f64>; 3], size: (u32, u32), mut visit: impl FnMut(u32, u32, Point2<f64>)) {
     fill_rows(corners, values, size, |Span { y, from, to, start, step }| {
         let mut k = 0.0;
@@ -19,7 +19,7 @@ pub fn fill(corners: [Point2<f64>; 3], values: [Point2<f64>; 3], size: (u32, u32
     });
 }
 
-/// As [`fill`], for a quadrangle given around, as the two triangles on either side of the diagonal from its first corner.
+/// [`fill`] for a quadrangle with corners in order, as the two triangles on either side of the diagonal from its first corner.
 pub fn fill_quadrangle(
     corners: [Point2<f64>; 4],
     values: [Point2<f64>; 4],
@@ -36,15 +36,15 @@ pub fn fill_quadrangle(
 pub struct Span {
     /// The row.
     pub y: u32,
-    /// The first column, and the one behind the last.
+    /// First column, and one past the last.
     pub from: u32,
     pub to: u32,
-    /// Value at the first one's centre, and from one to the next.
+    /// Value at the centre of the first pixel, and its step per pixel.
     pub start: Point2<f64>,
     pub step: Vector2<f64>,
 }
 
-/// As [`fill`], row by row.
+/// [`fill`] row by row.
 pub fn fill_rows(corners: [Point2<f64>; 3], values: [Point2<f64>; 3], size: (u32, u32), mut visit: impl FnMut(Span)) {
     let [a, b, c] = corners;
     let area = (b - a).perp(&(c - a));
@@ -52,7 +52,7 @@ pub fn fill_rows(corners: [Point2<f64>; 3], values: [Point2<f64>; 3], size: (u32
         return;
     }
     let (ab, ac) = (values[1] - values[0], values[2] - values[0]);
-    // Each edge from its upper end, so that both of its triangles compute the same crossing.
+    // Each edge is directed from its upper end, so that both of its triangles compute the same crossing.
     let edges = [(a, b), (b, c), (c, a)].map(|(p, q)| if (p.y, p.x) <= (q.y, q.x) { [p, q] } else { [q, p] });
     let triangle = Triangle { edges, a, b: b - a, c: c - a, area, value: values[0], ab, ac, right: f64::from(size.0 - 1) };
     let step = ab * ((c - a).y / area) - ac * ((b - a).y / area);
@@ -76,19 +76,19 @@ pub fn fill_rows(corners: [Point2<f64>; 3], values: [Point2<f64>; 3], size: (u32
     }
 }
 
-/// Rows that are worked out at once.
+/// Number of rows computed at once.
 const ROWS: usize = 8;
 
-/// A triangle that is filled.
+/// A triangle to be filled.
 struct Triangle {
-    /// Its edges, each from its upper end.
+    /// Its edges, each directed from its upper end.
     edges: [[Point2<f64>; 2]; 3],
-    /// Its first corner, and the others from there.
+    /// Its first corner, and the vectors from it to the others.
     a: Point2<f64>,
     b: Vector2<f64>,
     c: Vector2<f64>,
     area: f64,
-    /// The value at the first corner, and what the others have more.
+    /// Value at the first corner, and the differences at the others.
     value: Point2<f64>,
     ab: Vector2<f64>,
     ac: Vector2<f64>,
@@ -96,7 +96,7 @@ struct Triangle {
     right: f64,
 }
 
-/// Of some rows, the first and the last column, and the value at the first one.
+/// For several rows: first and last column, and value at the first.
 struct Rows {
     from: [f64; ROWS],
     to: [f64; ROWS],
@@ -105,7 +105,7 @@ struct Rows {
 }
 
 impl Triangle {
-    /// The rows from one on.
+    /// Computes [`ROWS`] rows from `first` on.
     #[inline(always)]
     #[allow(clippy::needless_bitwise_bool)] // branches would be taken one at a time
     fn rows(&self, first: f64) -> Rows {
@@ -132,8 +132,7 @@ impl Triangle {
     }
 }
 
-/// The smallest whole number not below one; of those so large that they are no pixel's, something as large. `f64::ceil` is a call for older
-/// processors.
+/// Ceiling of a value in the range of pixel coordinates; on older processors `f64::ceil` is a function call.
 #[inline(always)]
 fn ceil(value: f64) -> f64 {
     let near = (value + WHOLE) - WHOLE;

@@ -1,4 +1,4 @@
-//! One frame.
+//! Rendering of frames.
 
 use image::RgbImage;
 
@@ -13,23 +13,23 @@ use super::{
 };
 use crate::geometry::Similarity;
 
-/// What is seen between lips that part.
+/// What shows between parted lips.
 #[derive(Clone, Copy, Debug)]
 pub enum MouthInside<'a> {
-    /// A dark mouth. Where the photograph itself shows an open mouth, its own inside.
+    /// A dark mouth; if the photograph itself shows an open mouth, its own inside.
     Dark,
-    /// A dark mouth with upper teeth, drawn: they hang from the skull, so that a raised lip bares them and a dropped jaw does not.
+    /// A dark mouth with drawn teeth. The upper ones are fixed to the skull, so that a raised lip bares them and a dropped jaw does not.
     Teeth,
-    /// The inside of a mouth on another picture: its texture, and where the mesh lies on it.
+    /// The inside of a mouth on another picture.
     Picture {
         /// The picture.
         texture: &'a Texture,
-        /// The mesh there, see [`Warp::place`].
+        /// Position of the mesh on it, see [`Warp::place`].
         placement: &'a Placement,
     },
 }
 
-/// What changes the colours of skin.
+/// Changes to the colours of skin.
 enum Change<'a> {
     Seam(&'a Seam),
     Lid(&'a BareLid<'a>),
@@ -38,14 +38,14 @@ enum Change<'a> {
 }
 
 impl Warp {
-    /// Renders a frame, as large as the photograph.
+    /// Renders a frame of the size of the photograph.
     pub fn render(&self, texture: &Texture, deformation: &Deformation, inside: &MouthInside) -> RgbImage {
         let mut frame = RgbImage::default();
         self.render_into(texture, deformation, inside, &mut frame);
         frame
     }
 
-    /// [`Warp::render`] into an image that is used again and again.
+    /// [`Warp::render`] into an image that can be reused.
     pub fn render_into(&self, texture: &Texture, deformation: &Deformation, inside: &MouthInside, frame: &mut RgbImage) {
         let size = texture.dimensions();
         if frame.dimensions() != size {
@@ -62,7 +62,7 @@ impl Warp {
         let seam = Seam::new(self, deformation, texture);
         let hollows = drawn_out_hollows(self, deformation);
         let furrows = furrows::deepened(self, deformation);
-        // From the photograph outwards.
+        // In the order in which they are applied to the photograph.
         let seams = seam.bounds().map(|bounds| (bounds, Change::Seam(&seam)));
         let bare = lids.iter().filter_map(|lid| Some((lid.skin.bounds()?, Change::Lid(lid))));
         let drawn_out = hollows.iter().filter_map(|hollow| Some((hollow.bounds()?, Change::Hollow(hollow))));
@@ -94,8 +94,8 @@ impl Warp {
         }
     }
 
-    /// Carries another picture into the geometry of the photograph: what lies at a point of the mesh there is drawn at the same
-    /// point here. Pixels outside the mesh are left as they are.
+    /// Maps another picture to the geometry of the photograph: each point of the mesh there is drawn at the same point here. Pixels
+    /// outside the mesh are not changed.
     pub fn unwarp(&self, picture: &Texture, placement: &Placement, into: &mut RgbImage) {
         let size = into.dimensions();
         let mut pixels = Pixels::new(picture, size.0);

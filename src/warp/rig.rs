@@ -1,4 +1,4 @@
-//! A prepared face as plain numbers, for a renderer elsewhere: the page of [`crate::player`].
+//! Export of a prepared face as plain numbers, for the page of [`crate::player`].
 
 use image::{Rgba32FImage, RgbaImage};
 use nalgebra::{Point2, Vector2};
@@ -7,69 +7,69 @@ use super::{
     Opening, Texture, Warp, folds, furrows::Furrows, hollow::Hollow, lash_line, layout, lid_skin::LidSkin, mouth, tone::Tone,
 };
 
-/// What it takes to move a face: the mesh on its photograph, how each vertex follows the nodes, and what lies behind lips and lids.
+/// Everything needed to move a face: its mesh on the photograph, the weights of the nodes, and what lies behind lips and lids.
 #[derive(Clone, Debug)]
 pub struct Rig {
-    /// Nodes as given, px.
+    /// Nodes as passed in, px.
     pub given: Vec<Point2<f64>>,
-    /// Nodes of the texture: as given, but lips that are as good as closed are closed.
+    /// Nodes on the texture, px: those passed in, with nearly closed lips closed and edges moved to where the photograph shows them.
     pub nodes: Vec<Point2<f64>>,
-    /// Vertices on the photograph, px.
+    /// Positions of the vertices on the photograph, px.
     pub vertices: Vec<Point2<f64>>,
     /// Triangles of the skin.
     pub skin: Vec<[u32; 3]>,
-    /// Least area that each of them may have, twice, px²; a smaller one counts as folded. Negative for those that cannot fold.
+    /// Twice the least area of each skin triangle, px²; a smaller area counts as folded. Negative infinity for triangles that may fold.
     pub least_areas: Vec<f64>,
     /// Driving nodes and their vertices.
     pub drivers: Vec<(u16, u32)>,
-    /// Weights of every vertex over the driving nodes, row by row.
+    /// Weights of the driving nodes for each vertex, row by row.
     pub weights: Vec<f64>,
-    /// Driving nodes near each driving node, as places in `drivers`.
+    /// Indices in `drivers` of the driving nodes near each driving node.
     pub neighbours: Vec<Vec<usize>>,
-    /// The driving node on the other side of the face for each, as places in `drivers`.
+    /// Index in `drivers` of the driving node on the other side of the face, for each driving node.
     pub partners: Vec<usize>,
     /// Mouth, left eye, right eye.
     pub openings: Vec<RigOpening>,
-    /// Vertices of the upper and the lower lip's edge, and how far below the arches through their nodes they lie, px.
+    /// Vertices of the upper and the lower lip's edge, with their offsets (px, downwards) from the arches through their nodes.
     pub bows: [Vec<(usize, f64)>; 2],
-    /// The furrows of its forehead.
+    /// Furrows of the forehead.
     pub furrows: Option<Furrows>,
     /// Whether the photograph shows a closed mouth.
     pub closed: bool,
-    /// Distance between the middles of the eyes, px.
+    /// Distance between the centres of the eyes, px.
     pub eye_distance: f64,
-    /// How soft the photograph is: sigma of the Gaussian that softens its edges, px.
+    /// Blur of the photograph: sigma of the Gaussian that softens its edges, px.
     pub softness: f64,
-    /// Direction from forehead to chin, of length 1.
+    /// Unit vector from forehead to chin.
     pub down: Vector2<f64>,
     /// Colour of the lips, levels.
     pub lip: [f32; 3],
     /// Colour of teeth in the light of the photograph, levels.
     pub enamel: [f32; 3],
-    /// Colour of flesh in it, over its brightness.
+    /// Colour of flesh in the light of the photograph, relative to its brightness.
     pub flesh: [f32; 3],
-    /// Picture of the upper teeth (see [`TEETH_PICTURES`]), with how much each pixel covers as its fourth channel.
+    /// Picture of the upper teeth (see [`TEETH_PICTURES`]); the fourth channel is its opacity.
     pub teeth: RgbaImage,
-    /// Size of the teeth over that of the picture's.
+    /// Size of the teeth relative to the picture's.
     pub teeth_size: f64,
-    /// How far the upper incisors reach below the closed lips, over the eye distance, and the height of the tongue over the gap of the lips.
+    /// Distance that the upper incisors reach below the closed lips, in eye distances, and the height of the tongue over the gap of the lips.
     pub inside: [f64; 2],
-    /// The tone of a photograph without colours: level at brightness 0 and its rise, for red, green and blue, and how much of that holds.
+    /// Tone of a photograph without colours: level at brightness 0 and slope for red, green and blue, and the fraction that is applied.
     pub tone: ([[f32; 2]; 3], f32),
 }
 
 /// An opening of the face.
 #[derive(Clone, Debug)]
 pub struct RigOpening {
-    /// Which one.
+    /// Which opening.
     pub opening: Opening,
     /// Vertices of its upper edge.
     pub upper: Vec<u32>,
-    /// Vertices of its lower edge, as many.
+    /// Vertices of its lower edge, equally many.
     pub lower: Vec<u32>,
-    /// Vertices on the eyeball: place along the edges, share of the way from the upper to the lower one, vertex.
+    /// Vertices on the eyeball: index along the edges, fraction of the way from the upper to the lower edge, vertex.
     pub eyeball: Vec<(usize, f64, u32)>,
-    /// Where along the edges the five nodes are.
+    /// Indices along the edges of the five nodes.
     pub stops: [usize; 5],
     /// Triangles inside.
     pub triangles: Vec<[u32; 3]>,
@@ -77,20 +77,20 @@ pub struct RigOpening {
     pub upper_nodes: [u16; 5],
     /// The five nodes of the lower edge.
     pub lower_nodes: [u16; 5],
-    /// Nodes of the iris; none in a mouth.
+    /// Nodes of the iris; empty for the mouth.
     pub iris: &'static [u16],
-    /// Inner and outer node of the lower edge of the brow above it; none above a mouth.
+    /// Inner and outer node of the lower edge of the brow above it; `None` for the mouth.
     pub brow: Option<[u16; 2]>,
     /// Colour of the lashes, levels.
     pub lashes: [f32; 3],
-    /// The skin of its upper lid without lashes.
+    /// Skin of its upper lid without lashes.
     pub lid: Option<LidSkin>,
     /// The hollow above it.
     pub hollow: Option<Hollow>,
 }
 
 impl Warp {
-    /// The face as plain numbers; colours are taken from its photograph.
+    /// Exports the face as plain numbers, with colours from its photograph.
     pub fn rig(&self, texture: &Texture) -> Rig {
         let area = |points: &[Point2<f64>], t: &[u32; 3]| {
             let [a, b, c] = t.map(|v| points[v as usize]);
@@ -148,13 +148,13 @@ impl Warp {
     }
 }
 
-/// Where pictures of the upper teeth belong: pixels for each eye distance, the place of the midline at the edge of the incisors (px), and their
-/// level of a tooth as bright as the brightest.
+/// Geometry and level of the pictures of the upper teeth: pixels per eye distance, the position of the midline at the edge of the incisors
+/// (px), and the level of a tooth as bright as the brightest one.
 pub const TEETH_PICTURES: (f64, (f64, f64), f32) = (mouth::TEETH_SCALE, mouth::TEETH_ORIGIN, DIMMED * mouth::TEETH_WHITE);
-/// How much darker they are than ours, so that wet lights are not cut off.
+/// Factor on the levels of the exported pictures, so that wet lights are not clipped.
 const DIMMED: f32 = 0.75;
 
-/// A picture of whole levels, dimmed.
+/// The picture in bytes, dimmed by [`DIMMED`].
 fn levels(picture: &Rgba32FImage) -> RgbaImage {
     RgbaImage::from_fn(picture.width(), picture.height(), |x, y| {
         let [r, g, b, cover] = picture.get_pixel(x, y).0;

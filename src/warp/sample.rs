@@ -1,4 +1,4 @@
-//! Textures that are read between their pixels.
+//! Textures with sub-pixel sampling, and the drawing of sampled pixels.
 
 use image::{GrayImage, RgbImage};
 use nalgebra::{Point2, Vector2};
@@ -6,13 +6,13 @@ use nalgebra::{Point2, Vector2};
 use super::raster::Span;
 use crate::{sequence::colour_of, simd::widest};
 
-/// An image prepared for sub-pixel sampling: Catmull-Rom bicubic, which is exact on pixel centres and keeps edges crisp. Beyond the
-/// border the border's pixels go on.
+/// An image prepared for sub-pixel sampling: Catmull-Rom bicubic, exact at pixel centres and sharp at edges. Beyond the border, the
+/// border's pixels continue.
 #[derive(Clone, Debug)]
 pub struct Texture {
     width: u32,
     height: u32,
-    /// Four bytes a pixel, with a border of [`BORDER`] pixels.
+    /// Four bytes per pixel, with a border of [`BORDER`] pixels.
     pixels: Vec<[u8; 4]>,
     stride: usize,
 }
@@ -21,7 +21,7 @@ pub struct Texture {
 const BORDER: usize = 2;
 
 impl Texture {
-    /// The texture of a colour image.
+    /// Creates the texture of a colour image.
     pub fn new(image: &RgbImage) -> Self {
         let (width, height) = image.dimensions();
         let stride = width as usize + 2 * BORDER;
@@ -39,7 +39,7 @@ impl Texture {
         Self { width, height, pixels, stride }
     }
 
-    /// The texture of a grey image: three equal channels.
+    /// Creates the texture of a grey image, with three equal channels.
     pub fn from_gray(image: &GrayImage) -> Self {
         Self::new(&colour_of(image))
     }
@@ -49,7 +49,7 @@ impl Texture {
         (self.width, self.height)
     }
 
-    /// The image itself, into one of the same size.
+    /// Copies the image into one of the same size.
     pub(super) fn copy_to(&self, image: &mut RgbImage) {
         let width = self.width as usize;
         for (y, row) in image.as_flat_samples_mut().samples.chunks_exact_mut(3 * width.max(1)).enumerate() {
@@ -60,8 +60,8 @@ impl Texture {
         }
     }
 
-    /// The texture with the colours of some pixels times factors: on lines, each from a row and a column on, the number of a factor for each pixel,
-    /// of which every channel has its own.
+    /// Returns the texture with some pixels multiplied by factors. Each line gives a row, a first column and an index into `factors` per pixel;
+    /// each channel has its own factors.
     pub(crate) fn times<'a>(&self, lines: impl Iterator<Item = (usize, usize, &'a [u8])>, factors: &[[f32; 256]; 3]) -> Self {
         let mut texture = self.clone();
         for (row, column, numbers) in lines {
@@ -82,7 +82,7 @@ impl Texture {
         texture
     }
 
-    /// Makes the border as the image is at its edges.
+    /// Fills the border with the image's edge pixels.
     fn renew_border(&mut self) {
         let (width, height, stride) = (self.width as usize, self.height as usize, self.stride);
         if width == 0 || height == 0 {
@@ -99,8 +99,8 @@ impl Texture {
         }
     }
 
-    /// Colour at a position (px, the centre of the top-left pixel is (0, 0)), 0 to 255 per channel, not clamped: the kernel may
-    /// overshoot at edges.
+    /// Samples the colour at a position (px, the centre of the top-left pixel is (0, 0)). Levels of 0 to 255 per channel are not clamped: the
+    /// kernel may overshoot at edges.
     pub fn sample(&self, at: Point2<f64>) -> [f32; 3] {
         let [red, green, blue, _] = widest(
             #[inline(always)]
@@ -112,7 +112,7 @@ impl Texture {
         [red, green, blue]
     }
 
-    /// [`Texture::sample`] at many places, with a fourth channel that says nothing.
+    /// [`Texture::sample`] at many positions, with a meaningless fourth channel.
     pub(super) fn sample_all(&self, (x, y): (&[f64], &[f64]), colours: &mut [[f32; 4]]) {
         widest(
             #[inline(always)]
@@ -133,7 +133,7 @@ impl Texture {
         );
     }
 
-    /// The first column and row of the 4 x 4 pixels around places, and their weights across and down.
+    /// First column and row of the 4 x 4 pixels around each position, and their weights across and down.
     #[inline(always)]
     #[allow(clippy::type_complexity)]
     fn kernels<const N: usize>(&self, x: [f64; N], y: [f64; N]) -> ([u32; N], [u32; N], [[f32; N]; 4], [[f32; N]; 4]) {
@@ -142,7 +142,7 @@ impl Texture {
         (columns, rows, across, down)
     }
 
-    /// The 4 x 4 pixels from a column and a row on by their weights.
+    /// Weighted sum of the 4 x 4 pixels from a column and a row on.
     #[inline(always)]
     fn weighted(&self, column: u32, row: u32, across: [f32; 4], down: [f32; 4]) -> [f32; 4] {
         let start = row as usize * self.stride + column as usize;
@@ -164,11 +164,11 @@ impl Texture {
     }
 }
 
-/// Places that are looked up at once.
+/// Positions that are sampled at once.
 const LANES: usize = 8;
 
-/// Along one axis, the first of the four pixels around places on a line of `size` pixels, counted in one of `count` with its border, and their
-/// weights.
+/// For positions along one axis of `size` pixels (`count` with the border): index of the first of the four surrounding pixels, counted with
+/// the border, and their weights.
 #[inline(always)]
 fn kernel<const N: usize>(at: [f64; N], size: u32, count: usize) -> ([u32; N], [[f32; N]; 4]) {
     let (size, last) = (f64::from(size), count.saturating_sub(4) as u32);
@@ -187,11 +187,11 @@ fn kernel<const N: usize>(at: [f64; N], size: u32, count: usize) -> ([u32; N], [
     (first, weights)
 }
 
-/// Pixels of an image that wait for their colours, which are looked up many at a time.
+/// A batch of pixels of an image whose colours are then sampled together.
 pub(super) struct Pixels<'a> {
     texture: &'a Texture,
     width: u32,
-    /// Places in the image and on the texture.
+    /// Indices of the pixels in the image, and positions on the texture.
     to: Vec<usize>,
     x: Vec<f64>,
     y: Vec<f64>,
@@ -201,17 +201,17 @@ pub(super) struct Pixels<'a> {
 }
 
 impl<'a> Pixels<'a> {
-    /// Pixels that are looked up at once.
+    /// Largest number of pixels in a batch.
     const MOST: usize = 512;
 
-    /// None yet, of an image so wide whose colours come from a texture.
+    /// Creates an empty batch for an image of this width, with colours from a texture.
     pub fn new(texture: &'a Texture, width: u32) -> Self {
         let most = Self::MOST;
         let (x, y) = (vec![0.0; most], vec![0.0; most]);
         Self { texture, width, to: vec![0; most], x, y, count: 0, colours: vec![[0.0; 4]; most], bytes: vec![[0; 4]; most] }
     }
 
-    /// Those of a row of a triangle. Before there would be too many, `draw` is called, which is to draw them.
+    /// Adds the pixels of one row of a triangle. When the batch is full, it calls `draw`, which must draw and empty it.
     pub fn add(&mut self, span: Span, mut draw: impl FnMut(&mut Self)) {
         let Span { y, from, to, start, step } = span;
         let row = y as usize * self.width as usize;
@@ -235,13 +235,13 @@ impl<'a> Pixels<'a> {
         }
     }
 
-    /// Draws them in the order in which they came; `change` is given the places and colours of those within a box, box by box, with its number.
+    /// Draws the pixels in the order of adding. `change` gets the index of a box, and the position and colour of each pixel within it.
     pub fn draw(&mut self, image: &mut RgbImage, boxes: &[Bounds], change: impl Fn(usize, Point2<f64>, [f32; 3]) -> [f32; 3]) {
         let count = std::mem::take(&mut self.count);
         let (x, y) = (&self.x[..count], &self.y[..count]);
         let (colours, bytes) = (&mut self.colours[..count], &mut self.bytes[..count]);
         self.texture.sample_all((x, y), colours);
-        // Places that are drawn together are near each other: most boxes hold none of them.
+        // Pixels of one batch are near each other, so most boxes hold none of them.
         let around = (span(x), span(y));
         let near: Vec<(usize, &Bounds)> = boxes.iter().enumerate().filter(|(_, b)| b.meets(around)).collect();
         if !near.is_empty() {
@@ -268,12 +268,12 @@ impl<'a> Pixels<'a> {
     }
 }
 
-/// A box of places.
+/// A box of positions on a texture.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Bounds([Point2<f64>; 2]);
 
 impl Bounds {
-    /// The box around points with a margin of a pixel, which is far more than rounding takes; `None` of no points.
+    /// The box around points, with a margin of one pixel for rounding; `None` for no points.
     pub fn around(points: impl IntoIterator<Item = Point2<f64>>) -> Option<Self> {
         let mut points = points.into_iter();
         let first = points.next()?;
@@ -288,39 +288,39 @@ impl Bounds {
         p.x >= low.x && p.x <= high.x && p.y >= low.y && p.y <= high.y
     }
 
-    /// Whether it may hold places between these x and y.
+    /// Whether the box may hold positions within these ranges of x and y.
     fn meets(&self, (x, y): ((f64, f64), (f64, f64))) -> bool {
         let [low, high] = &self.0;
         low.x <= x.1 && high.x >= x.0 && low.y <= y.1 && high.y >= y.0
     }
 }
 
-/// The least and the greatest of some numbers.
+/// Smallest and largest of some numbers.
 fn span(values: &[f64]) -> (f64, f64) {
     let wider = |(low, high): (f64, f64), &v: &f64| (if v < low { v } else { low }, if v > high { v } else { high });
     values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), wider)
 }
 
-/// Added to a number it leaves no room for what is behind the point; the last bits of the sum are the whole number, if that is not negative.
-/// Conversions to whole numbers are done one at a time.
+/// Adding this constant rounds a number to an integer; for a non-negative one, the low bits of the sum are the integer. Unlike conversions to
+/// integers, this vectorizes.
 pub(super) const WHOLE: f64 = 6_755_399_441_055_744.0;
 const WHOLE_F32: f32 = 8_388_608.0;
 
-/// The largest whole number not above one that 32 bits hold; `f64::floor` is a call for older processors.
+/// Floor of a value that fits into 32 bits; on older processors `f64::floor` is a function call.
 #[inline(always)]
 fn floor(value: f64) -> f64 {
     let near = (value + WHOLE) - WHOLE;
     if near > value { near - 1.0 } else { near }
 }
 
-/// Weights of the four pixels around a place, `t` in 0..1 past the second.
+/// Catmull-Rom weights of the four pixels around a position at `t` (0 to 1) after the second one.
 #[inline(always)]
 fn catmull_rom(t: f32) -> [f32; 4] {
     let (t2, t3) = (t * t, t * t * t);
     [0.5 * (-t3 + 2.0 * t2 - t), 0.5 * (3.0 * t3 - 5.0 * t2 + 2.0), 0.5 * (-3.0 * t3 + 4.0 * t2 + t), 0.5 * (t3 - t2)]
 }
 
-/// Lays so much of a colour (a share, 0 to 1) over a pixel.
+/// Blends a colour over a pixel with opacity `share` (0 to 1).
 pub fn lay(pixel: &mut image::Rgb<u8>, colour: [f32; 3], share: f32) {
     for (level, over) in pixel.0.iter_mut().zip(colour) {
         let under = f32::from(*level);
@@ -328,19 +328,19 @@ pub fn lay(pixel: &mut image::Rgb<u8>, colour: [f32; 3], share: f32) {
     }
 }
 
-/// A channel as a byte.
+/// Rounds a channel to a byte.
 #[inline(always)]
 pub fn byte(value: f32) -> u8 {
-    // Of what is not negative the same as rounding, which is a call for older processors: half a level more, and without what is behind the
-    // point. As a conversion, that would be done one at a time.
+    // Floor of half a level more equals rounding for non-negative values. Rounding is a function call on older processors, and a
+    // conversion does not vectorize.
     let level = (value + 0.5).clamp(0.0, 255.0);
     let near = (level + WHOLE_F32) - WHOLE_F32;
     let whole = if near > level { near - 1.0 } else { near };
     (whole + WHOLE_F32).to_bits() as u8
 }
 
-/// Renders an image of a given size through any dense map: `source` says for every pixel of the result where in the texture it comes
-/// from (`None` leaves it black). A map known in closed form gives exact ground truth.
+/// Renders an image of a given size through a dense map. `source` returns the position on the texture for each pixel of the result; `None` leaves
+/// it black. A map known in closed form gives exact ground truth.
 pub fn resample(texture: &Texture, size: (u32, u32), source: impl Fn(Point2<f64>) -> Option<Point2<f64>>) -> RgbImage {
     let mut image = RgbImage::new(size.0, size.1);
     let mut pixels = Pixels::new(texture, size.0);

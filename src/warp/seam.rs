@@ -1,9 +1,9 @@
-//! The line in which closed lips meet, on a mouth that opens.
+//! The dark line where closed lips meet, removed as the mouth opens.
 //!
-//! Closed lips meet in a dark line. Where the upper lip is raised, it is gone: each lip is as bright to its edge as it is beside the line. What the
-//! photograph has of it goes with the skin, so that it would be a dark rim around the opening. It is taken away as lips part: what is darker than
-//! the lip beside it becomes as bright. Towards the corners it stays, where lips are in each other's shadow, and where the lower lip drops, whose
-//! edge is turned away from the light.
+//! Where the upper lip is raised, the line disappears: each lip is as bright at its edge as beside the line. On the photograph the line is part
+//! of the skin and would become a dark rim around the opening. As the lips part, whatever is darker than the lip beside it is therefore
+//! brightened to that lip's level. The line stays towards the corners, where lips shade each other, and where the lower lip drops, because
+//! its edge turns away from the light.
 
 use nalgebra::{Point2, Vector2};
 
@@ -15,55 +15,55 @@ use super::{
 };
 use crate::interpolation::smooth_step;
 
-/// Distance of the lips over the eye distance at which the line begins to go, and at which it has gone.
+/// Distances of the lips, in eye distances, at which the line begins to fade and is fully faded.
 const PARTED: (f64, f64) = (0.008, 0.06);
-/// How much of it then is gone on the upper lip, which is in its own shadow, and on the lower one.
+/// Fraction of the line that is removed on the upper lip (in its own shadow) and on the lower one.
 const GONE: [f64; 2] = [0.55, 0.85];
-/// How much of it is gone on the upper and on the lower lip of a mouth that gapes, over that of lips in the light: it would be a rim around the
-/// opening.
+/// The same fractions in a gaping mouth, relative to those of lips in the light: the line would be a rim around the opening.
 const GONE_DROPPED: [f64; 2] = [0.6, 0.8];
-/// Half its width, over the eye distance: beyond, it is the lip.
+/// Half the width of the line, in eye distances.
 const WIDTH: f64 = 0.032;
-/// How far from the ends of the opening it begins to go, and goes wholly, over the width of the mouth.
+/// Distances from the ends of the opening, over the width of the mouth, at which the removal begins and is complete.
 const WITHIN: (f64, f64) = (0.06, 0.34);
-/// The same in a mouth that gapes, whose corners are no slit.
+/// The same in a gaping mouth, whose corners are no slit.
 const WITHIN_GAPING: (f64, f64) = (0.01, 0.14);
-/// How much darker than its surroundings, as a share, a place is that belongs to the line for certain.
+/// Relative darkness against the surroundings from which a pixel certainly belongs to the line.
 const DARKER: f64 = 0.10;
 
-/// Where teeth are sought that a photograph shows between lips that count as closed: how far from the line, over the eye distance, how far
-/// beside them (wholly, and at most) and around the line their surroundings go with them, and how much whiter than both lips they are, levels: from, and for certain.
+/// Detection of teeth that a photograph shows between lips that count as closed. `TEETH_WITHIN`: search distance from the line, in eye distances.
+/// `TEETH_BESIDE` and `TEETH_AROUND`: extent of the surroundings replaced with them, along the line (fully, at most) and across it.
+/// `TEETH_WHITER`: levels by which they are whiter than both lips, from possible to certain.
 const TEETH_WITHIN: f64 = 0.022;
 const TEETH_BESIDE: (f64, f64) = (0.05, 0.13);
 const TEETH_AROUND: f64 = 0.072;
 const TEETH_WHITER: (f64, f64) = (16.0, 32.0);
 
-/// Shares of the gap by which the lower lip has dropped between which its edge turns away from the light.
+/// Fractions of the gap by which the lower lip has dropped, between which its edge turns away from the light.
 pub const TURNED_AWAY: (f64, f64) = (0.60, 0.90);
 
-/// The line in one frame, and how lips part there.
+/// The line in one frame, and the parting of the lips.
 pub struct Seam {
-    /// From the one end of the opening to the other on the photograph: along the face's horizontal and down, px.
+    /// The line on the photograph from one end of the opening to the other: coordinates along the face's horizontal and down, px.
     line: Vec<(f64, f64)>,
     across: Vector2<f64>,
     down: Vector2<f64>,
-    /// How much of it is gone on the upper and on the lower lip; nothing of a mouth that is open on its photograph.
+    /// Fraction of the line that is removed on the upper and on the lower lip; 0 for a mouth that is open on its photograph.
     gone: [f64; 2],
-    /// How far from the ends of the opening the line begins to go, and goes wholly, over the width of the mouth.
+    /// Distances from the ends of the opening at which the removal begins and is complete, over the width of the mouth.
     within: (f64, f64),
-    /// How far lips have parted that are closed on the photograph, 0 to 1.
+    /// Parting of lips that are closed on the photograph, 0 to 1.
     parted: f64,
-    /// How surely teeth show at each place of the line; none if they show nowhere.
+    /// Certainty of visible teeth along the line; empty if there are none.
     teeth: Vec<(f64, f64)>,
     unit: f64,
-    /// Widest distance of the lips, px.
+    /// Greatest distance of the lips, px.
     pub gap: f64,
-    /// How far the light falls on their inner edges, 0 to 1.
+    /// Light on the inner edges of the lips, 0 to 1.
     pub lit: f64,
 }
 
 impl Seam {
-    /// The line of a mouth in a frame.
+    /// Prepares the line of a mouth for a frame.
     pub fn new(warp: &Warp, deformation: &Deformation, texture: &Texture) -> Self {
         let (unit, mouth) = (warp.frame.eye_distance, &warp.mesh.openings[0]);
         let gap = openings::gap(warp, mouth, &deformation.vertices);
@@ -82,7 +82,7 @@ impl Seam {
         seam
     }
 
-    /// How surely teeth show along the line, and the dark beside them; none if they show nowhere.
+    /// Certainty of teeth, or of the dark beside them, along the line; empty if there are none.
     fn teeth_along(&self, texture: &Texture) -> Vec<(f64, f64)> {
         let shown: Vec<(f64, f64)> =
             self.line.iter().map(|&(x, y)| (x, self.shows_teeth(self.across * x + self.down * y, texture))).collect();
@@ -94,7 +94,7 @@ impl Seam {
         shown.iter().map(|&(x, _)| (x, most(x))).collect()
     }
 
-    /// How surely teeth show at a place of the line, 0 to 1: what lies there is whiter than both lips, where closed lips have their dark line.
+    /// Certainty of teeth at a point of the line, 0 to 1: it is whiter than both lips, where closed lips have their dark line.
     fn shows_teeth(&self, at: Vector2<f64>, texture: &Texture) -> f64 {
         let white = |off: f64| whiteness(texture.sample(Point2::from(at + self.down * (off * self.unit))));
         let between = [-1.0, -0.5, 0.0, 0.5, 1.0].map(|share| white(share * TEETH_WITHIN)).into_iter().fold(f32::MIN, f32::max);
@@ -102,7 +102,7 @@ impl Seam {
         self.within_ends(&Point2::from(at)) * smooth_step(TEETH_WHITER.0, TEETH_WHITER.1, f64::from(between - lips))
     }
 
-    /// The box outside of which [`Seam::colour`] is the photograph; `None` where it is so everywhere.
+    /// Bounds outside of which [`Seam::colour`] equals the photograph; `None` if it does so everywhere.
     pub(super) fn bounds(&self) -> Option<Bounds> {
         let width = if self.teeth.is_empty() { WIDTH } else { TEETH_AROUND } * self.unit;
         let ends = |&(x, y): &(f64, f64)| [-width, width].map(|off| Point2::from(self.across * x + self.down * (y + off)));
@@ -113,7 +113,7 @@ impl Seam {
         self.gone[1] > 0.0 || !self.teeth.is_empty()
     }
 
-    /// The photograph's colour at a place of the skin without the line.
+    /// Colour of the photograph at a point of the skin, with the line removed.
     pub fn colour(&self, at: Point2<f64>, photograph: [f32; 3], texture: &Texture) -> [f32; 3] {
         if !self.changes() {
             return photograph;
@@ -121,19 +121,19 @@ impl Seam {
         self.below(&at).map_or(photograph, |below| self.on_lip(at, below, usize::from(below > 0.0), photograph, texture))
     }
 
-    /// The colour of the edge of the upper (0) or of the lower lip (1) at a place of the line.
+    /// Colour of the edge of the upper (0) or the lower lip (1) at a point of the line.
     pub fn edge(&self, at: Point2<f64>, lip: usize, texture: &Texture) -> [f32; 3] {
         let photograph = texture.sample(at);
         self.below(&at).map_or(photograph, |below| self.on_lip(at, below, lip, photograph, texture))
     }
 
-    /// How far a place lies below the line, px; `None` beside its ends.
+    /// Distance below the line, px; `None` beyond its ends.
     fn below(&self, at: &Point2<f64>) -> Option<f64> {
         let (x, y) = (at.coords.dot(&self.across), at.coords.dot(&self.down));
         line_at(&self.line, x).map(|line| y - line)
     }
 
-    /// 0 at the ends of the opening, 1 in its middle.
+    /// Weight that is 0 at the ends of the opening and 1 in its middle.
     fn within_ends(&self, at: &Point2<f64>) -> f64 {
         let x = at.coords.dot(&self.across);
         let [(first, _), .., (last, _)] = self.line[..] else { return 0.0 };
@@ -152,7 +152,7 @@ impl Seam {
         lightened(photograph, guess, self.gone[lip] * inside)
     }
 
-    /// The colour of a lip where the photograph has teeth, or the dark around them: that of the lip further out, whose skin it repeats.
+    /// Colour of a lip without the teeth, or the dark around them: repeats the skin of that lip further out.
     fn without_teeth(&self, at: Point2<f64>, below: f64, side: f64, photograph: [f32; 3], texture: &Texture) -> [f32; 3] {
         let around = TEETH_AROUND * self.unit;
         let left = around - below.abs();
@@ -166,17 +166,17 @@ impl Seam {
     }
 }
 
-/// Distances of the lips, over the eye distance, between which a jaw that drops begins to open the mouth so far that light falls in, and does.
+/// Distances of the lips, in eye distances, between which a dropping jaw begins to let light into the mouth and does so fully.
 const GAPES: (f64, f64) = (0.10, 0.24);
 
-/// How far a mouth gapes, 0 to 1: the lips are so far apart over the eye distance, and the light falls on their edges so far. Where the upper lip is
-/// raised, none does.
+/// How far a mouth gapes, 0 to 1, from the distance of the lips in eye distances and the light on their edges. It is 0 where the upper lip is
+/// raised.
 pub fn gapes(gap: f64, lit: f64) -> f64 {
     (1.0 - lit) * smooth_step(GAPES.0, GAPES.1, gap)
 }
 
-/// How far the light falls on the inner edges of lips that part: where the upper lip is raised, teeth stand close behind the lower one, whose edge
-/// faces the light; where the lower lip has dropped, with a jaw, its edge is turned away, and dark lies behind it.
+/// Light on the inner edges of parting lips, 0 to 1. Where the upper lip is raised, teeth stand close behind the lower one, whose edge
+/// faces the light. Where the lower lip drops with the jaw, its edge turns away and the dark lies behind it.
 fn lit(warp: &Warp, deformation: &Deformation) -> f64 {
     let down = warp.frame.down.into_inner();
     let moved = |n: usize| (deformation.nodes[n] - warp.nodes[n]).dot(&down);
@@ -184,7 +184,7 @@ fn lit(warp: &Warp, deformation: &Deformation) -> f64 {
     if gap > 0.0 { 1.0 - smooth_step(TURNED_AWAY.0, TURNED_AWAY.1, dropped / gap) } else { 1.0 }
 }
 
-/// A colour drawn to another one by a share, as far as it is the darker of the two.
+/// Blends a colour towards another one by `share`, as far as it is the darker of the two.
 fn lightened(colour: [f32; 3], guess: [f32; 3], share: f64) -> [f32; 3] {
     let darker = smooth_step(0.0, DARKER, f64::from(1.0 - luma(colour) / luma(guess).max(1.0)));
     let share = (share * darker) as f32;
@@ -223,10 +223,10 @@ mod tests {
         let texture = Texture::new(&picture);
         let red = |at: Point2<f64>| seam.colour(at, texture.sample(at), &texture)[0];
         let middle = warp.nodes[40];
-        // Of 140 levels, a sixth is left on the lower lip, half on the upper one; away from the line nothing changes.
+        // Of 140 levels, a sixth remains on the lower lip and half on the upper one; away from the line nothing changes.
         assert!(red(middle + Vector2::new(0.0, 1.0)) > 170.0 && (110.0..170.0).contains(&red(middle - Vector2::new(0.0, 1.0))));
         assert!((red(middle + Vector2::new(0.0, 8.0)) - 200.0).abs() < 1e-3);
-        // As long as lips are closed it is the photograph; open, the lower lip is light to its edge, but not where it dropped.
+        // While lips are closed, the photograph is unchanged. In an open mouth the lower lip is light to its edge, unless it dropped.
         let closed = Seam::new(&warp, &warp.deform(&nodes).unwrap(), &texture);
         assert_eq!(closed.colour(middle, [60.0, 30.0, 30.0], &texture), [60.0, 30.0, 30.0]);
         let below_edge = |frame: &Deformation| {
@@ -280,18 +280,18 @@ mod tests {
             let at = middle + Vector2::new(0.0, below);
             seam.colour(at, texture.sample(at), &texture)[1]
         };
-        // Both lips are lip to their edges, where the photograph has teeth; as long as they are closed it is the photograph.
+        // Where the photograph has teeth, both lips continue to their edges. While they are closed, the photograph is unchanged.
         assert!((green(&seam, 1.0) - 140.0).abs() < 1.0 && (green(&seam, -1.0) - 140.0).abs() < 1.0);
         let closed = Seam::new(&warp, &warp.deform(&nodes).unwrap(), &texture);
         assert!(green(&closed, 1.0) > 200.0);
-        // Without teeth nothing is sought, and the lips stay.
+        // Without teeth nothing is detected, and the lips stay.
         assert!(line.teeth.is_empty());
     }
 
     #[test]
     fn a_mouth_gapes_by_a_jaw_that_drops_far_and_by_nothing_else() {
         assert_eq!((gapes(0.30, 0.0), gapes(0.05, 0.0), gapes(0.30, 1.0)), (1.0, 0.0, 0.0));
-        // Half way between 0.10 and 0.24, of an edge on half of which the light falls.
+        // Half way between 0.10 and 0.24, for an edge in half the light.
         assert!((gapes(0.17, 0.5) - 0.25).abs() < 1e-12);
     }
 

@@ -1,10 +1,9 @@
-//! How soft a photograph is.
+//! Measures the blur of a photograph, so that what is drawn on it can be equally soft: teeth with sharper edges than the eyes look pasted.
 //!
-//! What is drawn on a photograph has to be as soft as it is: teeth with edges sharper than those of the eyes look pasted. The softness of an edge is
-//! told by blurring it once more (Zhuo and Sim, *Defocus map estimation from a single image*, Pattern Recognition 2011): where a step that a
-//! Gaussian of sigma has softened is blurred by another of sigma 0, its gradient falls by the root of (sigma^2 + sigma0^2) / sigma^2. On photographs
-//! of 15 people with 45 to 80 px between the eyes, blurred by 1, 1.5 and 2 px, it finds 1.1, 1.5 and 1.8 px on the median, and 0.6 px where they are
-//! as they were.
+//! The blur of an edge is measured by blurring it again (Zhuo and Sim, *Defocus map estimation from a single image*, Pattern Recognition 2011):
+//! if a Gaussian of sigma has blurred a step, another one of sigma0 reduces its gradient by the root of (sigma^2 + sigma0^2) / sigma^2.
+//! On photographs of 15 people with 45 to 80 px between the eyes, blurred by 1, 1.5 and 2 px, the median result is 1.1, 1.5 and 1.8 px, and
+//! 0.6 px without blurring (before the limit of [`SHARP`]).
 
 use nalgebra::Point2;
 
@@ -13,24 +12,24 @@ use crate::geometry::blur::gaussian;
 
 /// Sigma of the second blur, px.
 const AGAIN: f64 = 1.0;
-/// Of the gradients in the boxes around both eyes, the steepest share, and of the softness of these, sorted, the one that is taken: an edge that is
-/// soft by itself tells nothing.
+/// Fraction of the steepest gradients around both eyes that is used, and (`SHARPEST`) the quantile of their blur that is returned: edges that
+/// are soft themselves carry no information.
 const EDGES: f64 = 0.15;
 const SHARPEST: f64 = 0.25;
-/// Less steep than this, levels for each pixel, is no edge.
+/// Least gradient of an edge, levels per pixel.
 const LEAST_SLOPE: f32 = 1.0;
-/// Room around an eye, over the eye distance.
+/// Margin around an eye, in eye distances.
 const AROUND: f64 = 0.06;
-/// The softness of a photograph that is sharp, px, the least there is: no camera shows a pixel as a point.
+/// Blur of a sharp photograph, px, the smallest result: no camera images a point as a single pixel.
 pub const SHARP: f64 = 0.65;
-/// The most, px: what is softer has no edge to measure.
+/// Largest result, px: a softer picture has no measurable edge.
 const MOST_SOFT: f64 = 2.5;
-/// Most pixels of a box across and down: the eyes of a larger face tell as much by a part of them.
+/// Largest width and height of a box, px; for larger faces a part of the eyes suffices.
 const MOST: f64 = 800.0;
-/// Pixels beyond the box that are blurred, too.
+/// Pixels around the box that are blurred, too.
 const BORDER: usize = 4;
 
-/// Sigma of the Gaussian that softens what the photograph shows around the eyes, px.
+/// Blur of the photograph around the eyes, as the sigma of a Gaussian, px.
 pub fn softness(warp: &Warp, texture: &Texture) -> f64 {
     let mut edges: Vec<(f32, f32)> = Vec::new();
     for opening in warp.mesh.openings.iter().skip(1) {
@@ -89,7 +88,7 @@ mod tests {
         let found = [0.8, 1.2, 1.8].map(soft);
         assert!(found.iter().zip([0.8, 1.2, 1.8]).all(|(found, sigma)| (found / sigma - 1.0).abs() < 0.25), "{found:?}");
         assert_eq!(softness(&warp(), &Texture::new(&sharp)), SHARP);
-        // Nothing to see: as sharp as a picture is.
+        // Nothing to measure: the value of a sharp picture.
         assert_eq!(softness(&warp(), &Texture::new(&RgbImage::new(300, 380))), SHARP);
     }
 }

@@ -1,4 +1,4 @@
-//! The face that tests of the parts draw on.
+//! A synthetic face for the tests of this module.
 
 use std::sync::LazyLock;
 
@@ -23,7 +23,7 @@ pub fn warp() -> Warp {
     WARP.clone()
 }
 
-/// Skin; around the irises' centres dark circles in white; dark lashes that stand up to `reach` px over the upper lids.
+/// Draws skin, dark circles in white around the irises' centres, and dark lashes that stand up to `reach` px over the upper lids.
 pub fn lashed(nodes: &[Point2<f64>], reach: f64) -> RgbImage {
     let lids: Vec<Vec<Point2<f64>>> = OPENINGS[1..].iter().map(|eye| eye.upper.map(|n| nodes[usize::from(n)]).to_vec()).collect();
     let eyes = OPENINGS[1..]

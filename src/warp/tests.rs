@@ -1,4 +1,4 @@
-//! Whole frames of a drawn face.
+//! Tests with whole frames of a drawn face.
 
 use std::sync::LazyLock;
 
@@ -46,7 +46,7 @@ fn driving_nodes_are_where_they_were_asked_to_be_and_the_map_agrees() {
 
 #[test]
 fn a_blink_covers_the_eye_and_does_not_squeeze_it() {
-    // Skin is white, eyes are black: a shut lid leaves no black.
+    // Skin is white and eyes are black, so a shut lid leaves no black.
     let nodes = face();
     let mut picture = RgbImage::from_pixel(200, 230, Rgb([255; 3]));
     for eye in &OPENINGS[1..] {
@@ -93,7 +93,7 @@ fn a_lid_that_shuts_unfolds_the_skin_below_its_crease_and_leaves_the_brow() {
 #[test]
 fn skin_above_brows_that_rise_slides_up_over_all_of_the_forehead() {
     const RISE: f64 = 6.0;
-    // As fits have it: the forehead's nodes hardly above the brows.
+    // As in a fit, the forehead's nodes lie hardly above the brows.
     let mut nodes = face();
     for n in [1, 2, 13, 34, 46] {
         nodes[n].y = nodes[16].y - 5.0;
@@ -109,7 +109,7 @@ fn skin_above_brows_that_rise_slides_up_over_all_of_the_forehead() {
             (point - warp.map(&frame, &point).unwrap()).y
         };
         assert!(rise(5.0) > 0.8 * RISE, "{}", rise(5.0));
-        // No 3 px become less than half of them.
+        // No 3 px shrink to less than half.
         for k in 0..10 {
             let above = 3.0 * f64::from(k);
             assert!(rise(above) - rise(above + 3.0) < 1.5, "{above}: {} {}", rise(above), rise(above + 3.0));
@@ -121,7 +121,7 @@ fn skin_above_brows_that_rise_slides_up_over_all_of_the_forehead() {
 fn nothing_of_the_photograph_is_left_between_lips_that_open() {
     let nodes = face();
     let line = nodes[87].y;
-    // Below the lower lip the photograph is blue; the lip is white, and so is what moves into the gap. The brow is red: in one tone it is not.
+    // Below the lower lip the photograph is blue; the lip and what moves into the gap are white. The red brow makes it a colour picture.
     let picture = RgbImage::from_fn(200, 230, |_, y| match f64::from(y) - line {
         below if below > 2.5 => Rgb([0, 0, 255]),
         below if below > -40.0 => Rgb([255; 3]),

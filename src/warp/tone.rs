@@ -1,21 +1,21 @@
-//! The colours of a photograph's light: what is drawn on a photograph in one tone, grey or sepia, is in that tone, too, and what is taken from
-//! another photograph loses the cast of its light.
+//! Adapts colours to the light of a photograph: what is drawn on a photograph in one tone (grey or sepia) gets that tone, and
+//! what is taken from another photograph loses the colour cast of its light.
 
 use nalgebra::{Matrix2, Point2, Vector2};
 
 use super::{Texture, mouth::luma};
 use crate::interpolation::smooth_step;
 
-/// How far the colours of a face lie from one line over their brightness, root mean square over the brightness: up to the first a photograph is
-/// in one tone, from the second on it is in colour. Grey ones have 0, sepia ones 0.015, ten colour photographs 0.042 to 0.062.
+/// Root mean square distance of a face's colours from a line over their brightness, relative to the brightness: up to the first value the photograph
+/// is in one tone, from the second on in colour. Grey ones have 0, sepia ones 0.015, ten colour photographs 0.042 to 0.062.
 const OFF_TONE: (f64, f64) = (0.018, 0.028);
 
-/// How far the colours of two people's skin in the same light may lie from each other: root of the sum of squares of the logarithms of their
-/// red, green and blue by their brightness. Pairs of the 90 people of `scripts/people_dataset`: 0.08 on the median, 95 % up to 0.22.
+/// Tolerated difference between two people's skin in the same light: root of the sum of squares of the logarithms of red, green
+/// and blue relative to brightness. Pairs of the 90 people of `scripts/people_dataset`: 0.08 on the median, 95 % up to 0.22.
 const SKINS: f32 = 0.20;
 
-/// Factors for red, green and blue that take a colour out of the light of one photograph into that of another, as told by the skin of both, seen
-/// at the same places of the face. Brightness stays, which skins differ by; so does what skins differ by in one light.
+/// Factors for red, green and blue from the light of one photograph to that of another, estimated from the skin of both at the same points of the
+/// face. Brightness, and colour differences up to those between people, are not changed.
 pub fn cast(from: &[[f32; 3]], to: &[[f32; 3]]) -> [f32; 3] {
     let median = |colours: &[[f32; 3]], c: usize| {
         let mut levels: Vec<f32> = colours.iter().map(|colour| colour[c]).collect();
@@ -30,22 +30,22 @@ pub fn cast(from: &[[f32; 3]], to: &[[f32; 3]]) -> [f32; 3] {
     apart.map(|log| (share * log).exp())
 }
 
-/// The colours of a photograph as a line over their brightness.
+/// The colours of a photograph as linear functions of their brightness.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tone {
-    /// Level at brightness 0 and its rise, for red, green and blue.
+    /// Level at brightness 0 and slope, for red, green and blue.
     pub lines: [[f32; 2]; 3],
     /// 1 for a photograph in one tone, 0 for one in colour.
     pub share: f32,
 }
 
-/// How far a photograph is in one tone at some places of a face, 0 to 1.
+/// Degree to which a photograph is in one tone, from points of a face: 0 (colour) to 1.
 pub fn one_tone(texture: &Texture, places: &[Point2<f64>]) -> f32 {
     Tone::of(texture, places).share
 }
 
 impl Tone {
-    /// The tone of a photograph at some places of a face.
+    /// Estimates the tone of a photograph from points of a face.
     pub fn of(texture: &Texture, places: &[Point2<f64>]) -> Self {
         let colours: Vec<[f32; 3]> = places.iter().map(|at| texture.sample(*at)).collect();
         let (mut normal, mut right) = (Matrix2::identity() * 1e-6, [Vector2::zeros(); 3]);
@@ -67,7 +67,7 @@ impl Tone {
         Self { share: 1.0 - smooth_step(OFF_TONE.0, OFF_TONE.1, off) as f32, ..tone }
     }
 
-    /// A colour as such a photograph has it.
+    /// Converts a colour to the photograph's tone, by `share`.
     pub fn apply(&self, colour: [f32; 3]) -> [f32; 3] {
         let level = luma(colour);
         std::array::from_fn(|c| {
@@ -92,13 +92,13 @@ mod tests {
     #[test]
     fn the_cast_of_a_light_goes_and_what_skins_differ_by_stays() {
         let skin = [[200.0, 150.0, 130.0], [180.0, 135.0, 117.0], [220.0, 165.0, 143.0]];
-        // Half as bright, and in the same light.
+        // Half as bright, in the same light.
         let dark = skin.map(|colour| colour.map(|level| level / 2.0));
         assert!(cast(&skin, &dark).iter().all(|factor| (factor - 1.0).abs() < 1e-6));
-        // A tenth redder: another skin.
+        // A tenth redder: different skin.
         let redder = skin.map(|[r, g, b]| [1.1 * r, g, b]);
         assert_eq!(cast(&redder, &skin), [1.0; 3]);
-        // A light without three quarters of its blue.
+        // Light without three quarters of its blue.
         let orange = skin.map(|[r, g, b]| [r, g, b / 4.0]);
         let [r, g, b] = cast(&orange, &skin);
         // Logarithms of -0.152 twice and 1.234 (their mean by brightness is 0), a length of 1.253, of which 0.20 is left.

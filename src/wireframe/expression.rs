@@ -1,4 +1,4 @@
-//! The emotions as sums of Candide-3's motion units.
+//! The expressions of the emotions as sums of Candide-3's motion units.
 
 use std::{fmt, str::FromStr, sync::LazyLock};
 
@@ -10,7 +10,7 @@ use crate::units::NodeId;
 
 const EXPRESSIONS: &str = include_str!("../../candide/expressions.csv");
 
-/// An emotion whose expression is known.
+/// An emotion with a known expression.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Emotion {
     /// Brows down and together, lids tight, lips pressed.
@@ -29,7 +29,7 @@ pub enum Emotion {
     Surprise,
 }
 
-/// A text that names none of them.
+/// Error for a text that names no emotion.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "`{0}` is not an emotion that can be simulated; choose from anger, contempt, disgust, fear, happiness, sadness, surprise"
@@ -37,14 +37,14 @@ pub enum Emotion {
 pub struct ParseEmotionError(pub String);
 
 impl Emotion {
-    /// All seven, in the order of the emotion codes 1 to 7 of the extended Cohn-Kanade database.
+    /// All seven, ordered by the emotion codes 1 to 7 of the extended Cohn-Kanade database.
     pub const ALL: [Self; 7] =
         [Self::Anger, Self::Contempt, Self::Disgust, Self::Fear, Self::Happiness, Self::Sadness, Self::Surprise];
 
     /// The six basic emotions.
     pub const BASIC: [Self; 6] = [Self::Anger, Self::Disgust, Self::Fear, Self::Happiness, Self::Sadness, Self::Surprise];
 
-    /// Label as in a manifest.
+    /// Name of the emotion in a manifest.
     pub fn label(self) -> &'static str {
         match self {
             Self::Anger => "anger",
@@ -83,7 +83,7 @@ impl Serialize for Emotion {
     }
 }
 
-/// A unit of Candide-3's animation part.
+/// A motion unit of Candide-3.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ExpressionUnit {
     /// Action unit vector with its number in the list of Rydfalk. The weight is Candide's parameter, 1 for full strength.
@@ -97,13 +97,13 @@ pub enum ExpressionUnit {
 pub struct ExpressionRow {
     /// The emotion.
     pub emotion: Emotion,
-    /// The unit that takes part in it.
+    /// The unit.
     pub unit: ExpressionUnit,
-    /// Its weight at the apex of an average person.
+    /// Its weight at an average person's apex.
     pub weight: f64,
 }
 
-/// The expressions: which units an average person's apex is made of, `candide/expressions.csv`.
+/// The table of expressions, `candide/expressions.csv`: the units and weights of an average person's apex.
 pub fn expressions() -> &'static [ExpressionRow] {
     static TABLE: LazyLock<Vec<ExpressionRow>> = LazyLock::new(|| {
         #[derive(Deserialize)]
@@ -129,20 +129,20 @@ pub fn expressions() -> &'static [ExpressionRow] {
     &TABLE
 }
 
-/// The forehead's node between the brows, the brows' inner and upper nodes, and the share of their rise that it takes: raised
-/// brows would otherwise push their skin over it, as no unit of Candide-3 moves it.
+/// The forehead node between the brows, the inner and upper nodes of the brows, and the fraction of their rise that the forehead
+/// node follows. No unit of Candide-3 moves it, so raised brows would push their skin over it.
 const FOREHEAD: usize = 2;
 const RISING_BROW: [usize; 4] = [16, 17, 49, 50];
 const FOREHEAD_SHARE: f64 = 0.5;
 
-/// What summed units leave undone: raised brows take the forehead along, and lips do not pass through each other.
+/// Corrects summed units: raised brows take the forehead along, and lips do not pass through each other.
 pub fn settle_offsets(wireframe: &Wireframe, offsets: &mut [Vector3<f64>]) {
     let raised = RISING_BROW.iter().map(|&n| offsets[n].y).sum::<f64>() / RISING_BROW.len() as f64;
     offsets[FOREHEAD].y += FOREHEAD_SHARE * raised.max(0.0);
     keep_lips_apart(wireframe, offsets);
 }
 
-/// Index of the unit, and the length in model units of one unit of its weight.
+/// Returns the index of the unit, and the length in model units of a weight of 1.
 pub fn find_unit(wireframe: &Wireframe, fapus: &Fapus, unit: ExpressionUnit) -> Option<(usize, f64)> {
     wireframe.action_units().iter().enumerate().find_map(|(index, candidate)| match (unit, &candidate.kind) {
         (ExpressionUnit::Auv(wanted), UnitKind::Action { number }) if wanted == *number => Some((index, 1.0)),
@@ -153,10 +153,11 @@ pub fn find_unit(wireframe: &Wireframe, fapus: &Fapus, unit: ExpressionUnit) -> 
     })
 }
 
-/// Inner upper lip nodes with their lower twins.
+/// Inner upper lip nodes and the lower lip nodes opposite to them.
 pub(crate) const LIP_TWINS: [(u16, u16); 3] = [(87, 40), (81, 83), (82, 84)];
 
-/// Lips touch but do not pass through each other: where an upper inner lip node would end below its lower twin, both move to the middle.
+/// Prevents lips from passing through each other: if an upper inner lip node ends below its lower counterpart, both move to the
+/// middle.
 pub fn keep_lips_apart(wireframe: &Wireframe, offsets: &mut [Vector3<f64>]) {
     for (upper, lower) in LIP_TWINS.map(|(u, l)| (NodeId(u).index(), NodeId(l).index())) {
         let gap = (wireframe.vertices()[upper].y + offsets[upper].y) - (wireframe.vertices()[lower].y + offsets[lower].y);

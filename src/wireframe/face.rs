@@ -1,8 +1,8 @@
-//! The wireframe and its tables as one.
+//! The wireframe together with its tables.
 
 use super::{Tables, Wireframe};
 
-/// A wireframe with the tables that belong to it. Whoever needs both takes this, so that they always match.
+/// A wireframe with the tables that belong to it. Code that needs both takes this type, so that they always match.
 ///
 /// ```
 /// use grimace::wireframe::Face;
@@ -15,17 +15,17 @@ use super::{Tables, Wireframe};
 pub struct Face {
     /// The wireframe.
     pub wireframe: Wireframe,
-    /// The tables that tie its nodes to MPEG-4 and to landmarks.
+    /// The tables that relate its nodes to MPEG-4 and to landmarks.
     pub tables: Tables,
 }
 
 impl Face {
-    /// Candide-3 with its own tables.
+    /// Returns Candide-3 with its own tables.
     pub fn candide3() -> Self {
         Self::new(Wireframe::candide3())
     }
 
-    /// A wireframe with Candide-3's node numbers, and Candide-3's tables.
+    /// Combines a wireframe that has Candide-3's node numbers with Candide-3's tables.
     pub fn new(wireframe: Wireframe) -> Self {
         Self { wireframe, tables: Tables::candide3() }
     }

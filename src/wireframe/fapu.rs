@@ -38,7 +38,7 @@ impl Fapu {
 }
 
 impl Fapu {
-    /// The unit in words, with the nodes it is measured between.
+    /// Description of the unit, with the nodes between which it is measured.
     pub fn meaning(self) -> &'static str {
         match self {
             Self::Irisd => "the opening of the lids",
@@ -93,7 +93,7 @@ pub enum Axis {
     Z,
 }
 
-/// How a FAPU length is measured: the mean of some nodes minus the mean of others, along an axis of face space.
+/// Definition of a FAPU length: the mean coordinate of some nodes minus the mean of others, along an axis of face space.
 ///
 /// The mouth is measured from its right corner (node 64) to its left one (node 31).
 /// ```
@@ -105,17 +105,17 @@ pub enum Axis {
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct FapuDefinition {
-    /// The unit defined.
+    /// The FAPU.
     pub fapu: Fapu,
     /// x or y.
     pub axis: Axis,
-    /// Nodes whose mean coordinate counts positive.
+    /// Nodes whose mean coordinate is added.
     pub plus_nodes: Vec<NodeId>,
-    /// Nodes whose mean coordinate counts negative.
+    /// Nodes whose mean coordinate is subtracted.
     pub minus_nodes: Vec<NodeId>,
 }
 
-/// The five FAPU lengths of one neutral face, in the unit of the points they were measured on.
+/// The five FAPU lengths of a neutral face, in the unit of the measured points.
 ///
 /// ```
 /// use grimace::wireframe::{Face, Fapu, Fapus};
@@ -141,7 +141,7 @@ pub struct Fapus {
     pub mw: f64,
 }
 
-/// Why FAPUs cannot be measured.
+/// Error for FAPUs that cannot be measured.
 ///
 /// ```
 /// use grimace::wireframe::{Face, Fapus, FapusError};
@@ -159,7 +159,7 @@ pub enum FapusError {
     NotPositive {
         /// The FAPU.
         fapu: Fapu,
-        /// What was measured.
+        /// The measured value.
         value: f64,
     },
     /// The wireframe lacks a node that a FAPU is measured on.
@@ -173,9 +173,11 @@ pub enum FapusError {
 }
 
 impl Fapus {
-    /// Measures the five lengths on an upright frontal neutral face, `positions` in face axes (y up), any unit. IRISD0 is measured at the
-    /// lids, as MPEG-4 defines it (IRISD0 = 3.1.y - 3.3.y = 3.2.y - 3.4.y, here the mean of both eyes), in that measure in which Candide-3's
-    /// own is the height of its iris boxes, within 0.8 and 3 times the height of the face's own.
+    /// Measures the five lengths on an upright frontal neutral face; `positions` are in face axes (y up), in any unit.
+    ///
+    /// IRISD0 is measured at the lids, as MPEG-4 defines it (IRISD0 = 3.1.y - 3.3.y = 3.2.y - 3.4.y, here the mean of both eyes).
+    /// It is scaled so that on Candide-3 it equals the height of the iris boxes, and limited to 0.8 to 3 times the height of the
+    /// face's own boxes.
     ///
     /// # Errors
     /// [`FapusError`] when a length is not positive or a node is missing.
@@ -184,11 +186,11 @@ impl Fapus {
         Ok(Self { irisd: lid_based(of_nodes.irisd, positions), ..of_nodes })
     }
 
-    /// As [`Fapus::measure`], every length between the nodes of its definition: IRISD0 is the height of the iris boxes (Candide-3's report,
-    /// Table 2).
+    /// Measures every length between the nodes of its definition. Unlike in [`Fapus::measure`], IRISD0 is the height of the iris
+    /// boxes (Candide-3's report, Table 2).
     ///
     /// # Errors
-    /// As [`Fapus::measure`].
+    /// Same as [`Fapus::measure`].
     pub fn of_nodes(definitions: &[FapuDefinition], positions: &[Point2<f64>]) -> Result<Self, FapusError> {
         let mut lengths = [f64::NAN; 5];
         for definition in definitions {
@@ -214,7 +216,7 @@ impl Fapus {
         Ok(Self { irisd, es, ens, mns, mw })
     }
 
-    /// The length of one FAPU; `None` for the angular unit, which is no length.
+    /// Length of one FAPU; `None` for the angular unit, which is no length.
     pub fn length(&self, fapu: Fapu) -> Option<f64> {
         match fapu {
             Fapu::Irisd => Some(self.irisd),
@@ -226,61 +228,63 @@ impl Fapus {
         }
     }
 
-    /// All lengths times `factor`.
+    /// Returns all lengths times `factor`.
     pub fn scaled(&self, factor: f64) -> Self {
         let Self { irisd, es, ens, mns, mw } = *self;
         Self { irisd: irisd * factor, es: es * factor, ens: ens * factor, mns: mns * factor, mw: mw * factor }
     }
 }
 
-/// IRISD0 of a neutral face whose iris boxes are this high: by definition the opening of its lids, in that measure in which Candide-3's own is
-/// the height of its boxes. A wireframe without lids has its boxes.
+/// IRISD0 of a neutral face with this height of the iris boxes: the opening of its lids, scaled so that Candide-3's equals the
+/// height of its boxes. If the wireframe has no lids, it is the height of the boxes.
 fn lid_based(boxes: f64, positions: &[Point2<f64>]) -> f64 {
     let [Some(left), Some(right)] = openings(positions) else { return boxes };
     let seen = BOX_OVER_OPENING * f64::midpoint(left, right);
     if seen.is_finite() { seen.clamp(LEAST_OPENING * boxes, LID_LIMIT * boxes) } else { boxes }
 }
 
-/// How far the lids of each eye are apart on an upright face, y up; `None` where the wireframe lacks them.
+/// Opening of the lids of each eye on an upright face, y up; `None` if the wireframe lacks them.
 fn openings(positions: &[Point2<f64>]) -> [Option<f64>; 2] {
     LID_MIDDLES.map(|(above, below)| Some(positions.get(above)?.y - positions.get(below)?.y))
 }
 
-/// Height of Candide-3's iris boxes over the opening of its lids: 0.085 over 0.082.
+/// Ratio of the height of Candide-3's iris boxes to the opening of its lids: 0.085 to 0.082.
 const BOX_OVER_OPENING: f64 = 0.085 / 0.082;
-/// Least of IRISD0 over the height of the iris boxes, under which lids were measured wrong, or are shut; it is 1 on Candide-3's face, 1.4 to 2.0
-/// on people's.
+/// Smallest ratio of IRISD0 to the height of the iris boxes; below it, lids were measured wrongly or are closed. The ratio is 1
+/// on Candide-3's face and 1.4 to 2.0 on real people.
 const LEAST_OPENING: f64 = 0.8;
 
-/// Nodes of the middles of the lids, MPEG-4's feature points 3.1 and 3.3 of the left eye, 3.2 and 3.4 of the right one.
+/// Nodes at the middles of the upper and lower lids: MPEG-4's feature points 3.1 and 3.3 of the left eye, 3.2 and 3.4 of the
+/// right eye.
 const LID_MIDDLES: [(usize, usize); 2] = [(21, 22), (54, 55)];
-/// How far the opening of lids may lie from the height of the iris boxes: what is farther was measured wrong.
+/// Largest factor by which the opening of the lids may differ from IRISD0 or from the height of the iris boxes; beyond it, lids
+/// were measured wrongly.
 pub(crate) const LID_LIMIT: f64 = 3.0;
 
-/// IRISD0 as the FAPs of the lids (19 to 22) have it, eye by eye: the opening of the lids of the neutral face, 3.1.y - 3.3.y and
-/// 3.2.y - 3.4.y \[MPEG-4\]. A lid that moves by 1024 shuts the eye.
+/// Unit of the lid FAPs (19 to 22) of each eye: the opening of the lids of the neutral face, 3.1.y - 3.3.y and 3.2.y - 3.4.y
+/// \[MPEG-4\]. A lid that moves by 1024 closes the eye.
 ///
-/// [`Fapus::irisd`], by which models are normalized, is one length for both eyes. This is kept as that length over the opening of each eye, by
-/// which values in IRISD0 become such in openings.
+/// [`Fapus::irisd`], which normalizes models, is one length for both eyes. This type stores that length divided by the opening of
+/// each eye; multiplying a value in IRISD0 by it gives a value in openings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LidUnits([f64; 2]);
 
 impl LidUnits {
-    /// Of face units: whatever was measured, one IRISD0 of the canonical neutral is one opening.
+    /// Units for face units: one IRISD0 of the canonical neutral is one opening, whatever was measured.
     pub const CANONICAL: Self = Self([1.0, 1.0]);
 
-    /// Of a face whose openings, left and right, are known beside its FAPUs.
+    /// Units of a face from its FAPUs and the openings of its left and right eye.
     pub fn new(fapus: &Fapus, openings: [f64; 2]) -> Self {
         let unit = |opening: f64| if opening > 0.0 { (fapus.irisd / opening).clamp(1.0 / LID_LIMIT, LID_LIMIT) } else { 1.0 };
         Self(openings.map(unit))
     }
 
-    /// Of an upright neutral face, y up.
+    /// Measures the units on an upright neutral face, y up.
     pub fn measure(fapus: &Fapus, upright: &[Point2<f64>]) -> Self {
         Self::new(fapus, openings(upright).map(|opening| opening.unwrap_or(0.0)))
     }
 
-    /// Factor on a value of this FAP in IRISD0; 1 for one that is not of the lids.
+    /// Factor for a value of this FAP in IRISD0; 1 for a FAP that is not of the lids.
     pub fn of_fap(self, fap: u8) -> f64 {
         match fap {
             19 | 21 => self.0[0],
@@ -289,7 +293,7 @@ impl LidUnits {
         }
     }
 
-    /// Factor on the way of a node in IRISD0; 1 for one that is not the middle of a lid.
+    /// Factor for the motion of a node in IRISD0; 1 for a node that is not the middle of a lid.
     pub fn of_node(self, node: NodeId) -> f64 {
         let eye = LID_MIDDLES.iter().position(|&(above, below)| node.index() == above || node.index() == below);
         eye.map_or(1.0, |eye| self.0[eye])
@@ -317,19 +321,19 @@ mod tests {
     #[test]
     fn one_irisd_of_the_lids_is_the_opening_of_their_eye() {
         let mut face = Wireframe::candide3().frontal();
-        // Lids found wider than the boxes: 0.1 on the left, 0.17 on the right.
+        // Lids opened wider than the boxes: 0.1 on the left, 0.17 on the right.
         (face[21].y, face[22].y) = (0.22, 0.12);
         (face[54].y, face[55].y) = (0.28, 0.11);
         let fapus = Fapus::measure(&Tables::candide3().fapus, &face).unwrap();
         let units = LidUnits::measure(&fapus, &face);
-        // A lid that goes down by the opening is measured as this many IRISD0.
+        // A lid that moves down by the opening measures this many IRISD0.
         assert_relative_eq!(units.of_fap(19) * 0.1 / fapus.irisd, 1.0, epsilon = 1e-12);
         assert_relative_eq!(units.of_node(NodeId(55)) * 0.17 / fapus.irisd, 1.0, epsilon = 1e-12);
-        // IRISD0 itself is the mean opening, as many times as Candide-3's boxes are as high as its eyes are open.
+        // IRISD0 itself is the mean opening times the ratio of Candide-3's box height to its lid opening.
         assert_relative_eq!(fapus.irisd, 0.135 * 0.085 / 0.082, epsilon = 1e-12);
         assert_relative_eq!(Fapus::of_nodes(&Tables::candide3().fapus, &face).unwrap().irisd, 0.085, epsilon = 1e-12);
         assert_eq!((units.of_fap(31), units.of_node(NodeId(31))), (1.0, 1.0));
-        // A shut neutral eye has no opening to measure in.
+        // A closed neutral eye has no opening to measure in.
         assert_eq!(LidUnits::new(&fapus, [0.0, -1.0]), LidUnits::CANONICAL);
     }
 

@@ -1,4 +1,4 @@
-//! Which nodes a person can mark in a picture, how precisely, and in which order marks are worth most.
+//! Nodes that a person can mark in a picture, the precision of such marks, and the most useful order of marking.
 
 use std::sync::LazyLock;
 
@@ -9,29 +9,29 @@ use crate::units::{FeaturePoint, NodeId};
 const MARKABLE: &str = include_str!("../../candide/markable_nodes.csv");
 const SUGGESTED: &str = include_str!("../../candide/suggested_marks.csv");
 
-/// A node at a feature that a person can click.
+/// A node at a feature that a person can mark.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MarkableNode {
     /// The node.
     pub node: NodeId,
-    /// Standard deviation of a careful person's mark, in x and in y, over the eye distance.
+    /// Standard deviation of a careful person's mark, in x and in y, as a fraction of the eye distance.
     pub deviation_es: f64,
-    /// The feature in words; left and right are the subject's own.
+    /// Description of the feature; left and right are the subject's own.
     pub description: String,
 }
 
 /// One of the suggested marks.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SuggestedMark {
-    /// Place in the order, from 1.
+    /// Rank in the order, from 1.
     pub rank: usize,
     /// The node.
     pub node: NodeId,
-    /// Its MPEG-4 feature point, where it is one by itself.
+    /// Its MPEG-4 feature point, if the node alone represents one.
     pub fp: Option<FeaturePoint>,
-    /// Error with the marks up to this one, percent of the eye distance; `None` for fewer than three.
+    /// Error with the marks up to this one, in percent of the eye distance; `None` for fewer than three marks.
     pub error_after: Option<f64>,
-    /// The feature in words.
+    /// Description of the feature.
     pub description: String,
 }
 
@@ -40,7 +40,7 @@ fn rows<T: DeserializeOwned>(name: &str, text: &str) -> impl Iterator<Item = T> 
     rows.unwrap_or_else(|error| unreachable!("embedded table {name}: {error}")).into_iter()
 }
 
-/// The nodes that a person can mark, from `candide/markable_nodes.csv`.
+/// Returns the nodes that a person can mark, from `candide/markable_nodes.csv`.
 pub fn markable_nodes() -> &'static [MarkableNode] {
     #[derive(Deserialize)]
     struct Row {
@@ -56,12 +56,13 @@ pub fn markable_nodes() -> &'static [MarkableNode] {
     &NODES
 }
 
-/// Standard deviation of a careful person's mark at a node, in x and in y, over the eye distance; `None` where nobody can mark it.
+/// Standard deviation of a careful person's mark at a node, in x and in y, as a fraction of the eye distance; `None` for a node
+/// that cannot be marked.
 pub(crate) fn mark_deviation(node: NodeId) -> Option<f64> {
     markable_nodes().iter().find(|m| m.node == node).map(|m| m.deviation_es)
 }
 
-/// The suggested marks in order, from `candide/suggested_marks.csv`; the first eleven are the default ones.
+/// Returns the suggested marks in order, from `candide/suggested_marks.csv`; the first eleven are the default marks.
 pub fn suggested_marks() -> &'static [SuggestedMark] {
     #[derive(Deserialize)]
     struct Row {

@@ -1,4 +1,4 @@
-//! The Candide wireframe: nodes, triangles, springs, motion units, and the tables that tie MPEG-4 to its nodes.
+//! The Candide wireframe: nodes, triangles, springs, motion units, and the tables that relate its nodes to MPEG-4.
 
 mod expression;
 mod face;
@@ -23,12 +23,12 @@ pub use marks::{MarkableNode, SuggestedMark, markable_nodes, suggested_marks};
 pub use tables::{FeaturePointRow, LandmarkConfidence, LandmarkRow, Region, TableError, Tables, parse_node_or_feature_point};
 pub use wfm::{WfmError, WfmErrorKind, read_wfm, write_wfm};
 
-/// Nodes of the lids from the outer to the inner corner, the upper lid's and the lower one's, of the subject's left eye and of the right one;
-/// both lids of an eye begin and end at its corners.
+/// Nodes along the upper and lower lid, from the outer to the inner corner, for the subject's left and right eye. Both lids of an
+/// eye start and end at its corners.
 pub const LID_MARGINS: [[[u16; 5]; 2]; 2] =
     [[[20, 97, 21, 105, 23], [20, 99, 22, 107, 23]], [[53, 98, 54, 106, 56], [53, 100, 55, 108, 56]]];
 
-/// What a motion unit of a wireframe stands for.
+/// Kind of a wireframe's motion unit.
 ///
 /// ```
 /// use grimace::wireframe::{UnitKind, Wireframe};
@@ -49,16 +49,16 @@ pub enum UnitKind {
     Fap {
         /// FAP number, 3 to 68.
         number: u16,
-        /// The FAPU, where the file names it.
+        /// The FAPU, if the file names it.
         fapu: Option<Fapu>,
     },
-    /// A shape unit: how people differ.
+    /// A shape unit: a way in which faces differ from each other.
     Shape,
-    /// An animation unit whose name says neither.
+    /// An animation unit whose name indicates none of these kinds.
     Other,
 }
 
-/// A set of node offsets that are applied together, times a parameter.
+/// A set of node offsets that are applied together, multiplied by a parameter.
 ///
 /// ```
 /// use grimace::{units::NodeId, wireframe::{Face, MotionUnit, UnitKind, Wireframe}};
@@ -72,11 +72,11 @@ pub enum UnitKind {
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct MotionUnit {
-    /// Name as in the file.
+    /// Name in the file.
     pub name: String,
-    /// What the unit stands for.
+    /// Kind of the unit.
     pub kind: UnitKind,
-    /// Offsets at parameter value 1, in model units of face space. A node may be listed twice: offsets add up.
+    /// Offsets at parameter value 1, in model units of face space. A node may be listed twice; its offsets add up.
     pub offsets: Vec<(NodeId, Vector3<f64>)>,
 }
 
@@ -85,7 +85,7 @@ pub struct MotionUnit {
 pub struct Follower {
     /// The node that no triangle uses.
     pub node: NodeId,
-    /// The nearest live nodes (several when equally near), in the neutral wireframe.
+    /// The nearest live nodes in the neutral wireframe (several if equally near).
     pub leaders: Vec<NodeId>,
 }
 
@@ -113,7 +113,7 @@ pub struct Wireframe {
     shape_units: Vec<MotionUnit>,
 }
 
-/// Why vertices and triangles do not make a wireframe.
+/// Error for vertices and triangles that do not form a wireframe.
 ///
 /// ```
 /// use grimace::{units::NodeId, wireframe::Wireframe};
@@ -130,17 +130,17 @@ pub enum WireframeError {
     /// More nodes than a [`NodeId`] can number.
     #[error("the wireframe has {found} nodes; at most 65535 are supported")]
     TooManyNodes {
-        /// Nodes given.
+        /// Number of nodes given.
         found: usize,
     },
     /// An index past the vertex list.
     #[error("{place} refers to node {node}, but there are {count} nodes (0 to {})", count.saturating_sub(1))]
     NoSuchNode {
-        /// Triangle or unit that refers to it.
+        /// The triangle or unit that refers to it.
         place: String,
         /// The index.
         node: NodeId,
-        /// Nodes there are.
+        /// Number of nodes.
         count: usize,
     },
     /// A coordinate that is NaN or infinite.
@@ -152,10 +152,10 @@ pub enum WireframeError {
 }
 
 impl Wireframe {
-    /// A wireframe from its parts. Edges, live nodes and followers are derived.
+    /// Creates a wireframe from its parts; edges, live nodes and followers are derived.
     ///
     /// # Errors
-    /// [`WireframeError`] for indices out of range, coordinates that are not finite, or no triangles.
+    /// [`WireframeError`] when an index is out of range, a coordinate is not finite, or there are no triangles.
     pub fn new(
         vertices: Vec<Point3<f64>>,
         triangles: Vec<[NodeId; 3]>,
@@ -203,9 +203,9 @@ impl Wireframe {
         })
     }
 
-    /// Candide-3 v3.1.6, from the tables in `candide/` (J. Ahlberg, LiTH-ISY-R-2326).
+    /// Returns Candide-3 v3.1.6, from the tables in `candide/` (J. Ahlberg, LiTH-ISY-R-2326).
     ///
-    /// The tables are parsed once in a program.
+    /// The tables are parsed once per process.
     pub fn candide3() -> Self {
         static CANDIDE: LazyLock<Wireframe> = LazyLock::new(tables::candide3);
         CANDIDE.clone()
@@ -221,7 +221,7 @@ impl Wireframe {
         self.vertices.len()
     }
 
-    /// Triangles as node triples; counter-clockwise seen from outside where the source says so.
+    /// Triangles as node triples; counter-clockwise seen from outside if the source has this order.
     pub fn triangles(&self) -> &[[NodeId; 3]] {
         &self.triangles
     }
@@ -231,12 +231,12 @@ impl Wireframe {
         &self.edges
     }
 
-    /// Nodes that at least one triangle uses, ascending (104 of Candide-3's 113).
+    /// Nodes in at least one triangle, ascending (104 of Candide-3's 113).
     pub fn live_nodes(&self) -> &[NodeId] {
         &self.live
     }
 
-    /// Nodes that no triangle uses, each with the live nodes it follows.
+    /// Nodes in no triangle, with the live nodes that they follow.
     pub fn followers(&self) -> &[Follower] {
         &self.followers
     }

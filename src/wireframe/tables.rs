@@ -1,4 +1,4 @@
-//! The data files of `candide/`: which node is which feature point, region, FAPU and landmark.
+//! The data files of `candide/`, which assign nodes to feature points, regions, FAPUs and landmarks.
 
 use std::{collections::BTreeMap, fmt, str::FromStr, sync::LazyLock};
 
@@ -21,7 +21,7 @@ const REGIONS: &str = include_str!("../../candide/regions.csv");
 const REGION_FAPUS: &str = include_str!("../../candide/region_fapus.csv");
 const LANDMARKS: &str = include_str!("../../candide/ibug68.csv");
 
-/// A facial region: nodes that share their FAPUs and, in reports, a row.
+/// A facial region: nodes that share FAPUs, and a row in reports.
 ///
 /// ```
 /// use grimace::{units::NodeId, wireframe::{Region, Tables}};
@@ -71,7 +71,9 @@ impl fmt::Display for Region {
     }
 }
 
-/// One MPEG-4 feature point and the nodes that stand for it (their mean position; none where Candide-3 lacks it).
+/// One MPEG-4 feature point and its nodes.
+///
+/// The position of the feature point is the mean of the nodes; the list is empty if Candide-3 lacks the point.
 ///
 /// ```
 /// use grimace::{units::NodeId, wireframe::Tables};
@@ -86,7 +88,7 @@ pub struct FeaturePointRow {
     pub fp: FeaturePoint,
     /// Its nodes.
     pub nodes: Vec<NodeId>,
-    /// What it is, in words.
+    /// Description of the point.
     pub description: String,
 }
 
@@ -94,9 +96,9 @@ pub struct FeaturePointRow {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum LandmarkConfidence {
-    /// No node there: interpolated, not for fitting.
+    /// No node there: interpolated, not used for fitting.
     Low,
-    /// Same contour, place along it approximate.
+    /// On the same contour; the position along it is approximate.
     Medium,
     /// Same anatomical point.
     High,
@@ -109,13 +111,13 @@ pub struct LandmarkRow {
     pub landmark: u8,
     /// Part of the face: jaw, brow, nose, eye, `outer_lip`, `inner_lip`.
     pub part: String,
-    /// Nodes and weights; several for an interpolated place.
+    /// Nodes and weights; several for an interpolated position.
     pub nodes: Vec<(NodeId, f64)>,
     /// How well it corresponds.
     pub confidence: LandmarkConfidence,
 }
 
-/// The tables that tie a wireframe with Candide-3's node numbers to MPEG-4 and to landmarks.
+/// The tables that relate a wireframe with Candide-3's node numbers to MPEG-4 and to landmarks.
 ///
 /// ```
 /// use grimace::{units::NodeId, wireframe::{Fapu, Tables}};
@@ -130,7 +132,7 @@ pub struct LandmarkRow {
 pub struct Tables {
     /// Feature points in the order of the standard.
     pub feature_points: Vec<FeaturePointRow>,
-    /// How the FAPU lengths are measured.
+    /// Definitions of the FAPU lengths.
     pub fapus: Vec<FapuDefinition>,
     /// Region of every node, in node order.
     pub regions: Vec<Region>,
@@ -140,9 +142,9 @@ pub struct Tables {
     pub landmarks: Vec<LandmarkRow>,
 }
 
-/// A data file of `candide/` that does not read.
+/// Error for a data file of `candide/` that cannot be read.
 ///
-/// The tables are part of the program, so that nobody meets this error but who changes them.
+/// The tables are compiled into the program, so this error occurs only after they were changed.
 /// ```
 /// use grimace::wireframe::TableError;
 ///
@@ -159,7 +161,7 @@ pub struct TableError {
 }
 
 impl Tables {
-    /// The embedded tables of Candide-3, parsed once.
+    /// Returns the embedded tables of Candide-3, which are parsed once.
     pub fn candide3() -> Self {
         static TABLES: LazyLock<Tables> =
             LazyLock::new(|| Tables::embedded().unwrap_or_else(|error| unreachable!("embedded table: {error}")));
@@ -242,22 +244,22 @@ impl Tables {
         self.regions.get(node.index()).copied().unwrap_or(Region::Contour)
     }
 
-    /// FAPUs along x and y by which a node's motion is scaled.
+    /// FAPUs that scale a node's motion along x and y.
     pub fn node_fapus(&self, node: NodeId) -> (Fapu, Fapu) {
         self.region_fapus.get(&self.region(node)).copied().unwrap_or((Fapu::Es, Fapu::Ens))
     }
 
-    /// Nodes of a feature point; `None` when the standard or Candide-3 does not have it.
+    /// Nodes of a feature point; `None` if the standard or Candide-3 does not have it.
     pub fn feature_point_nodes(&self, fp: FeaturePoint) -> Option<&[NodeId]> {
         let row = self.feature_points.iter().find(|row| row.fp == fp)?;
         (!row.nodes.is_empty()).then_some(row.nodes.as_slice())
     }
 }
 
-/// A node as users write it: a node number, or a feature point that is a single node, such as `8.3`.
+/// Parses a node in the notation of users: a node number, or a feature point that is a single node, such as `8.3`.
 ///
 /// # Errors
-/// A sentence that says what was expected.
+/// A message that says what was expected.
 pub fn parse_node_or_feature_point(text: &str, tables: &Tables, node_count: usize) -> Result<NodeId, String> {
     let text = text.trim();
     if let Ok(number) = text.parse::<u16>() {
@@ -279,7 +281,7 @@ pub fn parse_node_or_feature_point(text: &str, tables: &Tables, node_count: usiz
     }
 }
 
-/// Candide-3 from the embedded tables.
+/// Builds Candide-3 from the embedded tables.
 pub(super) fn candide3() -> Wireframe {
     build().unwrap_or_else(|error| unreachable!("embedded table: {error}"))
 }
@@ -335,7 +337,7 @@ fn build() -> Result<Wireframe, TableError> {
         .map_err(|e| TableError { table: "candide/", reason: e.to_string() })
 }
 
-/// Appends a row to the last unit when name and kind continue, else starts the next unit.
+/// Appends a row to the last unit if name and kind are the same, otherwise starts a new unit.
 fn push_offset(units: &mut Vec<MotionUnit>, name: &str, kind: UnitKind, node: u16, offset: Vector3<f64>) {
     let entry = (NodeId(node), offset);
     match units.last_mut() {
@@ -344,13 +346,13 @@ fn push_offset(units: &mut Vec<MotionUnit>, name: &str, kind: UnitKind, node: u1
     }
 }
 
-/// All records of an embedded CSV table.
+/// Parses all records of an embedded CSV table.
 pub(super) fn rows<T: for<'de> Deserialize<'de>>(table: &'static str, text: &str) -> Result<Vec<T>, TableError> {
     let mut reader = csv::ReaderBuilder::new().from_reader(text.as_bytes());
     reader.deserialize().collect::<Result<_, _>>().map_err(|e| TableError { table, reason: e.to_string() })
 }
 
-/// Numbers separated by white space; empty text gives none.
+/// Parses numbers separated by white space; empty text gives none.
 fn numbers<T: FromStr<Err: fmt::Display>>(table: &'static str, text: &str) -> Result<Vec<T>, TableError> {
     let parse = |word: &str| word.parse().map_err(|e| TableError { table, reason: format!("`{word}`: {e}") });
     text.split_whitespace().map(parse).collect()
@@ -395,7 +397,7 @@ mod tests {
 
     #[test]
     fn mirrored_feature_points_have_mirrored_nodes() {
-        // The left and right mouth corners, 8.3 and 8.4, differ in the sign of x only.
+        // The left and right mouth corners, 8.3 and 8.4, differ only in the sign of x.
         let (tables, w) = (Tables::candide3(), Wireframe::candide3());
         let at = |text: &str| w.vertices()[tables.feature_point_nodes(text.parse().unwrap()).unwrap()[0].index()];
         assert_eq!(at("8.3").x, -at("8.4").x);

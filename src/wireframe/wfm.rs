@@ -1,8 +1,9 @@
-//! Reader and writer of Candide `.wfm` files [Candide-3, appendix D].
+//! Reads and writes Candide `.wfm` files [Candide-3, appendix D].
 //!
-//! Structure is carried by order and counts alone; headings are comments. Sections 1 to 4 (vertices, triangles, animation units,
-//! shape units) make the wireframe; what follows is the state of an animation and is not read, as copies in circulation differ
-//! there. Values are taken as they are: triangles keep the file's winding, coincident and unused vertices keep their numbers.
+//! The structure is determined by order and counts alone; headings are comments. Sections 1 to 4 (vertices, triangles, animation
+//! units, shape units) define the wireframe. The rest is the state of an animation; it is not read, because copies in circulation
+//! differ there. Values are not changed: triangles keep the winding of the file, and coincident and unused vertices keep their
+//! numbers.
 
 use std::{
     fmt::{self, Write as _},
@@ -15,16 +16,16 @@ use nalgebra::{Point3, Vector3};
 use super::{Fapu, MotionUnit, UnitKind, Wireframe, WireframeError};
 use crate::{text::excerpt, units::NodeId};
 
-/// Largest file read. Candide-3 has 35 kB.
+/// Largest file accepted, bytes. Candide-3 has 35 kB.
 const MAX_BYTES: u64 = 64 << 20;
 
-/// Most vertices that a [`NodeId`] can number.
+/// Largest number of vertices that [`NodeId`] can address.
 const MAX_VERTICES: usize = u16::MAX as usize;
 
-/// Misspelt words in the unit names of copies in circulation, and what is meant.
+/// Misspelt words in the unit names of copies in circulation, and their corrections.
 const SPELLINGS: [(&str, &str); 3] = [("strecth", "stretch"), ("strecher", "stretcher"), ("Motuh", "Mouth")];
 
-/// The sections of a `.wfm` file that are read, by the names that they have there.
+/// The sections of a `.wfm` file that are read; they are displayed by their names in the file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WfmSection {
     /// Section 1.
@@ -48,7 +49,7 @@ impl fmt::Display for WfmSection {
     }
 }
 
-/// What is wrong in a `.wfm` file.
+/// What is wrong with a `.wfm` file.
 ///
 /// ```
 /// use grimace::wireframe::{WfmErrorKind, read_wfm};
@@ -71,21 +72,21 @@ pub enum WfmErrorKind {
     /// The file ends before section 4 does.
     #[error("line {line}, {section}: the file ends where {expected} was expected; it is truncated or a count is too large")]
     Ends {
-        /// Last line, from 1.
+        /// Number of the last line, from 1.
         line: usize,
-        /// Section that is not complete.
+        /// The incomplete section.
         section: WfmSection,
-        /// What should follow.
+        /// What was expected next.
         expected: String,
     },
     /// A line that does not fit.
     #[error("line {line}, {section}: found `{found}` where {expected} was expected")]
     Line {
-        /// Line, from 1.
+        /// Line number, from 1.
         line: usize,
-        /// Section it is in.
+        /// The section it is in.
         section: WfmSection,
-        /// What should be there.
+        /// What was expected.
         expected: String,
         /// The line, shortened.
         found: String,
@@ -95,7 +96,7 @@ pub enum WfmErrorKind {
     Wireframe(#[from] WireframeError),
 }
 
-/// A `.wfm` file that does not read.
+/// Error for a `.wfm` file that cannot be read.
 ///
 /// ```
 /// use grimace::wireframe::{WfmErrorKind, read_wfm};
@@ -116,9 +117,9 @@ pub struct WfmError {
 /// Reads a `.wfm` file of any Candide version.
 ///
 /// Tolerates CRLF, tabs, blank lines, `#` and `//` comments anywhere, missing headings, bytes in comments that are not UTF-8,
-/// vertices listed twice in a unit (offsets add up), any number of units, and anything after the shape units. The comment above
-/// a unit's count gives its name and kind: `AUV2 Lip stretcher (AU20)` is action unit vector 2, `FAP 31 raise_l_i_eyebrow` with
-/// `ENS` in the next comment is FAP 31 in ENS; known misspellings are corrected.
+/// vertices listed twice in a unit (offsets add up), any number of units, and anything after the shape units. The comment above a
+/// unit's count gives its name and kind: `AUV2 Lip stretcher (AU20)` is action unit vector 2; `FAP 31 raise_l_i_eyebrow` with
+/// `ENS` in the next comment is FAP 31 in ENS. Known misspellings are corrected.
 ///
 /// ```
 /// use grimace::wireframe::{Wireframe, read_wfm, write_wfm};
@@ -186,8 +187,8 @@ fn motion_units(lines: &mut DataLines<'_>, section: WfmSection, vertex_count: us
     Ok(units)
 }
 
-/// Name and kind of a unit from the comments between the previous unit and its count: the last comment that is not a FAPU names
-/// it, unless an earlier one reads `AUV<k> name` or `FAP<n> name`.
+/// Determines name and kind of a unit from the comments between the previous unit and its count. The name is the last comment
+/// that is not a FAPU, unless an earlier one has the form `AUV<k> name` or `FAP<n> name`.
 fn unit_name(comments: &[String], section: WfmSection, unit: usize) -> (String, UnitKind) {
     let fapu = comments.last().and_then(|c| length_fapu(c));
     let names = || comments.iter().rev().filter(|c| length_fapu(c).is_none());
@@ -207,14 +208,14 @@ fn unit_name(comments: &[String], section: WfmSection, unit: usize) -> (String, 
     (named(name, &format!("shape unit {unit}")), UnitKind::Shape)
 }
 
-/// A name with single spaces and known misspellings corrected; `otherwise` where there is none.
+/// Returns a name with single spaces and known misspellings corrected; `otherwise` if it is empty.
 fn named(name: &str, otherwise: &str) -> String {
     let name = name.split_whitespace().collect::<Vec<_>>().join(" ");
     let name = SPELLINGS.iter().fold(name, |name, (wrong, right)| name.replace(wrong, right));
     if name.is_empty() { otherwise.to_owned() } else { name }
 }
 
-/// `12` and `name` of `AUV12 name`, `AUV 12 name` or `AUV12`; the prefix in any case.
+/// Returns `12` and `name` for `AUV12 name`, `AUV 12 name` or `AUV12`; the case of the prefix does not matter.
 fn numbered<'a>(comment: &'a str, prefix: &str) -> Option<(u16, &'a str)> {
     let (head, rest) = comment.split_at_checked(prefix.len())?;
     let rest = rest.trim_start();
@@ -225,17 +226,17 @@ fn numbered<'a>(comment: &'a str, prefix: &str) -> Option<(u16, &'a str)> {
     Some((number, name.trim_start_matches(':').trim()))
 }
 
-/// The FAPU length that a comment consists of.
+/// Returns the FAPU length if the comment consists of its name.
 fn length_fapu(comment: &str) -> Option<Fapu> {
     comment.parse().ok().filter(|fapu| Fapu::LENGTHS.contains(fapu))
 }
 
-/// The lines with data on them, and the comments passed since the last data line or section.
+/// Iterates over the lines with data; collects the comments since the last data line or section.
 struct DataLines<'a> {
     lines: std::slice::Split<'a, u8, fn(&u8) -> bool>,
-    /// Number of the last line taken, from 1.
+    /// Number of the last line read, from 1.
     line: usize,
-    /// Comments with a letter or digit in them, without `#` or `//`.
+    /// Comments that contain a letter or digit, without `#` or `//`.
     comments: Vec<String>,
 }
 
@@ -247,7 +248,7 @@ impl<'a> DataLines<'a> {
         Self { lines: bytes.split(is_end), line: 0, comments: Vec::new() }
     }
 
-    /// The next line with data on it, without white space and comment around it.
+    /// Returns the next line with data, without surrounding white space and comment.
     fn next(&mut self) -> Option<(usize, &'a [u8])> {
         for text in self.lines.by_ref() {
             self.line += 1;
@@ -265,7 +266,7 @@ impl<'a> DataLines<'a> {
         None
     }
 
-    /// The next data line, split into exactly `K` fields.
+    /// Returns the next data line, split into exactly `K` fields.
     fn fields<const K: usize>(
         &mut self,
         section: WfmSection,
@@ -285,7 +286,7 @@ impl<'a> DataLines<'a> {
         if found == K { Ok((line, fields)) } else { Err(bad_line(section, line, data, expected())) }
     }
 
-    /// The next data line as a count.
+    /// Returns the next data line as a count.
     fn count(&mut self, section: WfmSection, what: &str, most: usize) -> Result<usize, WfmErrorKind> {
         let expected = || match most {
             usize::MAX => what.to_owned(),
@@ -297,19 +298,19 @@ impl<'a> DataLines<'a> {
     }
 }
 
-/// A line up to its comment, and the comment with its mark.
+/// Splits a line into data and comment; the comment includes its mark.
 fn split_comment(line: &[u8]) -> (&[u8], &[u8]) {
     let starts = |k: &usize| line[*k] == b'#' || line[*k..].starts_with(b"//");
     line.split_at((0..line.len()).find(starts).unwrap_or(line.len()))
 }
 
-/// A field as a finite number.
+/// Parses a field as a finite number.
 fn finite(section: WfmSection, line: usize, field: &[u8]) -> Result<f64, WfmErrorKind> {
     let value = text(field).parse::<f64>().ok().filter(|v| v.is_finite());
     value.ok_or_else(|| bad_line(section, line, field, "a finite number".to_owned()))
 }
 
-/// A field as the number of one of `count` vertices.
+/// Parses a field as the index of one of `count` vertices.
 fn node_id(section: WfmSection, line: usize, field: &[u8], count: usize) -> Result<NodeId, WfmErrorKind> {
     let node = text(field).parse().ok().filter(|&node: &u16| usize::from(node) < count).map(NodeId);
     let expected = || match count {
@@ -319,21 +320,21 @@ fn node_id(section: WfmSection, line: usize, field: &[u8], count: usize) -> Resu
     node.ok_or_else(|| bad_line(section, line, field, expected()))
 }
 
-/// A field as text; empty, which is no number, when it is not UTF-8.
+/// Returns a field as text; if it is not UTF-8, empty text, which does not parse as a number.
 fn text(field: &[u8]) -> &str {
     std::str::from_utf8(field).unwrap_or_default()
 }
 
 fn bad_line(section: WfmSection, line: usize, found: &[u8], expected: String) -> WfmErrorKind {
-    /// Enough bytes for an excerpt; a file may be one line.
+    /// Number of bytes used for an excerpt; a file may be a single line.
     const ENOUGH: usize = 400;
     let found = excerpt(&String::from_utf8_lossy(&found[..found.len().min(ENOUGH)]));
     WfmErrorKind::Line { line, section, expected, found }
 }
 
-/// A wireframe as the text of a `.wfm` file: nine sections with headings, 6 decimals, LF, ASCII.
+/// Formats a wireframe as the text of a `.wfm` file: nine sections with headings, 6 decimals, LF, ASCII.
 ///
-/// What [`read_wfm`] reads back equals the wireframe up to the decimals and names that are not ASCII.
+/// [`read_wfm`] reads the text back as an equal wireframe, except for further decimals and names that are not ASCII.
 ///
 /// ```
 /// use grimace::wireframe::{Wireframe, write_wfm};
@@ -390,13 +391,13 @@ fn write_unit(out: &mut String, unit: &MotionUnit) -> fmt::Result {
     writeln!(out)
 }
 
-/// Six decimals, without a sign on zero.
+/// Formats a number with six decimals; zero has no sign.
 fn decimal(value: f64) -> String {
     let text = format!("{value:.6}");
     if text == "-0.000000" { "0.000000".to_owned() } else { text }
 }
 
-/// Printable ASCII; other characters become `?`.
+/// Replaces all characters other than printable ASCII by `?`.
 fn ascii(name: &str) -> String {
     name.chars().map(|c| if c == ' ' || c.is_ascii_graphic() { c } else { '?' }).collect()
 }

@@ -69,7 +69,7 @@ fn a_small_file_reads_with_names_and_kinds() {
             ("blink", UnitKind::Other),
         ]
     );
-    // The list of missing FAPs above section 4 is no unit's name.
+    // The list of missing FAPs above section 4 is not the name of a unit.
     assert_eq!(names(w.shape_units()), [("Mouth width", UnitKind::Shape)]);
     assert_eq!(w.shape_units()[0].offsets[1], (NodeId(1), Vector3::new(0.5, 0.0, 0.0)));
 }
@@ -190,7 +190,7 @@ proptest! {
 
     #[test]
     fn a_cut_before_the_end_of_the_shape_units_is_an_error(share in 0.0..0.999_f64) {
-        // The last shape unit's last row ends where section 5 starts; a cut at the end of a line leaves all lines whole.
+        // The last row of the last shape unit ends where section 5 starts; a cut at the end of a line leaves all lines complete.
         let end = CANDIDE3.find("# ANIMATION PARAMETERS").unwrap();
         let lines: Vec<&str> = CANDIDE3[..end].trim_end().split_inclusive('\n').collect();
         let kept = (lines.len() as f64 * share) as usize;

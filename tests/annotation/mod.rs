@@ -1,6 +1,6 @@
-//! A server of `grimace annotate` that is killed when the test ends, and plain HTTP to talk to it, also as it should not be.
+//! A server of `grimace annotate` that ends with the test, and plain HTTP requests to it, valid and invalid.
 
-// Every test program uses a part of this.
+// Every test program uses only a part of this module.
 #![allow(dead_code)]
 
 use std::{
@@ -26,7 +26,7 @@ pub struct Server {
     pub token: String,
 }
 
-/// An answer.
+/// An HTTP response.
 #[derive(Debug)]
 pub struct Answer {
     pub status: u16,
@@ -71,18 +71,18 @@ impl Server {
         panic!("the server printed no address: {lines:?}");
     }
 
-    /// Ends the server as a power failure would.
+    /// Kills the server, as a power failure would.
     pub fn kill(mut self) {
         self.process.kill().unwrap();
         self.process.wait().unwrap();
     }
 
-    /// Number of the server's process.
+    /// Returns the process id of the server.
     pub fn process(&self) -> u32 {
         self.process.id()
     }
 
-    /// As [`Server::send`] to a server that may be killed meanwhile: the status, if an answer came.
+    /// Like [`Server::send`], for a server that may be killed meanwhile. Returns the status, if a response came.
     pub fn try_send(&self, method: &str, path: &str, body: &Value) -> Option<u16> {
         let body = body.to_string();
         let head = format!(
@@ -103,7 +103,7 @@ impl Server {
         self.authority.rsplit_once(':').unwrap().1.parse().unwrap()
     }
 
-    /// Sends bytes on a connection of their own and reads to the end.
+    /// Sends bytes on a new connection and reads the response to the end.
     pub fn raw(&self, request: &[u8]) -> Answer {
         let mut stream = TcpStream::connect(&self.authority).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(300))).unwrap();
@@ -117,7 +117,7 @@ impl Server {
         Answer { status, head, body: bytes[end + 4..].to_vec() }
     }
 
-    /// A request with headers of its own; `Host` is this server's unless it is among them.
+    /// Sends a request with the given headers; `Host` is that of the server unless it is given.
     pub fn request(&self, method: &str, target: &str, headers: &[(&str, &str)], body: &[u8]) -> Answer {
         let mut head = format!("{method} {target} HTTP/1.1\r\nConnection: close\r\nContent-Length: {}\r\n", body.len());
         if !headers.iter().any(|(name, _)| name.eq_ignore_ascii_case("host")) {
@@ -131,12 +131,12 @@ impl Server {
         self.raw(&bytes)
     }
 
-    /// Asks for an address behind the token.
+    /// Sends a GET request for a path after the token.
     pub fn get(&self, path: &str) -> Answer {
         self.request("GET", &format!("{}/{path}", self.token), &[], b"")
     }
 
-    /// Sends JSON to an address behind the token.
+    /// Sends JSON to a path after the token.
     pub fn send(&self, method: &str, path: &str, body: &Value) -> Answer {
         let json = [("Content-Type", "application/json")];
         self.request(method, &format!("{}/{path}", self.token), &json, body.to_string().as_bytes())

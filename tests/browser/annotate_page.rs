@@ -1,6 +1,6 @@
-//! The page of `grimace annotate` in headless Chromium, by clicks, keys and touch.
+//! The page of `grimace annotate` in headless Chromium, operated by clicks, keys and touch.
 //!
-//! `GRIMACE_SCREENSHOTS=DIR` keeps the pictures.
+//! `GRIMACE_SCREENSHOTS=DIR` saves screenshots.
 
 use std::{fs, path::Path, thread::sleep, time::Duration};
 
@@ -9,7 +9,7 @@ use crate::common::Work;
 use crate::driver::{Browser, CONTROL, DELETE, DOWN, END, ENTER, ESCAPE, HOME, LEFT, RIGHT, SHIFT, wait};
 use serde_json::{Value, json};
 
-/// Sequences without correspondences, nor a column for them.
+/// Makes sequences without correspondences and without a column for them.
 fn unmarked(ids: &[&str]) -> Work {
     let work = Work::with_sequences(ids);
     let mut manifest = "subject,sequence,emotion\n".to_owned();
@@ -21,7 +21,7 @@ fn unmarked(ids: &[&str]) -> Work {
     work
 }
 
-/// Where the simulation put a node in the neutral frame.
+/// Returns the true position of a node in the neutral frame of a simulated sequence.
 fn truth(sequence: &str, node: u64) -> (f64, f64) {
     let file = &crate::common::FACES[&format!("truth/{sequence}.csv")];
     let mut reader = csv::Reader::from_reader(file.as_slice());
@@ -31,7 +31,7 @@ fn truth(sequence: &str, node: u64) -> (f64, f64) {
     (row["x"].parse().unwrap(), row["y"].parse().unwrap())
 }
 
-/// Starts the page at a size.
+/// Opens the page at a window size.
 fn open(browser: &Browser, server: &Server, size: (u32, u32)) {
     browser.size(size.0, size.1);
     browser.go(&server.url);
@@ -46,14 +46,14 @@ fn text(browser: &Browser, id: &str) -> String {
     browser.text(&format!("return document.getElementById('{id}').textContent"))
 }
 
-/// The window's place of an image position.
+/// Returns the window position of an image position.
 fn place(browser: &Browser, (x, y): (f64, f64)) -> (f64, f64) {
     let script = format!("const m = document.getElementById('world').getScreenCTM(); return [m.a * {x} + m.e, m.d * {y} + m.f]");
     let place = browser.run(&script);
     (place[0].as_f64().unwrap(), place[1].as_f64().unwrap())
 }
 
-/// The image position of a mark of a kind at a node.
+/// Returns the image position of a mark of a kind at a node.
 fn mark(browser: &Browser, kind: &str, node: u64) -> (f64, f64) {
     let script = format!(
         "return document.querySelector('.pin.{kind}[data-node=\"{node}\"]').getAttribute('transform').match(/-?[0-9.]+/g).map(Number)"
@@ -62,7 +62,7 @@ fn mark(browser: &Browser, kind: &str, node: u64) -> (f64, f64) {
     (numbers[0].as_f64().unwrap(), numbers[1].as_f64().unwrap())
 }
 
-/// The node that the page asks for.
+/// Returns the node that the page asks for.
 fn asked(browser: &Browser) -> Option<u64> {
     browser.run("return Number(document.querySelector('.pickable.next')?.dataset.node ?? -1)").as_u64()
 }
@@ -82,7 +82,7 @@ fn rows(work: &Work, sequence: &str) -> Vec<(u64, f64, f64, String)> {
         .collect()
 }
 
-/// Dismisses what is proposed, if anything is: most simulated faces are found.
+/// Dismisses the proposals, if there are any; most simulated faces are found.
 fn no_proposals(browser: &Browser) {
     wait(browser, "document.getElementById('proposal-bar').dataset.answered === document.getElementById('sequence').textContent");
     browser.run("document.getElementById('dismiss').click()");

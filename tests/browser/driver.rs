@@ -1,6 +1,6 @@
-//! Headless Chromium driven through chromedriver (WebDriver). `GRIMACE_SCREENSHOTS=DIR` keeps the pictures.
+//! Drives headless Chromium through chromedriver (WebDriver). `GRIMACE_SCREENSHOTS=DIR` saves screenshots.
 
-// Every test program uses a part of this.
+// Every test program uses only a part of this module.
 #![allow(dead_code)]
 
 use std::{
@@ -15,7 +15,7 @@ use std::{
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-/// Keys by WebDriver's codes.
+/// WebDriver codes of keys.
 pub const ENTER: char = '\u{e007}';
 pub const ESCAPE: char = '\u{e00c}';
 pub const SHIFT: char = '\u{e008}';
@@ -28,7 +28,7 @@ pub const RIGHT: char = '\u{e014}';
 pub const DOWN: char = '\u{e015}';
 pub const DELETE: char = '\u{e017}';
 
-/// Chromedriver and its port; `None` where it ends without naming one.
+/// Starts chromedriver and returns it with its port; `None` when it ends without printing one.
 fn start_driver(install: &str) -> Option<(Child, u16)> {
     let mut driver = Command::new("chromedriver")
         .arg("--port=0")
@@ -48,7 +48,7 @@ fn start_driver(install: &str) -> Option<(Child, u16)> {
     Some((driver, port))
 }
 
-/// A browser session; chromedriver and the browser end with it.
+/// A browser session, which ends chromedriver and the browser when it is dropped.
 pub struct Browser {
     driver: Child,
     session: String,
@@ -97,7 +97,7 @@ impl Browser {
         self.try_post(path, body).unwrap_or_else(|error| panic!("{path}: {error}"))
     }
 
-    /// The value of a script's `return`.
+    /// Runs a script and returns the value of its `return` statement.
     pub fn run(&self, script: &str) -> Value {
         self.post("/execute/sync", &json!({"script": script, "args": []}))
     }
@@ -123,14 +123,14 @@ impl Browser {
         self.post("/url", &json!({ "url": url }));
     }
 
-    /// Presses keys one after the other: characters, or the codes of WebDriver such as [`ENTER`].
+    /// Presses keys one after another: characters, or WebDriver codes such as [`ENTER`].
     pub fn press(&self, keys: &str) {
         let presses =
             keys.chars().flat_map(|key| [json!({"type": "keyDown", "value": key}), json!({"type": "keyUp", "value": key})]);
         self.act(&json!({"type": "key", "id": "keys", "actions": presses.collect::<Vec<_>>()}));
     }
 
-    /// Presses a key while others are held.
+    /// Presses a key while others are held down.
     pub fn chord(&self, held: &[char], key: char) {
         let act = |what: &str, key: char| json!({"type": what, "value": key});
         let down = held.iter().map(|&k| act("keyDown", k));
@@ -139,7 +139,7 @@ impl Browser {
         self.act(&json!({"type": "key", "id": "keys", "actions": actions}));
     }
 
-    /// Presses the pointer at the first place of the window, leads it through the others and lets it go.
+    /// Presses the pointer at the first position in the window, moves it through the others and releases it.
     pub fn drag(&self, pointer: &str, places: &[(f64, f64)]) {
         let to = |&(x, y): &(f64, f64), duration: u32| json!({"type": "pointerMove", "duration": duration, "x": x.round() as i64, "y": y.round() as i64});
         let mut actions = vec![to(&places[0], 0), json!({"type": "pointerDown", "button": 0})];
@@ -148,7 +148,7 @@ impl Browser {
         self.act(&json!({"type": "pointer", "id": pointer, "parameters": {"pointerType": pointer}, "actions": actions}));
     }
 
-    /// Presses the pointer at the first place and leads it through the others without letting go.
+    /// Presses the pointer at the first position and moves it through the others without releasing it.
     pub fn press_pointer(&self, places: &[(f64, f64)]) {
         let to =
             |&(x, y): &(f64, f64)| json!({"type": "pointerMove", "duration": 30, "x": x.round() as i64, "y": y.round() as i64});
@@ -157,7 +157,7 @@ impl Browser {
         self.act(&json!({"type": "pointer", "id": "mouse", "parameters": {"pointerType": "mouse"}, "actions": actions}));
     }
 
-    /// Lets the pointer of [`Browser::press_pointer`] go.
+    /// Releases the pointer of [`Browser::press_pointer`].
     pub fn release_pointer(&self) {
         let actions = [json!({"type": "pointerUp", "button": 0})];
         self.act(&json!({"type": "pointer", "id": "mouse", "parameters": {"pointerType": "mouse"}, "actions": actions}));
@@ -167,7 +167,7 @@ impl Browser {
         self.drag("mouse", &[place]);
     }
 
-    /// Two fingers from their places to others, at the same time.
+    /// Moves two fingers from their positions to others at the same time.
     pub fn pinch(&self, fingers: [[(f64, f64); 2]; 2]) {
         let to = |(x, y): (f64, f64), duration: u32| json!({"type": "pointerMove", "duration": duration, "x": x.round() as i64, "y": y.round() as i64});
         let finger = |k: usize| {
@@ -189,7 +189,7 @@ impl Browser {
         self.post("/actions", &json!({ "actions": [source] }));
     }
 
-    /// A second window of the same browser, which is used from now on; both handles.
+    /// Opens and selects a second window of the browser; returns both handles.
     pub fn new_window(&self) -> (String, String) {
         let handle = |path: &str| self.get(path).as_str().unwrap().to_owned();
         let first = handle("/window");
@@ -214,7 +214,7 @@ impl Browser {
         assert_eq!(log, json!([]), "the browser's console");
     }
 
-    /// Keeps a picture of the window, or of the whole page in pieces.
+    /// Saves a screenshot of the window, or of the whole page in pieces.
     pub fn screenshot(&self, name: &str, whole: bool) {
         const PIECE: f64 = 1300.0;
         if env::var_os("GRIMACE_SCREENSHOTS").is_none() {
@@ -247,7 +247,7 @@ impl Drop for Browser {
     }
 }
 
-/// Keeps a file where `GRIMACE_SCREENSHOTS` says.
+/// Saves a file in the folder of `GRIMACE_SCREENSHOTS`.
 pub fn keep(name: &str, bytes: &[u8]) {
     if let Some(folder) = env::var_os("GRIMACE_SCREENSHOTS") {
         fs::create_dir_all(&folder).unwrap();
@@ -269,7 +269,7 @@ pub fn decode_base64(text: &str) -> Vec<u8> {
     bytes
 }
 
-/// Waits for a condition in the page: long enough for a machine that does eight other things.
+/// Waits for a condition in the page, long enough for a busy machine.
 pub fn wait(browser: &Browser, condition: &str) {
     let start = Instant::now();
     while browser.run(&format!("return {condition}")) != json!(true) {

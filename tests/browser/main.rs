@@ -1,4 +1,4 @@
-//! The page of `annotate` and the report in a real browser.
+//! The pages of `annotate` and `play`, and the report, in a real browser.
 #![allow(missing_docs, clippy::pedantic)]
 
 #[path = "../annotation/mod.rs"]

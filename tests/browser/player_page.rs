@@ -1,5 +1,5 @@
-//! The page of `play` in Chromium: it plays, goes through time, exaggerates, compares, and a slider of a FAP moves its node; with WebGL and
-//! without. Eyes that shut look as those of `clone`.
+//! The page of `play` in Chromium, with and without WebGL: it plays, seeks, exaggerates and compares, and a FAP slider moves its node.
+//! Closed eyes look like those of `clone`.
 
 use std::{path::Path, process::Command, thread::sleep, time::Duration};
 
@@ -8,7 +8,7 @@ use crate::driver::{Browser, END, HOME, decode_base64, keep, wait};
 use image::RgbImage;
 use serde_json::json;
 
-/// Writes a FAP file in which FAPs have these values, one a frame.
+/// Writes a FAP file in which these FAPs have these values, one for each frame.
 fn write_fap(folder: &Path, name: &str, faps: &[usize], values: &[i32]) {
     let mask = (1..=68).map(|k| if faps.contains(&k) { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
     let row = |value: &i32| vec![value.to_string(); faps.len()].join(" ");
@@ -16,7 +16,7 @@ fn write_fap(folder: &Path, name: &str, faps: &[usize], values: &[i32]) {
     std::fs::write(folder.join(format!("{name}.fap")), format!("2.1 {name} 25 {}\n{frames}", values.len())).unwrap();
 }
 
-/// A page of two FAP files, a smile and an open jaw, on the shipped face.
+/// Makes a page of two FAP files, a smile and an open jaw, on the shipped face.
 fn page(browser: &Browser) -> String {
     let folder = browser.folder.path();
     for (name, fap, value) in [("jaw", 3, 400), ("smile", 59, 300)] {
@@ -29,7 +29,7 @@ fn page(browser: &Browser) -> String {
     format!("file://{}", folder.join("player.html").display())
 }
 
-/// The vertex of a node, px of the picture, y down.
+/// Returns the position of a node's vertex, px of the picture, y down.
 fn node(browser: &Browser, node: u16) -> (f64, f64) {
     let place = browser.run(&format!(
         "const r = P.views[0].rig; const v = new Map(r.drivers).get({node}); return [r.moved[2 * v], r.moved[2 * v + 1]]"
@@ -37,7 +37,7 @@ fn node(browser: &Browser, node: u16) -> (f64, f64) {
     (place[0].as_f64().unwrap(), place[1].as_f64().unwrap())
 }
 
-/// No error in the console. Warnings of a browser that draws WebGL without a graphics card are none.
+/// Fails when the console has errors. Warnings about WebGL without a graphics card are ignored.
 fn no_errors(browser: &Browser) {
     let log = browser.post("/se/log", &json!({"type": "browser"}));
     let severe: Vec<_> = log.as_array().unwrap().iter().filter(|entry| entry["level"] == "SEVERE").collect();
@@ -105,7 +105,7 @@ fn it_plays_scrubs_compares_and_a_slider_moves_a_node() {
     }
 }
 
-/// Runs grimace in a folder, once for every list of arguments.
+/// Runs grimace in a folder, once for each list of arguments.
 fn make(folder: &Path, commands: &[&[&str]]) {
     for args in commands {
         let run = Command::new(grimace()).current_dir(folder).args(*args).output().unwrap();
@@ -113,7 +113,7 @@ fn make(folder: &Path, commands: &[&[&str]]) {
     }
 }
 
-/// Mean difference of two pictures between two corners, levels.
+/// Returns the mean difference of two pictures between two corners, grey levels.
 fn apart(one: &RgbImage, other: &RgbImage, (left, top): (u32, u32), (right, bottom): (u32, u32)) -> f64 {
     let pixels = (top..bottom).flat_map(|y| (left..right).map(move |x| (x, y)));
     let levels = pixels.flat_map(|(x, y)| one.get_pixel(x, y).0.into_iter().zip(other.get_pixel(x, y).0));
@@ -129,7 +129,7 @@ fn eyes_that_shut_look_as_clone_draws_them() {
     shut.looks_as_clone_draws_it(portrait(), eyes, &[("", 2.5), ("#canvas", 3.0)]);
 }
 
-/// Brows that rise.
+/// A motion that raises the brows.
 const RAISED: Motion = Motion { name: "raised", faps: &[31, 32, 33, 34, 35, 36], values: &[0, 100, 200] };
 
 #[test]
@@ -167,14 +167,14 @@ fn portrait() -> RgbImage {
     image::open(fixture("P01.jpg")).unwrap().to_rgb8()
 }
 
-/// Where a node is, px.
+/// Function that returns the position of a node, px.
 type Node<'a> = &'a dyn Fn(usize) -> (f64, f64);
-/// A part of the picture that is compared, from its left upper to its right lower corner.
+/// A compared part of the picture: its upper left and lower right corner.
 type Part = [(f64, f64); 2];
-/// The parts that are, by the nodes.
+/// Function that returns the compared parts from the nodes.
 type Parts = fn(Node) -> Vec<Part>;
 
-/// Both eyes from corner to corner, from above the upper lid to the lower one, by the nodes.
+/// Returns both eyes from corner to corner, from above the upper lid to the lower lid.
 fn eyes(node: Node) -> Vec<Part> {
     let eyes = [[23, 20, 21, 22], [53, 56, 54, 55]].map(|eye| eye.map(node));
     eyes.map(|[from, to, upper, lower]| {
@@ -184,7 +184,7 @@ fn eyes(node: Node) -> Vec<Part> {
     .to_vec()
 }
 
-/// The skin that raised brows draw out, and the forehead that they push together.
+/// Returns the skin that raised brows stretch, and the forehead that they compress.
 fn below_brows_and_forehead(node: Node) -> Vec<Part> {
     let below =
         [[17, 18], [51, 50]].map(|[from, to]| [(node(from).0, node(from).1.min(node(to).1)), (node(to).0, node(21).1 - 4.0)]);
@@ -201,7 +201,8 @@ struct Motion {
 }
 
 impl Motion {
-    /// Plays it on a portrait, and clones it; in every part the pictures may be so many levels apart, on pages whose address ends so.
+    /// Plays the motion on a portrait and clones it. In every part the pictures may differ by at most the limit, for pages with the given
+    /// address suffix.
     fn looks_as_clone_draws_it(&self, picture: RgbImage, parts: Parts, limits: &[(&str, f64)]) {
         let browser = Browser::start();
         let folder = browser.folder.path();

@@ -1,7 +1,7 @@
-//! The report in headless Chromium, driven through chromedriver (WebDriver): it draws without errors, plays, scrubs, sorts, filters,
-//! and is readable in the dark and on a phone.
+//! The report in headless Chromium, driven through chromedriver (WebDriver): it draws without errors, plays, seeks, sorts, filters, and is
+//! readable in dark mode and on a phone.
 //!
-//! `GRIMACE_SCREENSHOTS=DIR` keeps the pictures and the page.
+//! `GRIMACE_SCREENSHOTS=DIR` saves the screenshots and the page.
 
 use std::{fs, thread::sleep, time::Duration};
 
@@ -16,7 +16,7 @@ use grimace::internal::{
 };
 use serde_json::json;
 
-/// Writes a report and shows it.
+/// Writes a report and opens it.
 fn open(browser: &Browser, name: &str, fixture: &Fixture) {
     let path = browser.folder.path().join(format!("{name}.html"));
     let html = render_html(&fixture.data()).unwrap();

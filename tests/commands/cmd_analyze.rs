@@ -1,4 +1,4 @@
-//! `grimace analyze`: what a user types, and what comes out.
+//! `grimace analyze`: commands and their output.
 
 use crate::common::{SEQUENCES, Work, assert_same_files};
 

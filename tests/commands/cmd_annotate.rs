@@ -1,4 +1,5 @@
-//! `grimace annotate` over plain HTTP: what it saves, what it refuses, what it survives. The page itself is in `annotate_browser.rs`.
+//! `grimace annotate` over plain HTTP: what it saves, what it refuses, and how it recovers. The page itself is tested in
+//! `annotate_page.rs`.
 
 use std::{
     fs,
@@ -12,7 +13,7 @@ use crate::annotation::Server;
 use crate::common::{Work, root};
 use serde_json::{Value, json};
 
-/// Two sequences of which neither has correspondences yet, nor a column for them.
+/// Makes two sequences without correspondences and without a column for them.
 fn unmarked() -> Work {
     let work = Work::with_sequences(&["S001_005", "S002_007"]);
     for name in ["faces/S001/005/correspondences.csv", "faces/S002/007/correspondences.csv"] {
@@ -26,7 +27,7 @@ fn unmarked() -> Work {
     work
 }
 
-/// The marks that the simulation made for a sequence.
+/// Returns the simulation's marks of a sequence.
 fn true_marks(sequence: &str) -> Vec<Value> {
     let file = &crate::common::FACES[&format!("{sequence}/correspondences.csv")];
     let rows = csv::Reader::from_reader(file.as_slice()).into_deserialize::<(u16, f64, f64)>().map(Result::unwrap);
@@ -382,7 +383,7 @@ fn a_video_is_marked_and_scrubbed_like_images() {
     );
 }
 
-/// The two sequences of [`unmarked`] in the layout of Cohn-Kanade.
+/// Makes the two sequences of [`unmarked`] in the layout of Cohn-Kanade.
 fn cohn_kanade() -> Work {
     let work = unmarked();
     for (subject, sequence, code) in [("S001", "005", 5), ("S002", "007", 7)] {
@@ -467,7 +468,7 @@ fn proposals_come_from_landmarks_and_missing_cascades_are_explained() {
     assert_eq!(open(&server, "S001_005")["marks"], json!([]));
 }
 
-/// The first of the averaged portraits that ship with the tests, as `NAME.jpg` and `NAME/1.jpg`, `NAME/2.jpg`.
+/// Copies the first composite portrait of the fixtures as `NAME.jpg` and `NAME/1.jpg`, `NAME/2.jpg`.
 fn portrait(work: &Work, name: &str) {
     let folder = crate::common::root().join("fixtures/portraits");
     let mut pictures: Vec<_> = fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
@@ -576,7 +577,7 @@ fn the_face_of_one_picture_is_proposed_and_accepted() {
     }
 }
 
-/// A connection that is kept for many requests, as a browser does.
+/// A connection that is kept open for many requests, as in a browser.
 struct Connection {
     stream: BufReader<TcpStream>,
     head: String,
@@ -877,7 +878,7 @@ fn what_can_not_be_annotated_is_said() {
     assert_eq!(server.lines[0], "1 track, sorted by lost nodes, worst first");
 }
 
-/// How often a server is killed in the middle of its work; `GRIMACE_KILLS=200` for the whole campaign.
+/// Number of times a server is killed during its work; `GRIMACE_KILLS=200` runs the full campaign.
 fn kills() -> u64 {
     std::env::var("GRIMACE_KILLS").ok().and_then(|text| text.parse().ok()).unwrap_or(5)
 }

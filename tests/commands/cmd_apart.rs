@@ -1,8 +1,8 @@
-//! Files of one command that would be written over each other, or over what they are made from: refused, and nothing is written.
+//! Commands whose files would overwrite each other or their input are refused, and nothing is written.
 
 use crate::common::{Work, root};
 
-/// A folder with a portrait, its marks and a FAP file.
+/// Makes a folder with a portrait, its marks and a FAP file.
 fn portrait() -> Work {
     let work = Work::new();
     let fixture = |name: &str| std::fs::read(root().join("fixtures").join(name)).unwrap();

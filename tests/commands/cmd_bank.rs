@@ -1,10 +1,10 @@
-//! `grimace bank`: sources, mixing, what it says, and what it refuses.
+//! `grimace bank`: sources, mixing, messages and errors.
 
 use std::fs;
 
 use crate::common::{Work, root};
 
-/// A face of nine vertices in a folder of OBJ files: neutral, `smile` (corners up) and `open` (lower row down).
+/// Writes a face of nine vertices in a folder of OBJ files: neutral, `smile` (corners up) and `open` (lower row down).
 fn meshes(work: &Work) {
     let obj = |offset: &dyn Fn(usize) -> [f64; 3]| {
         let mut text = String::from("# a face\n");

@@ -1,8 +1,9 @@
-//! Marks that lie beside the face of their picture: every command that takes marks says so, of right ones nothing.
+//! Marks that do not lie on the face of their picture: every command that takes marks warns about them, and does not warn about correct
+//! marks.
 
 use crate::common::{Work, root};
 
-/// A portrait that smiles, as the dataset `faces`: its frames, its marks, and a manifest.
+/// Makes a smiling portrait as the dataset `faces`: its frames, its marks, and a manifest.
 fn smiling() -> Work {
     let work = Work::new();
     let fixture = |name: &str| root().join("fixtures").join(name).display().to_string();
@@ -19,7 +20,7 @@ fn smiling() -> Work {
 
 const MARKS: &str = "faces/P01/001/correspondences.csv";
 
-/// The marks of the file, each moved by (x, y) px times a factor.
+/// Writes a copy of the marks, each moved by `moved`.
 fn move_marks(work: &Work, to: &str, moved: impl Fn(u16, f64, f64) -> (f64, f64)) {
     let rows = work.rows(MARKS);
     let row = |row: &std::collections::BTreeMap<String, String>| {

@@ -1,4 +1,4 @@
-//! `grimace check`: what `run` would meet in a dataset, in its words, without tracking anything.
+//! `grimace check`: reports the problems that `run` would meet in a dataset, in the same words, without tracking.
 
 use std::collections::BTreeMap;
 

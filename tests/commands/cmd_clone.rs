@@ -1,4 +1,4 @@
-//! `grimace clone` as a user runs it.
+//! `grimace clone` end to end.
 
 use std::io::Cursor;
 
@@ -6,7 +6,7 @@ use crate::common::{Ran, Work};
 use grimace::internal::fap::{FapNumber, read_fap};
 use image::{DynamicImage, ImageFormat, RgbImage};
 
-/// A folder with S001's happiness as `faces`, its track as `S001_005.csv`, and S002's neutral frame as `target.png` with `marks.csv`.
+/// Makes a folder with S001's happiness as `faces`, its track as `S001_005.csv`, and S002's neutral frame as `target.png` with `marks.csv`.
 fn work() -> Work {
     let work = Work::with_sequences(&["S001_005", "S002_005"]);
     work.grimace("track faces/S001/005 -c faces/S001/005/correspondences.csv -o S001_005.csv --emotion happiness -q").exit(0);
@@ -418,7 +418,7 @@ fn targets_without_marks_turned_away_or_of_another_size_are_named() {
         .says(&["2 targets but 1 files of --correspondences"]);
 }
 
-/// The marks of `marks.csv` times a factor.
+/// Returns the marks of `marks.csv` multiplied by a factor.
 fn scaled_marks(work: &Work, factor: f64) -> String {
     let row = |row: &std::collections::BTreeMap<String, String>| {
         let scale = |column: &str| (row[column].parse::<f64>().unwrap() + 0.5) * factor - 0.5;
@@ -458,7 +458,7 @@ fn tiny_and_huge_pictures_work_or_say_what_is_missing() {
         .says(&["16400x40, larger than 16384 px"]);
 }
 
-/// A JPEG whose EXIF data says that it lies on its side (orientation 6: turn it clockwise to see it upright).
+/// Returns a JPEG that EXIF data mark as lying on its side (orientation 6: rotate clockwise to see it upright).
 fn on_its_side(upright: &RgbImage) -> Vec<u8> {
     let mut jpeg = Cursor::new(Vec::new());
     image::imageops::rotate270(upright).write_to(&mut jpeg, ImageFormat::Jpeg).unwrap();

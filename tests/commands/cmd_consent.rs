@@ -1,16 +1,16 @@
-//! Who did not agree to be shown is counted, and not shown.
+//! People who did not agree to publication are counted, but not shown.
 
 use crate::common::Work;
 use serde_json::Value;
 
-/// The data of a report, parsed.
+/// Returns the parsed data of a report.
 fn data(html: &str) -> Value {
     let start = html.find(r#"id="data">"#).unwrap() + r#"id="data">"#.len();
     let length = html[start..].find("</script>").unwrap();
     serde_json::from_str(&html[start..start + length]).unwrap()
 }
 
-/// S001 and S002 smile; S001 does not want to be shown.
+/// Makes a dataset in which S001 and S002 smile, and S001 does not agree to be shown.
 fn work() -> Work {
     let work = Work::with_sequences(&["S001_005", "S002_005"]);
     let manifest = work.read("faces/manifest.csv");

@@ -1,4 +1,4 @@
-//! `grimace fap`: what a user types, and what comes out.
+//! `grimace fap`: commands and their output.
 
 use std::{fs, path::PathBuf};
 
@@ -6,7 +6,7 @@ use assert_cmd::Command;
 use predicates::{prelude::*, str::contains};
 use tempfile::TempDir;
 
-/// A fresh folder to run in.
+/// A new folder to run in.
 struct Work {
     folder: TempDir,
 }
@@ -29,7 +29,7 @@ impl Work {
         fs::read_to_string(self.path(name)).unwrap()
     }
 
-    /// `grimace fap ARGS` in the folder.
+    /// Runs `grimace fap ARGS` in the folder.
     fn fap(&self, args: &str) -> assert_cmd::assert::Assert {
         let mut command = Command::new(crate::common::grimace());
         command.current_dir(self.folder.path()).arg("fap").args(args.split_whitespace()).assert()
@@ -44,12 +44,12 @@ impl Work {
     }
 }
 
-/// A mask line with the given FAPs set.
+/// Returns a mask line with the given FAPs set.
 fn mask(faps: &[usize]) -> String {
     (1..=68).map(|n| if faps.contains(&n) { "1" } else { "0" }).collect::<Vec<_>>().join(" ")
 }
 
-/// A file in the strict subset: FAPs 4, 31 and 51 over three frames, 25 frames per second.
+/// Returns a file in the strict subset: FAPs 4, 31 and 51 over three frames, 25 frames per second.
 fn strict() -> String {
     let m = mask(&[4, 31, 51]);
     format!("2.1 joy 25 3\n{m}\n0 0 0 0\n{m}\n1 10 -20 30\n{m}\n2 40 -60 80\n")
@@ -151,7 +151,7 @@ fn check_counts_over_files_and_fails_on_errors_only() {
         .stderr(contains("2 files did not pass"));
 }
 
-/// What known tools write is read with a warning that names the rule, and comes out strict.
+/// Files of known tools are read with a warning that names the violated rule, and are written in the strict subset.
 #[test]
 fn what_known_tools_write_is_read() {
     let m = mask(&[4, 31, 51]);
@@ -185,7 +185,7 @@ fn what_known_tools_write_is_read() {
     }
 }
 
-/// What no known tool writes is refused with line and rule, and nothing is written.
+/// Files that no known tool writes are refused with line and rule, and nothing is written.
 #[test]
 fn what_no_tool_writes_is_refused_with_line_and_rule() {
     let m = mask(&[4, 31, 51]);
@@ -341,7 +341,7 @@ fn convert_writes_what_a_reader_needs() {
     assert!(!work.path("x.fap").exists());
 }
 
-/// A mask line as Greta's C++ readers need it: they take a flag from each blank to the one before.
+/// Returns the number of flags that Greta's C++ readers find in a mask line: they read one flag before each blank.
 fn flags_between_blanks(line: &str) -> usize {
     line.matches(' ').count()
 }

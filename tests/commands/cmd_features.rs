@@ -1,4 +1,4 @@
-//! `grimace features` and the features of a run: what a user types, and what comes out.
+//! `grimace features` and the features of a run: commands and their output.
 
 use grimace::internal::{
     pose::{HEAD_ES, HeadModel, HeadPose},
@@ -8,8 +8,8 @@ use nalgebra::{Point2, Point3, Vector3};
 
 use crate::common::{Work, assert_same_files};
 
-/// Landmarks of the mean head in three frames, 100 px between the pupils: neutral, then half and whole of a turn (yaw, degrees)
-/// and a smile.
+/// Returns landmarks of the mean head in three frames, 100 px between the pupils: neutral, then half and all of a turn (yaw, degrees) and a
+/// smile.
 fn turning(yaw: f64, smile: f64) -> String {
     let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
     let head = HeadModel::shipped(&wireframe, &tables);
@@ -179,7 +179,7 @@ fn what_is_no_track_or_no_face_is_refused_by_name() {
     work.grimace("run heads -o out").exit(1).says(&["A.csv"]);
 }
 
-/// A table of landmarks with one frame replaced.
+/// Returns a table of landmarks with one frame replaced.
 fn with_frame(table: &str, frame: usize, points: impl Fn(usize, f64, f64) -> (f64, f64)) -> String {
     let mut lines: Vec<String> = table.lines().map(str::to_owned).collect();
     let numbers: Vec<f64> = lines[frame].split(',').skip(1).map(|n| n.parse().unwrap()).collect();

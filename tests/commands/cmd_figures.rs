@@ -1,8 +1,8 @@
-//! `grimace figures` as a user runs it.
+//! `grimace figures` end to end.
 
 use crate::common::Work;
 
-/// A run of three people with two emotions, grouped.
+/// Makes a grouped run of three people with two emotions.
 fn work() -> Work {
     let work = Work::with_sequences(&["S001_005", "S001_007", "S002_005", "S002_007", "S003_005", "S003_007"]);
     work.grimace("run faces -o results --by cohort -q").exit(0);

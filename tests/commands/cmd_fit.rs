@@ -1,8 +1,8 @@
-//! `grimace fit`: what a user types, and what comes out.
+//! `grimace fit`: commands and their output.
 
 use crate::common::Work;
 
-/// A folder with `neutral.png`, its `marks.csv`, and the sequence they come from.
+/// Makes a folder with `neutral.png`, its `marks.csv`, and the sequence that they come from.
 fn work() -> Work {
     let work = Work::with_sequences(&["S001_005"]);
     work.write("neutral.png", work.bytes("faces/S001/005/S001_005_00000001.png"));
@@ -10,7 +10,7 @@ fn work() -> Work {
     work
 }
 
-/// x and y of a row.
+/// Returns x and y of a row.
 fn place(row: &std::collections::BTreeMap<String, String>) -> (f64, f64) {
     (row["x"].parse().unwrap(), row["y"].parse().unwrap())
 }
@@ -99,7 +99,7 @@ fn results_are_not_written_over_without_force() {
     assert_eq!(work.rows("fit.csv").len(), 113);
 }
 
-/// Runs `fit` with a correspondence file that must be refused; what it says.
+/// Runs `fit` with a correspondence file that must be refused, and checks the message.
 fn refused(marks: &str, texts: &[&str]) {
     let work = work();
     work.write("bad.csv", marks);

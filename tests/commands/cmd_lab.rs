@@ -1,11 +1,11 @@
-//! How `grimace` starts `grimace-lab`, with scripts in its place.
+//! How `grimace` starts `grimace-lab`, tested with scripts in its place.
 #![cfg(unix)]
 
 use std::{fs, os::unix::fs::PermissionsExt, path::Path, process::Command};
 
 use crate::common::{Ran, grimace};
 
-/// Tells its name and its arguments, and ends with status 3.
+/// Writes a script that prints its name and arguments and ends with status 3.
 fn script(folder: &Path, name: &str) {
     fs::create_dir_all(folder).unwrap();
     let path = folder.join("grimace-lab");
@@ -13,7 +13,7 @@ fn script(folder: &Path, name: &str) {
     fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
 }
 
-/// Runs a copy of the command that lies alone in `folder/bin`, with `folder/path` as the only folder of PATH.
+/// Runs a copy of the command that is alone in `folder/bin`, with `folder/path` as the only folder of PATH.
 fn run(folder: &Path, args: &str) -> Ran {
     let program = folder.join("bin/grimace");
     if !program.exists() {

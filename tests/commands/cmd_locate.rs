@@ -1,4 +1,4 @@
-//! `grimace locate`, and marks that nobody set.
+//! `grimace locate`, and runs without hand-set marks.
 
 use std::{collections::BTreeMap, fs};
 
@@ -9,7 +9,7 @@ use crate::common::{Work, root};
 /// The first frames of two people of the shipped sample.
 const FACES: [&str; 2] = ["S001/005/S001_005_00000001.jpg", "S002/007/S002_007_00000001.jpg"];
 
-/// `a.jpg` and `b.jpg` with a face, `waves.png` without.
+/// Makes `a.jpg` and `b.jpg` with a face, and `waves.png` without one.
 fn work() -> Work {
     let work = Work::new();
     for (name, face) in ["a.jpg", "b.jpg"].iter().zip(FACES) {
@@ -116,7 +116,7 @@ fn a_covered_mouth_is_named_and_its_points_are_expected_to_be_far_off() {
     work.grimace("fit covered.png -o fit.csv").exit(1).says(&["not trusted", "and the mouth and the chin look covered"]);
 }
 
-/// A portrait between whose lips teeth were drawn, a fifth of the mouth's width high: what lies below moves down.
+/// Returns a portrait with teeth drawn between the lips, a fifth of the mouth's width high; the part below moves down.
 fn with_teeth(work: &Work) -> image::RgbImage {
     let portrait = image::open(root().join("fixtures/portraits/P01.jpg")).unwrap().to_rgb8();
     portrait.save(work.path("closed.png")).unwrap();

@@ -1,4 +1,4 @@
-//! How `grimace` gets along with `grimace-opencv`: without it, with another version, with one that breaks down.
+//! `grimace` without `grimace-opencv`, with another version of it, and with one that fails.
 
 use std::{ffi::OsString, fs, process::Command};
 
@@ -15,7 +15,7 @@ fn the_command_itself_links_no_opencv() {
     assert!(!program.windows(name.len()).any(|bytes| bytes == name), "grimace starts slowly: it loads OpenCV");
 }
 
-/// Runs a copy of the command that lies alone in `bin`, with `path` as the only folder of PATH.
+/// Runs a copy of the command that is alone in `bin`, with `path` as the only folder of PATH.
 fn alone(work: &Work, args: &str) -> Ran {
     let program = work.path("bin/grimace");
     if !program.exists() {
@@ -87,7 +87,7 @@ fn opencvs_klt_moves_nodes_by_nothing_that_counts() {
     assert!(middle < 0.01 && most < 0.03, "median {middle} px, 95 % {most} px");
 }
 
-/// Puts a shell script in the place of `grimace-opencv`.
+/// Writes a shell script in place of `grimace-opencv`.
 #[cfg(unix)]
 fn script(folder: &std::path::Path, text: &str) {
     use std::os::unix::fs::PermissionsExt;
@@ -150,7 +150,7 @@ fn the_program_says_what_it_is_for() {
     run("nonsense").exit(2).says(&["grimace --help"]);
 }
 
-/// The first frame of a video, grey.
+/// Returns the first frame of a video, in grey.
 fn first_frame(path: &std::path::Path) -> image::GrayImage {
     let words = ["decode", "grey", "1", "1000000"].map(OsString::from);
     let mut reader = Companion::start(words.into_iter().chain([path.as_os_str().to_owned()])).unwrap();
@@ -162,7 +162,7 @@ fn first_frame(path: &std::path::Path) -> image::GrayImage {
     }
 }
 
-/// A telephone films lying and says how to turn that: its matrix takes x to y and y to -x for a quarter turn clockwise.
+/// A phone films lying on its side and records the rotation: its matrix maps x to y and y to -x for a quarter turn clockwise.
 #[test]
 fn a_film_stands_as_it_says() {
     let work = Work::with_sequences(&["S001_005"]);

@@ -1,4 +1,4 @@
-//! `grimace completions`, `grimace man`, `grimace --version --verbose`: what packages install, and what a build says of itself.
+//! `grimace completions`, `grimace man` and `grimace --version --verbose`: the files of packages, and the description of a build.
 
 use crate::common::Work;
 

@@ -1,15 +1,15 @@
-//! `grimace play` as a user runs it.
+//! `grimace play` end to end.
 
 use crate::common::Work;
 
-/// The embedded data of a page, parsed.
+/// Returns the parsed data embedded in a page.
 fn data(html: &str) -> serde_json::Value {
     let start = html.find(r#"type="application/json">"#).unwrap() + r#"type="application/json">"#.len();
     let length = html[start..].find("</script>").unwrap();
     serde_json::from_str(&html[start..start + length]).unwrap()
 }
 
-/// A FAP file that opens the jaw in three frames.
+/// Returns a FAP file that opens the jaw in three frames.
 fn jaw() -> String {
     let mask = |set: &[usize]| (1..=68).map(|k| if set.contains(&k) { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
     let frames: String = [0, 200, 400].iter().enumerate().map(|(k, v)| format!("{}\n{k} {v}\n", mask(&[3]))).collect();

@@ -1,4 +1,4 @@
-//! Landmark files as input, groups compared, models in one file: what a user types, and what comes out.
+//! Landmark files as input, comparison of groups, and models in one file: commands and their output.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use grimace::internal::{
     wireframe::{Tables, Wireframe},
 };
 
-/// Landmarks of Candide-3 in an image of about 500 px, its mouth corners moved by `smile` px out and up.
+/// Returns landmarks of Candide-3 in an image of about 500 px, with the mouth corners moved by `smile` px out and up.
 fn face(smile: f64) -> Vec<(f64, f64)> {
     let frontal = Wireframe::candide3().frontal();
     let landmarks = Tables::candide3().landmarks;
@@ -56,7 +56,7 @@ fn ck(smile: f64) -> String {
     face(smile).iter().map(|(x, y)| format!("   {x:.7e}   {y:.7e}\n")).collect()
 }
 
-/// The x offset of a node at the apex of a model, face units.
+/// Returns the x offset of a node at the apex of a model, face units.
 fn moved(work: &Work, model: &str, node: &str) -> f64 {
     let rows = work.rows(model);
     let x = |frame: &str| rows.iter().find(|r| r["frame"] == frame && r["node"] == node).unwrap()["x"].parse::<f64>().unwrap();
@@ -120,7 +120,7 @@ fn every_form_of_landmarks_gives_the_same_model_beside_images() {
     work.grimace("run faces -o out --resample linear").exit(0).prints(&["2 tracked, 4 unchanged"]);
 }
 
-/// A dataset of landmark files: subject, smile, metadata columns.
+/// Writes a dataset of landmark files with subject, smile and metadata columns.
 fn people(work: &Work, header: &str, rows: &[(&str, f64, &str)]) {
     let mut manifest = format!("subject,sequence,emotion,frames{header}\n");
     for (subject, smile, metadata) in rows {
@@ -378,6 +378,18 @@ fn a_smile_that_grows_with_age_is_found_and_shown() {
     // Within three people of one site and three of the other there are 36 ways.
     work.grimace("analyze out/tracks -o again --resample linear --covariate age --strata site --permutations 99").exit(0);
     assert_eq!(work.rows("again/covariates.csv")[0]["permutations"], "36");
+    // Every column of which `units.json` gives the unit is in the table of that name.
+    work.grimace("analyze out/tracks -o units --resample linear --covariate age --by site --permutations 99").exit(0);
+    assert_eq!((work.rows("units/comparisons.csv").len(), work.rows("units/covariates.csv").len()), (1, 1));
+    let units: serde_json::Value = serde_json::from_str(&work.read("units/units.json")).unwrap();
+    let tables = units["files"].as_object().unwrap().iter().filter(|(file, _)| !file.contains('*') && file.ends_with(".csv"));
+    for (file, columns) in tables.filter(|(file, _)| work.path(&format!("units/{file}")).exists()) {
+        let header = work.header(&format!("units/{file}"));
+        let header: Vec<&str> = header.split(',').collect();
+        for column in columns.as_object().unwrap().keys().filter(|c| !c.contains("..") && !c.contains("LABEL")) {
+            assert!(header.contains(&column.as_str()), "{file} has no column {column}: {header:?}");
+        }
+    }
     let few =
         work.grimace("analyze out/tracks -o few --resample linear --covariate age --permutations 99 --test-people 5").exit(0);
     few.prints(&["tests of numeric columns used a random draw of people (increase it with --test-people): happiness (5 of 6)"]);
@@ -482,7 +494,7 @@ fn people_are_counted_not_sequences_and_a_majority_of_one_is_named() {
     assert!(of("fields_alone")["method"].contains("nothing trimmed"));
 }
 
-/// Writes `count` people between those of a file of models, without fitting any.
+/// Writes `count` people interpolated between those of a file of models, without fitting any.
 fn write_between(models: &Path, count: usize, path: &Path) {
     let file = ColumnarModels::open(models).unwrap();
     let known = file.models().unwrap();

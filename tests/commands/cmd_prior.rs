@@ -1,4 +1,4 @@
-//! `grimace prior` and `--prior`: what a user types, and what comes out.
+//! `grimace prior` and `--prior`: commands and their output.
 
 use std::{
     fmt::Write as _,
@@ -25,7 +25,7 @@ fn write(folder: &TempDir, name: &str, text: &str) -> PathBuf {
     path
 }
 
-/// Landmarks of face `k`: Candide-3 at 100 px per unit, as high as it is in face `k` alone.
+/// Returns the landmarks of face `k`: Candide-3 at about 100 px per unit, with a width and height that depend on `k`.
 fn landmarks(k: usize) -> String {
     let (w, tables) = (Wireframe::candide3(), Tables::candide3());
     let (wide, high) = (100.0 + 3.0 * ((k * 7) % 5) as f64, 100.0 + 2.0 * ((k * 5) % 7) as f64);
@@ -43,7 +43,7 @@ fn header(first: &str) -> String {
     format!("{first}{columns}\n")
 }
 
-/// `person,state` with a neutral and a smiling row for each person.
+/// Returns a table `person,state,...` with a neutral and a smiling row for each person.
 fn people(count: usize) -> String {
     (0..count).fold(header("person,state"), |text, k| {
         text + &format!("P{k},neutral{}\nP{k},smiling{}\n", landmarks(k), landmarks(k + 1))
@@ -141,7 +141,7 @@ fn what_makes_no_prior_is_refused_with_the_reason() {
     grimace(&folder, &["prior", "-o", "p.json"]).failure().code(2);
 }
 
-/// A white picture and marks of face `k`.
+/// Writes a white picture and the marks of face `k`.
 fn picture_and_marks(folder: &TempDir, k: usize) {
     image::RgbImage::from_pixel(640, 480, image::Rgb([255; 3])).save(folder.path().join("face.png")).unwrap();
     let text = landmarks(k);

@@ -1,4 +1,4 @@
-//! `grimace recognize` of pictures: they are tracked as the run was that is learned from.
+//! `grimace recognize` on pictures: they are tracked with the options of the run that serves as training data.
 
 use crate::common::{SEQUENCES, Work, root};
 

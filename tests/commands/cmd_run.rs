@@ -1,4 +1,4 @@
-//! `grimace run`: what a user types, and what comes out.
+//! `grimace run`: commands and their output.
 
 use std::{
     collections::BTreeSet,
@@ -9,9 +9,9 @@ use std::{
 
 use crate::common::{FACES, Files, SEQUENCES, Work, assert_same_files, files_in, leftovers};
 
-/// Nodes of Candide-3.
+/// Number of nodes of Candide-3.
 const NODES: usize = 113;
-/// Frames of the sequences of the dataset.
+/// Number of frames of each sequence.
 const FRAMES: usize = 6;
 
 #[test]
@@ -100,7 +100,7 @@ fn every_output_is_there_with_its_header_and_shape() {
     assert!(work.read("out/report.html").contains("</html>"));
 }
 
-/// A model file: `frame,node,x,y`, frames 0 to 4, all nodes in order, frame 0 the canonical neutral with its eyes 1024 apart.
+/// Checks a model file: `frame,node,x,y`, frames 0 to 4, all nodes in order, frame 0 the canonical neutral with the eyes 1024 apart.
 fn check_model(work: &Work, name: &str) {
     assert_eq!(work.header(name), "frame,node,x,y");
     let rows = work.rows(name);
@@ -124,7 +124,7 @@ fn bytes_do_not_depend_on_threads_or_on_the_run() {
     assert_same_files(&work.files("two"), &work.files("again"));
 }
 
-/// Dates every file back, so that a file written again shows.
+/// Sets the dates of all files back, so that newly written files are recognizable.
 fn date_back(work: &Work, folder: &str) {
     for name in work.files(folder).keys() {
         fs::File::options().append(true).open(work.path(folder).join(name)).unwrap().set_modified(long_ago()).unwrap();
@@ -135,7 +135,7 @@ fn long_ago() -> SystemTime {
     SystemTime::UNIX_EPOCH + Duration::from_secs(1_000_000_000)
 }
 
-/// Files written since [`date_back`].
+/// Returns the files written since [`date_back`].
 fn written(work: &Work, folder: &str) -> BTreeSet<String> {
     let is_new = |name: &String| fs::metadata(work.path(folder).join(name)).unwrap().modified().unwrap() != long_ago();
     work.files(folder).into_keys().filter(is_new).collect()
@@ -529,7 +529,7 @@ fn overlays_show_the_neutral_and_the_apex_frame() {
     assert!(picture.pixels().any(|p| p.0[0] != p.0[1] || p.0[1] != p.0[2]), "the wireframe is drawn in colour on grey");
 }
 
-/// Interrupts a run as soon as `enough` tracks are there; whether it ended before that.
+/// Interrupts a run when `enough` tracks exist. Returns the run's output and status.
 #[cfg(unix)]
 fn interrupt(work: &Work, out: &str, signal: &str, enough: usize) -> crate::common::Ran {
     use std::process::Stdio;
@@ -546,7 +546,7 @@ fn interrupt(work: &Work, out: &str, signal: &str, enough: usize) -> crate::comm
     child.wait_with_output().unwrap().into()
 }
 
-/// A dataset of which one run takes a while, 24 sequences that share their frames, and in `whole` the results of a run that nothing disturbed.
+/// Makes a dataset with a long run, 24 sequences that share their frames, and in `whole` the results of an undisturbed run.
 #[cfg(unix)]
 fn long_dataset() -> Work {
     static WHOLE: OnceLock<Files> = OnceLock::new();
@@ -616,7 +616,7 @@ fn an_output_that_can_not_be_written_is_named() {
     assert_eq!(work.read("file"), "x");
 }
 
-/// `ulimit -f` stands in for a full disk: a file may have so many blocks of 512 bytes, and writing more gives an error.
+/// `ulimit -f` simulates a full disk: it limits the size of a file in blocks of 512 bytes, and writing more is an error.
 #[cfg(unix)]
 #[test]
 fn a_full_disk_ends_the_run_with_a_clear_error_and_no_half_file() {

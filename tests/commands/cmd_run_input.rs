@@ -1,12 +1,12 @@
-//! `grimace run` over datasets of every form, and over bad ones: what is read, what is refused, and what the refusal says.
+//! `grimace run` on datasets of every form, valid and invalid: which are read, which are refused, and with what message.
 
 use crate::common::{FACES, Work, assert_same_files};
 use grimace::internal::wireframe::{LandmarkRow, Tables};
 
-/// A manifest of the sequences S001_005 and S002_005 with default places.
+/// A manifest of the sequences S001_005 and S002_005 with default paths.
 const PLAIN: &str = "subject,sequence,emotion\nS001,005,happiness\nS002,005,happiness\n";
 
-/// A dataset of two sequences with this manifest.
+/// Makes a dataset of two sequences with this manifest.
 fn with_manifest(manifest: impl AsRef<[u8]>) -> Work {
     let work = Work::with_sequences(&["S001_005", "S002_005"]);
     work.write("faces/manifest.csv", manifest);
@@ -254,7 +254,7 @@ fn a_sequence_that_is_played_backwards_is_one_to_look_at_again() {
     );
 }
 
-/// 68 landmarks of the neutral frame of a sequence, from its true nodes; nothing where no node stands for a landmark.
+/// Returns the 68 landmarks of the neutral frame of a sequence from its true nodes; landmarks without a node are arbitrary.
 fn landmarks(id: &str) -> Vec<(f64, f64)> {
     let truth = csv::Reader::from_reader(FACES[&format!("truth/{id}.csv")].as_slice())
         .deserialize::<(u32, usize, f64, f64)>()
@@ -269,7 +269,7 @@ fn landmarks(id: &str) -> Vec<(f64, f64)> {
     Tables::candide3().landmarks.iter().map(place).collect()
 }
 
-/// A dataset in the layout of CK+: three labelled sequences and one without a label.
+/// Makes a dataset in the layout of CK+: three labelled sequences and one without a label.
 fn cohn_kanade() -> Work {
     let work = Work::new();
     for (id, code) in [("S001_005", Some(5)), ("S002_005", Some(5)), ("S003_007", Some(7)), ("S003_005", None)] {

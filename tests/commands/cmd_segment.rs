@@ -1,27 +1,27 @@
-//! Whole recordings: `grimace segment`, recordings in a manifest, and sequences whose apex was recorded first.
+//! Whole recordings: `grimace segment`, recordings in a manifest, and sequences that start with the apex.
 
 use std::{collections::BTreeMap, fs};
 
 use crate::common::{Work, root, video::matroska};
 
-/// Frames of a recording: each a fixture sequence's frame number (from 1) or black, of so many px in width and height.
+/// A frame of a recording: a frame number (from 1) of a fixture sequence, or a black square of the given size, px.
 #[derive(Clone, Copy)]
 enum Shot {
     Face(&'static str, u32),
     Black(u32),
 }
 
-/// A recording in which there is no face: small, as every frame of it is searched, and just long enough.
+/// A recording without a face: small, because every frame is searched, and of the shortest valid length.
 const DARK: [Shot; 26] = [Shot::Black(120); 26];
 
-/// Rest, up to the apex, a short hold, back, rest: two frames of each step.
+/// Returns a rest, a rise to the apex, a short hold, a fall and a rest, with two frames for each step.
 fn expression(sequence: &'static str) -> Vec<Shot> {
     let up = (1..=10).flat_map(|k| [k, k]);
     let steps = std::iter::repeat_n(1, 22).chain(up.clone()).chain([10; 4]).chain(up.rev()).chain([1; 22]);
     steps.map(|k| Shot::Face(sequence, k)).collect()
 }
 
-/// Place of the first frame of the hold of [`expression`], from 0, and the last.
+/// Indices, from 0, of the first and the last frame of the hold of [`expression`].
 const HOLD: (i64, i64) = (40, 46);
 const LENGTH: i64 = 88;
 
@@ -39,7 +39,8 @@ fn record(work: &Work, folder: &str, shots: &[Shot]) {
     }
 }
 
-/// Frames of 480 x 320 px before an even wall, each with portraits whose eyes are about 55 px apart, at (name, x, share of that size).
+/// Records frames of 480 x 320 px before a plain wall. Each shows portraits at (name, x, relative size); at size 1 the eyes are about 55 px
+/// apart.
 fn record_before_a_wall(work: &Work, folder: &str, frames: &[Vec<(&str, i64, f64)>]) {
     fs::create_dir_all(work.path(folder)).unwrap();
     let mut drawn = BTreeMap::new();
@@ -71,7 +72,7 @@ fn number_of(row: &BTreeMap<String, String>, column: &str) -> f64 {
     row[column].parse().unwrap()
 }
 
-/// Whether a frame number is one of the hold of an expression that begins with frame `start`, or at most two frames beside it.
+/// Whether a frame number is at most two frames from the hold of an expression that begins with frame `start`.
 fn is_apex(frame: i64, start: i64) -> bool {
     (start + HOLD.0 - 2..=start + HOLD.1 + 2).contains(&frame)
 }

@@ -1,9 +1,9 @@
-//! What expressions do to the skin: collected by `run`, put on by `clone`.
+//! Effects of expressions on the skin, collected by `run` and applied by `clone`.
 
 use crate::common::{Work, files_in, root};
 use serde_json::Value;
 
-/// Four simulated people who smile, the first of them under a second name, too: five people.
+/// Makes a dataset of five smiling people: four simulated ones, and the first of them again under a second name.
 fn work() -> Work {
     let work = Work::new();
     for (name, bytes) in files_in(&root().join("fixtures/simulated")) {

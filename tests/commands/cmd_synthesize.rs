@@ -1,4 +1,4 @@
-//! `grimace synthesize` and `evaluate synthesis`: every input, every output, and what they refuse.
+//! `grimace synthesize` and `evaluate synthesis`: inputs, outputs and errors.
 
 use crate::common::{Work, root};
 use serde_json::Value;
@@ -7,7 +7,7 @@ fn report(work: &Work, folder: &str) -> Value {
     serde_json::from_str(&work.read(&format!("{folder}/synthesis.json"))).unwrap()
 }
 
-/// A representative in face units: Candide-3's nodes, the mouth corners going up and out over five frames.
+/// Returns a representative in face units: Candide-3's nodes, with the mouth corners moving up and out over five frames.
 fn representative() -> String {
     let wireframe = grimace::internal::wireframe::Wireframe::candide3();
     let mut text = String::from("frame,node,x,y\n");
@@ -317,7 +317,7 @@ fn what_a_fap_file_does_not_set_rests() {
     assert!(weight("jawOpen") < 0.05 && weight("surprise") < 0.05 && weight("mouthSmile") < 0.05, "{:?}", rows[2]);
 }
 
-/// A FAP file's mask that sets these.
+/// Returns the mask of a FAP file with these FAPs set.
 fn mask(faps: &[usize]) -> String {
     (1..=68).map(|k| if faps.contains(&k) { "1" } else { "0" }).collect::<Vec<_>>().join(" ")
 }

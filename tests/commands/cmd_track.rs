@@ -1,4 +1,4 @@
-//! `grimace track`: what a user types, and what comes out; frames of every format, and frames that are none.
+//! `grimace track`: commands and their output, with frames of every format and with invalid frames.
 
 use crate::common::{
     Work, assert_same_files,
@@ -18,12 +18,12 @@ fn work() -> Work {
     Work::with_sequences(&["S001_005"])
 }
 
-/// Name of a frame of the sequence, from 1.
+/// Returns the name of a frame of the sequence, from 1.
 fn frame(number: usize) -> String {
     format!("faces/S001/005/S001_005_{number:08}.png")
 }
 
-/// Mean distance between the nodes of two tracks, px.
+/// Returns the mean distance between the nodes of two tracks, px.
 fn mean_difference(work: &Work, a: &str, b: &str) -> f64 {
     let (a, b) = (work.rows(a), work.rows(b));
     assert_eq!(a.len(), b.len());
@@ -132,7 +132,7 @@ fn corrections_by_hand_are_put_into_a_track_that_is_made_again() {
     ran.prints(&["corrections/S001_005.csv no longer fits the track and is kept, but not applied: frame 99, node 31"]);
 }
 
-/// Tracks the sequence of `work` with its frames written anew by `encode` into a folder and a track of this name.
+/// Tracks the sequence of `work` with its frames encoded by `encode`, in a folder and a track of this name.
 fn track_as(work: &Work, name: &str, extension: &str, encode: impl Fn(&[u8]) -> Vec<u8>) {
     for number in 1..=6 {
         let bytes = encode(&work.bytes(&frame(number)));
@@ -142,7 +142,7 @@ fn track_as(work: &Work, name: &str, extension: &str, encode: impl Fn(&[u8]) -> 
     work.grimace(&format!("track {name} -c {MARKS} -o {name}.csv")).exit(0).prints(&["6 frames"]);
 }
 
-/// As [`track_as`]; mean distance to the track of the frames as they are, px.
+/// Like [`track_as`]; returns the mean distance to the track of the original frames, px.
 fn tracked_as(extension: &str, encode: impl Fn(&[u8]) -> Vec<u8>) -> f64 {
     let work = work();
     work.grimace(TRACK).exit(0);
@@ -158,7 +158,7 @@ fn with_image(format: ImageFormat, change: impl Fn(DynamicImage) -> DynamicImage
     }
 }
 
-/// Written by OpenCV, in 16 bits if asked for, so that the crate's own encoders are not all that is read.
+/// Encodes with OpenCV, in 16 bits if requested, so that not only the output of this project's encoders is read.
 fn with_opencv(extension: &'static str, sixteen_bits: bool, flags: &'static [i32]) -> impl Fn(&[u8]) -> Vec<u8> {
     move |bytes| {
         let mut mat = imdecode(&Mat::from_slice(bytes).unwrap(), IMREAD_UNCHANGED).unwrap();
@@ -173,7 +173,7 @@ fn with_opencv(extension: &'static str, sixteen_bits: bool, flags: &'static [i32
     }
 }
 
-/// The grey pixels of an image file as a binary PGM.
+/// Returns the grey pixels of an image file as a binary PGM.
 fn grey_map(bytes: &[u8]) -> Vec<u8> {
     let image = image::load_from_memory(bytes).unwrap().to_luma8();
     [format!("P5\n# by hand\n{} {}\n255\n", image.width(), image.height()).as_bytes(), image.as_raw()].concat()
@@ -249,13 +249,13 @@ fn a_video_is_a_sequence() {
     ran.says(&["face.avi", "at least 2 frames"]);
 }
 
-/// The frames of the sequence as JPEG.
+/// Returns the frames of the sequence as JPEG.
 fn jpegs(work: &Work) -> Vec<Vec<u8>> {
     let jpeg = with_image(ImageFormat::Jpeg, |image| image.to_rgb8().into());
     (1..=6).map(|number| jpeg(&work.bytes(&frame(number)))).collect()
 }
 
-/// What stands in the `.json` of a track: the rate and the frames' own times.
+/// Returns the frame rate and the frame times from the `.json` of a track.
 fn rate_and_times(work: &Work, json: &str) -> (f64, Option<Vec<f64>>) {
     let info: serde_json::Value = serde_json::from_str(&work.read(json)).unwrap();
     let times = info.get("times").map(|times| serde_json::from_value(times.clone()).unwrap());
@@ -379,7 +379,7 @@ fn a_dataset_may_hold_videos() {
     }
 }
 
-/// Runs `track` over the damaged sequence of `work`; what it says.
+/// Runs `track` on the damaged sequence of `work`, and checks the message.
 #[track_caller]
 fn refused(work: &Work, texts: &[&str]) {
     work.grimace(TRACK).exit(1).says(texts);

@@ -1,4 +1,4 @@
-//! Videos: frames behind damage, and frames back in time.
+//! Videos: frames after damage, and reading of earlier frames.
 
 use std::path::Path;
 
@@ -13,10 +13,10 @@ use crate::common::{
     video::{matroska, write_pictures, write_video},
 };
 
-/// Bits of a number that a picture shows.
+/// Number of bits of a frame number in a picture.
 const BITS: u32 = 10;
 
-/// A picture that shows its number: a white or black column for each bit, and no two the same.
+/// Returns a picture that shows its number: a white or black column for each bit.
 fn picture(number: u32) -> RgbImage {
     // Rows of bits are all the same: drawn once, as tests draw many of these.
     let bits: Vec<u8> = (0..20 * BITS).flat_map(|x| [255 * (number >> (x / 20) & 1) as u8; 3]).collect();
@@ -27,12 +27,12 @@ fn picture(number: u32) -> RgbImage {
     RgbImage::from_raw(200, 160, pixels).unwrap()
 }
 
-/// The number that a decoded picture shows.
+/// Returns the number that a decoded picture shows.
 fn shown(image: &image::GrayImage) -> u32 {
     (0..BITS).map(|bit| u32::from(image.get_pixel(20 * bit + 10, 70).0[0] > 128) << bit).sum()
 }
 
-/// Numbers of the frames of a video and of the pictures in them, to the first error.
+/// Returns the numbers of the frames of a video and of the pictures in them, up to the first error.
 fn read(path: &Path, first: Option<u32>, last: Option<u32>) -> (Vec<(u32, u32)>, Option<SequenceError>) {
     let source = FrameSource::Video { path: path.to_owned(), first, last };
     let mut frames = Vec::new();
@@ -45,7 +45,7 @@ fn read(path: &Path, first: Option<u32>, last: Option<u32>) -> (Vec<(u32, u32)>,
     (frames, None)
 }
 
-/// A video of 20 frames must be damaged between frame 8 and 13: what is before is read, and nothing behind it.
+/// Checks a video of 20 frames that is damaged between frames 8 and 13: frames before the damage are read, frames after it are not.
 fn check_damage(path: &Path) {
     let last = match read(path, None, None) {
         (frames, Some(SequenceError::Damaged { last, .. })) => {
@@ -65,7 +65,7 @@ fn check_damage(path: &Path) {
     }
 }
 
-/// A Matroska video with the head of a cluster broken.
+/// Returns a Matroska video with a broken cluster header.
 fn without_cluster(mut video: Vec<u8>, place: usize) -> Vec<u8> {
     let clusters: Vec<usize> = (0..video.len() - 4).filter(|&k| video[k..k + 4] == [0x1F, 0x43, 0xB6, 0x75]).collect();
     video[clusters[place]..clusters[place] + 4].fill(0);

@@ -1,4 +1,4 @@
-//! The commands end to end, as a user calls them.
+//! The commands end to end.
 #![allow(missing_docs, clippy::pedantic)]
 
 #[path = "../annotation/mod.rs"]

@@ -1,4 +1,5 @@
-//! The main job over real sequences, where the project's shared data is beside the repository; said loudly where it is not.
+//! The main task on real sequences, when the project's shared data is next to the repository; otherwise the tests print that they were
+//! skipped.
 
 use std::path::{Path, PathBuf};
 

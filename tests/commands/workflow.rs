@@ -1,6 +1,6 @@
-//! The Snakemake workflow, run for real: killed in the middle, resumed, and its bytes compared with those of a plain run.
+//! The Snakemake workflow: it is killed, resumed, and its results are compared byte by byte with those of a plain run.
 //!
-//! Snakemake comes from `scripts/workflow_setup`; without it the tests say loudly that they were skipped.
+//! Snakemake comes from `scripts/workflow_setup`; without it the tests print that they were skipped.
 
 use std::{
     os::unix::process::CommandExt,
@@ -27,7 +27,7 @@ fn snakemake() -> Option<PathBuf> {
     Some(path)
 }
 
-/// The workflow over `faces` into `flow` on two cores, with this program.
+/// Returns the command that runs the workflow on `faces` into `flow` on two cores, with this program.
 fn workflow(snakemake: &Path, work: &Work, profile: &str, grimace: &Path) -> Command {
     let mut command = Command::new(snakemake);
     command.current_dir(work.path("."));
@@ -87,7 +87,7 @@ fn batches_of_sequences_give_the_same_bytes_in_fewer_jobs() {
     assert_same_files(&work.files("plain"), &work.files("flow"));
 }
 
-/// A real Slurm cluster of this machine (`scripts/with_slurm`). Without Slurm or the executor's plugin it says loudly that it was skipped.
+/// Uses a real Slurm cluster on this machine (`scripts/with_slurm`). Without Slurm or the executor's plugin it prints that it was skipped.
 #[test]
 fn on_a_slurm_cluster_it_gives_the_bytes_of_a_plain_run() {
     let Some(snakemake) = snakemake() else { return };

@@ -1,6 +1,6 @@
-//! A fresh work folder, a command runner, and a small simulated dataset made once per test program and kept in memory.
+//! A temporary work folder, a command runner, and a small simulated dataset, made once per test program and kept in memory.
 
-// Every test program uses a part of this.
+// Every test program uses only a part of this module.
 #![allow(dead_code)]
 
 pub mod video;
@@ -15,13 +15,13 @@ use std::{
 
 use tempfile::TempDir;
 
-/// The repository's folder.
+/// Returns the folder of the repository.
 pub fn root() -> PathBuf {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     here.ancestors().find(|folder| folder.join("candide").is_dir()).unwrap().to_owned()
 }
 
-/// A file or folder of the shared data beside the repository; without it, what was skipped is said.
+/// Returns the path of shared data next to the repository; without it, prints what was skipped and returns `None`.
 pub fn shared_data(name: &str, skipped: &str) -> Option<PathBuf> {
     let path = root().join("../shared/data").join(name);
     if path.exists() {
@@ -31,9 +31,9 @@ pub fn shared_data(name: &str, skipped: &str) -> Option<PathBuf> {
     None
 }
 
-/// The command, with `grimace-lab` beside it, which it starts for `simulate` and `evaluate`, and `grimace-opencv`, for videos.
+/// Returns the path of `grimace`, next to which are `grimace-lab` (for `simulate` and `evaluate`) and `grimace-opencv` (for videos).
 ///
-/// `cargo test` builds all. It builds only some of them when only one package's tests are asked for; then the others are built here,
+/// `cargo test` builds all of them, but only some when the tests of a single package are requested. In that case the others are built here,
 /// unless an earlier build left them.
 pub fn grimace() -> &'static Path {
     static PROGRAM: LazyLock<PathBuf> = LazyLock::new(|| {
@@ -54,7 +54,7 @@ pub fn grimace() -> &'static Path {
     &PROGRAM
 }
 
-/// Files by path relative to a folder, `/` between folders.
+/// Files by path relative to a folder, with `/` between folders.
 pub type Files = BTreeMap<String, Vec<u8>>;
 
 /// Ids of the sequences of [`FACES`], sorted.
@@ -70,7 +70,7 @@ pub static FACES: LazyLock<Files> = LazyLock::new(|| {
     files_in(folder.path())
 });
 
-/// All files below a folder.
+/// Returns all files below a folder.
 pub fn files_in(folder: &Path) -> Files {
     fn collect(root: &Path, folder: &Path, files: &mut Files) {
         for entry in fs::read_dir(folder).unwrap() {
@@ -90,7 +90,7 @@ pub fn files_in(folder: &Path) -> Files {
     files
 }
 
-/// Panics with the names of the files that differ (and not with their content).
+/// Panics with the names of the files that differ, without their content.
 pub fn assert_same_files(a: &Files, b: &Files) {
     let names = |files: &Files| files.keys().cloned().collect::<Vec<_>>();
     assert_eq!(names(a), names(b));
@@ -98,7 +98,7 @@ pub fn assert_same_files(a: &Files, b: &Files) {
     assert!(differing.is_empty(), "these files differ: {differing:?}");
 }
 
-/// What a command printed and how it ended.
+/// Output and exit status of a command.
 #[derive(Debug)]
 pub struct Ran {
     pub status: Option<i32>,
@@ -114,7 +114,7 @@ impl From<Output> for Ran {
 }
 
 impl Ran {
-    /// Fails the test unless the command ended with this exit status. A panic of the command is never right.
+    /// Fails the test unless the command ended with this exit status, or if it panicked.
     #[track_caller]
     pub fn exit(self, status: i32) -> Self {
         assert!(!self.stderr.contains("panicked"), "{}", self.stderr);
@@ -122,7 +122,7 @@ impl Ran {
         self
     }
 
-    /// Fails the test unless standard error has all of the texts.
+    /// Fails the test unless standard error contains all of the texts.
     #[track_caller]
     pub fn says(self, texts: &[&str]) -> Self {
         for text in texts {
@@ -131,7 +131,7 @@ impl Ran {
         self
     }
 
-    /// Fails the test unless standard output has all of the texts.
+    /// Fails the test unless standard output contains all of the texts.
     #[track_caller]
     pub fn prints(self, texts: &[&str]) -> Self {
         for text in texts {
@@ -141,23 +141,23 @@ impl Ran {
     }
 }
 
-/// A fresh folder to run commands in.
+/// A temporary folder to run commands in.
 pub struct Work {
     folder: TempDir,
 }
 
 impl Work {
-    /// An empty folder.
+    /// Makes an empty folder.
     pub fn new() -> Self {
         Self { folder: tempfile::tempdir().unwrap() }
     }
 
-    /// A folder with the dataset [`FACES`] in `faces`.
+    /// Makes a folder with the dataset [`FACES`] in `faces`.
     pub fn with_faces() -> Self {
         Self::with_sequences(&SEQUENCES)
     }
 
-    /// A folder with some sequences of [`FACES`] in `faces`, and a manifest of these.
+    /// Makes a folder with some sequences of [`FACES`] in `faces`, and their manifest.
     pub fn with_sequences(ids: &[&str]) -> Self {
         let work = Self::new();
         for (name, bytes) in FACES.iter() {
@@ -174,8 +174,8 @@ impl Work {
         work
     }
 
-    /// A folder with some sequences of [`FACES`] in `faces`, and in the folder `out` what `grimace run faces -o out` makes of them. It is run
-    /// once for all who ask for the same sequences; the name of its results is nowhere in them.
+    /// Makes a folder with some sequences of [`FACES`] in `faces`, and in the folder `out` the results of `grimace run faces -o out`. The
+    /// run takes place once for all tests with the same sequences; the results do not contain the name of their folder.
     pub fn after_run(ids: &[&str], out: &str) -> Self {
         static RUNS: Mutex<BTreeMap<String, Arc<OnceLock<Files>>>> = Mutex::new(BTreeMap::new());
         let work = Self::with_sequences(ids);
@@ -191,12 +191,12 @@ impl Work {
         work
     }
 
-    /// A path in the folder.
+    /// Returns a path in the folder.
     pub fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 
-    /// Writes a file, with the folders above it.
+    /// Writes a file and creates its parent folders.
     pub fn write(&self, name: &str, content: impl AsRef<[u8]>) -> &Self {
         let path = self.path(name);
         fs::create_dir_all(path.parent().unwrap()).unwrap();
@@ -204,17 +204,17 @@ impl Work {
         self
     }
 
-    /// The bytes of a file.
+    /// Returns the bytes of a file.
     pub fn bytes(&self, name: &str) -> Vec<u8> {
         fs::read(self.path(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
     }
 
-    /// The text of a file.
+    /// Returns the text of a file.
     pub fn read(&self, name: &str) -> String {
         String::from_utf8(self.bytes(name)).unwrap()
     }
 
-    /// Replaces a text that must be in a file.
+    /// Replaces text in a file, which must contain it.
     #[track_caller]
     pub fn replace(&self, name: &str, from: &str, to: &str) -> &Self {
         let text = self.read(name);
@@ -222,19 +222,19 @@ impl Work {
         self.write(name, text.replace(from, to))
     }
 
-    /// All files below a folder of the folder.
+    /// Returns all files below a subfolder.
     pub fn files(&self, name: &str) -> Files {
         files_in(&self.path(name))
     }
 
-    /// The command in the folder, to be started.
+    /// Returns the command, to be started in the folder.
     pub fn command(&self) -> std::process::Command {
         let mut command = std::process::Command::new(grimace());
         command.current_dir(self.folder.path());
         command
     }
 
-    /// Runs `grimace ARGS`, the arguments separated by blanks.
+    /// Runs `grimace ARGS`, with arguments separated by blanks.
     pub fn grimace(&self, args: &str) -> Ran {
         self.command().args(args.split_whitespace()).output().unwrap().into()
     }
@@ -246,18 +246,18 @@ impl Work {
         command.output().unwrap().into()
     }
 
-    /// Rows of a CSV file without its header, fields by column.
+    /// Returns the rows of a CSV file without its header, with fields by column.
     pub fn rows(&self, name: &str) -> Vec<BTreeMap<String, String>> {
         csv::Reader::from_reader(self.bytes(name).as_slice()).deserialize().map(|row| row.unwrap()).collect()
     }
 
-    /// Header line of a CSV file.
+    /// Returns the header line of a CSV file.
     pub fn header(&self, name: &str) -> String {
         self.read(name).lines().next().unwrap_or_default().to_owned()
     }
 }
 
-/// Names of files that are half written or left over.
+/// Returns the names of incomplete or temporary files.
 pub fn leftovers(files: &Files) -> Vec<&String> {
     files.keys().filter(|name| name.ends_with(".tmp") || name.contains("/.") || name.starts_with('.')).collect()
 }

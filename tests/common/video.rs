@@ -1,4 +1,4 @@
-//! Sequences of [`super::FACES`] as videos.
+//! Makes videos from sequences of [`super::FACES`].
 
 use std::ffi::OsString;
 
@@ -9,14 +9,14 @@ use grimace::internal::companion::{
 
 use super::{Work, grimace};
 
-/// Writes the frames of a folder as a video, AVI (motion JPEG) or MP4 by its name; whether OpenCV has a writer for it here.
+/// Writes the frames of a folder as a video, AVI (motion JPEG) or MP4 by its extension. Returns whether OpenCV has a writer for it here.
 pub fn write_video(work: &Work, folder: &str, name: &str) -> bool {
     let files = work.files(folder);
     let pictures = files.iter().filter(|(name, _)| name.ends_with(".png"));
     write_pictures(work, pictures.map(|(_, bytes)| image::load_from_memory(bytes).unwrap().to_rgb8()), name)
 }
 
-/// Writes pictures of 200 x 160 px as [`write_video`] does.
+/// Writes pictures of 200 x 160 px like [`write_video`].
 pub fn write_pictures(work: &Work, pictures: impl Iterator<Item = image::RgbImage>, name: &str) -> bool {
     // Builds what this test starts where only one test program was built.
     grimace();
@@ -39,8 +39,8 @@ pub fn write_pictures(work: &Work, pictures: impl Iterator<Item = image::RgbImag
     true
 }
 
-/// A Matroska video of pictures in JPEG with the given times, ms. `frame_ms` is what it states for one frame, without it no rate is stated,
-/// and `length_ms` how long it says it is.
+/// Returns a Matroska video of JPEG pictures with the given times, ms. `frame_ms` is the stated duration of a frame (no rate is stated
+/// without it), and `length_ms` the stated duration of the video.
 pub fn matroska(frames: &[Vec<u8>], times: &[u64], frame_ms: Option<u64>, length_ms: f64) -> Vec<u8> {
     let element = |number: &[u8], content: &[u8]| {
         // A length of 8 bytes, the first of which says so.

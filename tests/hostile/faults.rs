@@ -1,8 +1,8 @@
-//! Runs that are killed, find no room or no permission, meet failing system calls, each other, or a bad file among many: each ends in a
-//! comparison with the bytes of an undisturbed run.
+//! Runs that are killed, have no disk space or permission, or meet failing system calls, a second run, or a bad file among many. Each test
+//! compares the results byte by byte with those of an undisturbed run.
 //!
-//! A short form is in the ordinary tests; `scripts/faults N` does N rounds of each and prints the table. The moments are drawn by
-//! `GRIMACE_FAULTS_SEED` (0), so that a round can be had again, as far as the machine is as fast.
+//! The ordinary tests use few rounds; `scripts/faults N` runs N rounds of each fault and prints the table. `GRIMACE_FAULTS_SEED` (default
+//! 0) selects the moments, so that a round can be repeated on a machine of similar speed.
 
 use std::{
     collections::BTreeMap,
@@ -16,19 +16,19 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use tempfile::TempDir;
 
-/// Rounds of each fault in the ordinary tests.
+/// Number of rounds of each fault in the ordinary tests.
 const ROUNDS: u64 = 2;
 
 /// Sequences of the dataset.
 const SEQUENCES: [(&str, &str, &str); 3] = [("S001", "001", "anger"), ("S001", "005", "happiness"), ("S002", "005", "happiness")];
 
-/// Frames of each: what is disturbed is the writing of files, of which there are as many for ten.
+/// Number of frames of each sequence; the number of written files does not depend on it.
 const FRAMES: u32 = 6;
 
-/// Tracks of the batch with a bad one among them; in the ordinary tests, and in the rounds of `scripts/faults`.
+/// Number of tracks in the batch with one bad track: in the ordinary tests, and in `scripts/faults`.
 const BATCH: (usize, usize) = (16, 80);
 
-/// Results by path; what is temporary left out.
+/// Results by path, without temporary files.
 type Files = BTreeMap<String, Vec<u8>>;
 
 fn files_in(folder: &Path) -> Files {
@@ -47,13 +47,13 @@ fn files_in(folder: &Path) -> Files {
     files
 }
 
-/// Names in which two sets of results differ.
+/// Returns the names in which two sets of results differ.
 fn differing(a: &Files, b: &Files) -> Vec<String> {
     let names: std::collections::BTreeSet<&String> = a.keys().chain(b.keys()).collect();
     names.into_iter().filter(|&name| a.get(name) != b.get(name)).cloned().collect()
 }
 
-/// A work folder with a dataset, the results of an undisturbed run over it, and how long that took.
+/// A work folder with a dataset, the results of an undisturbed run, and the duration of that run.
 struct Bench {
     folder: TempDir,
     expected: Files,
@@ -62,7 +62,7 @@ struct Bench {
     table: Vec<(&'static str, u64, String)>,
 }
 
-/// Copies a sequence of the fixtures, its first [`FRAMES`] frames.
+/// Copies a sequence of the fixtures, limited to its first [`FRAMES`] frames.
 fn copy(from: &Path, to: &Path) {
     fs::create_dir_all(to).unwrap();
     for entry in fs::read_dir(from).unwrap() {
@@ -99,7 +99,7 @@ impl Bench {
         self.folder.path().join(name)
     }
 
-    /// A command in the work folder, its errors kept in a file.
+    /// Starts a command in the work folder and writes its errors to a file.
     fn start(&self, program: &str, arguments: &[&str]) -> Child {
         let errors = fs::File::create(self.path("stderr")).unwrap();
         let mut command = Command::new(program);
@@ -111,24 +111,24 @@ impl Bench {
         self.start(GRIMACE, &["run", "faces", "-o", out, "-q"])
     }
 
-    /// As [`Self::run`] behind a line of shell, with `$0` the program and `$1` the folder of results.
+    /// Like [`Self::run`] within a line of shell, with `$0` the program and `$1` the folder of results.
     fn run_in_shell(&self, line: &str, out: &str) -> Child {
         let line = format!("{line}exec \"$0\" run faces -o \"$1\" -q");
         self.start("sh", &["-c", &line, GRIMACE, out])
     }
 
-    /// Exit status, `None` when killed, and what was said.
+    /// Returns the exit status (`None` when killed) and the messages.
     fn end(&self, mut child: Child) -> (Option<i32>, String) {
         let status = child.wait().unwrap().code();
         (status, String::from_utf8_lossy(&fs::read(self.path("stderr")).unwrap()).into_owned())
     }
 
-    /// A moment of an undisturbed run.
+    /// Returns a random moment of an undisturbed run.
     fn moment(&mut self) -> Duration {
         self.duration.mul_f64(self.random.random_range(0.0..1.1))
     }
 
-    /// No result stands under its name with other content than that of the undisturbed run; the record of the run itself may say less.
+    /// Checks that no result differs from that of the undisturbed run; the record of the run itself may contain less.
     fn assert_no_half_file(&self, out: &str, fault: &str) {
         let found = files_in(&self.path(out));
         let wrong = differing(&found, &self.expected);
@@ -137,7 +137,7 @@ impl Bench {
         assert!(half.is_empty(), "{fault}: half files {half:?}");
     }
 
-    /// The next run finishes the job and leaves what an undisturbed one does.
+    /// Checks that the next run completes the work and gives the results of an undisturbed run.
     fn assert_recovers(&self, out: &str, fault: &str) {
         let (status, said) = self.end(self.run(out));
         assert_eq!(status, Some(0), "{fault}: the next run says {said}");
@@ -145,7 +145,7 @@ impl Bench {
         assert!(wrong.is_empty(), "{fault}: after the next run these differ: {wrong:?}");
     }
 
-    /// A run that failed says why, without a panic.
+    /// Checks that a failed run states the reason, without a panic.
     fn assert_said(status: Option<i32>, said: &str, fault: &str) {
         assert!(matches!(status, Some(0 | 1 | 3)), "{fault}: exit status {status:?}: {said}");
         assert!(status == Some(0) || said.contains("error:") || said.contains("failed"), "{fault}: nothing is said: {said}");
@@ -193,13 +193,14 @@ impl Bench {
         );
     }
 
-    /// Whether this user may mount in a namespace of its own.
+    /// Whether this user may mount in a new namespace.
     fn may_mount() -> bool {
         let tried = Command::new("unshare").args(["-rm", "mount", "-t", "tmpfs", "none", "/mnt"]).stderr(Stdio::null()).status();
         tried.is_ok_and(|status| status.success())
     }
 
-    /// As [`Self::run`] in a namespace where `mounts` was done with `$2` the folder of results; it is copied out to `$1` at the end.
+    /// Like [`Self::run`] in a namespace after the commands `mounts`, with `$2` the folder of results; results are copied to `$1` at the
+    /// end.
     fn run_mounted(&self, mounts: &str, out: &str) -> (Option<i32>, String) {
         fs::create_dir_all(self.path("mounted")).unwrap();
         let line = format!(
@@ -351,7 +352,7 @@ impl Bench {
 
 const GRIMACE: &str = env!("CARGO_BIN_EXE_grimace");
 
-/// Disturbs runs in a folder of their own and prints what came of it.
+/// Disturbs runs in a new folder and prints the results.
 fn disturb(faults: impl FnOnce(&mut Bench, u64)) {
     let rounds = std::env::var("GRIMACE_FAULTS_ROUNDS").ok().and_then(|text| text.parse().ok()).unwrap_or(ROUNDS);
     let mut bench = Bench::new();

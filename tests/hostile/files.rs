@@ -1,4 +1,4 @@
-//! Files that mean harm, as a user would meet them: what a terminal, a spreadsheet or a picture gets to see of them.
+//! Malicious files in use: what reaches a terminal, a spreadsheet or a picture.
 
 use std::{
     fs,
@@ -12,13 +12,13 @@ fn repository(path: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
 }
 
-/// Exit status and what was said on standard error, from a fresh folder.
+/// Runs a command in a new folder and returns its exit status and standard error.
 fn grimace(folder: &TempDir, arguments: &[&str]) -> (Option<i32>, String) {
     let ran = Command::new(env!("CARGO_BIN_EXE_grimace")).args(arguments).current_dir(folder.path()).output().unwrap();
     (ran.status.code(), String::from_utf8_lossy(&ran.stderr).into_owned())
 }
 
-/// A folder with `face.jpg` and `marks.csv`, and the representative of happiness with the value of a coordinate replaced.
+/// Makes a folder with `face.jpg` and `marks.csv`, and the representative of happiness with one coordinate replaced.
 fn clone_folder(wild: &str) -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     fs::copy(repository("fixtures/simulated/S001/001/S001_001_00000001.jpg"), folder.path().join("face.jpg")).unwrap();

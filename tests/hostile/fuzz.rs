@@ -1,8 +1,8 @@
-//! Every reader against hostile files: seeds of `fuzz/seeds` changed at random, and the files of `fuzz/regressions` that once did harm.
+//! Every reader on hostile files: seeds of `fuzz/seeds` with random changes, and the files of `fuzz/regressions`, which once did harm.
 //!
-//! Bounded and the same in every run. `scripts/fuzz N` sets `GRIMACE_FUZZ_EXECUTIONS` for more; `GRIMACE_FUZZ_TARGET` takes one reader,
-//! `GRIMACE_FUZZ_SEED` other changes, `GRIMACE_FUZZ_FIRST` begins at that execution. A file that makes a reader panic or takes it longer
-//! than [`PATIENCE`] is left in `fuzz/found`.
+//! The number of executions is limited, and every run is the same. `scripts/fuzz N` sets `GRIMACE_FUZZ_EXECUTIONS` for more executions;
+//! `GRIMACE_FUZZ_TARGET` selects one reader, `GRIMACE_FUZZ_SEED` other changes, and `GRIMACE_FUZZ_FIRST` the first execution. A file that
+//! makes a reader panic, or that takes longer than [`PATIENCE`], is saved in `fuzz/found`.
 
 use std::{
     fs,
@@ -14,17 +14,17 @@ use std::{
 
 use grimace::internal::fuzzing::{TARGETS, Target, dictionary, mutate, target};
 
-/// Executions of a reader of texts in the ordinary tests; others get a tenth.
+/// Number of executions of a reader of text in the ordinary tests; other readers get a tenth.
 const EXECUTIONS: u64 = 1000;
 
-/// A reader that takes longer for a file of some kilobytes hangs.
+/// Time after which a reader of a file of some kilobytes counts as hanging.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 fn folder(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz").join(name)
 }
 
-/// The files of a folder, by name; none where there is no such folder.
+/// Returns the files of a folder, by name; none when the folder does not exist.
 fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
     let Ok(entries) = fs::read_dir(folder) else { return Vec::new() };
     let mut files: Vec<_> = entries.map(|e| e.unwrap().path()).collect();
@@ -57,7 +57,7 @@ fn every_seed_parses() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// Files are named after what they did.
+/// Files are named after their effect.
 #[test]
 fn files_that_did_harm_are_refused() {
     let mut count = 0;
@@ -72,7 +72,7 @@ fn files_that_did_harm_are_refused() {
     assert!(count > 0, "no regression found in {}", folder("regressions").display());
 }
 
-/// One execution; the reason when the reader did not end well.
+/// Runs one execution. Returns the reason when the reader did not end normally.
 fn execute(target: &Target, bytes: &[u8]) -> Result<bool, String> {
     let outcome = catch_unwind(AssertUnwindSafe(|| target.read(bytes)));
     outcome.map(|read| read.is_ok()).map_err(|payload| {
@@ -88,10 +88,10 @@ fn keep(target: &Target, index: u64, bytes: &[u8]) -> PathBuf {
     path
 }
 
-/// An execution under way: when it began, of what, which one, and its bytes.
+/// A running execution: start time, target, number and bytes.
 type Execution = (Instant, &'static Target, u64, Vec<u8>);
 
-/// Ends the program when an execution hangs; nothing else can.
+/// Ends the program when an execution hangs, because a thread cannot be ended.
 fn watch(current: &'static Mutex<Option<Execution>>, stop: mpsc::Receiver<()>) {
     while stop.recv_timeout(Duration::from_secs(1)) == Err(mpsc::RecvTimeoutError::Timeout) {
         if let Some((started, target, index, bytes)) = current.lock().unwrap().as_ref()
@@ -146,7 +146,7 @@ fn no_hostile_file_ends_a_reader() {
     assert!(harm.is_empty(), "{}", harm.join("\n"));
 }
 
-/// Writes the seeds that only this program can write. Run by hand: `cargo test --test hostile -- --ignored write_seeds`.
+/// Writes the seeds that only this program can write. Run manually: `cargo test --test hostile -- --ignored write_seeds`.
 #[test]
 #[ignore = "writes into fuzz/seeds"]
 fn write_seeds() {

@@ -1,5 +1,5 @@
-//! Inputs that are no files: pipes, devices, pictures that promise more than a machine has. Each is an error at once, and pipes are read
-//! through `-`.
+//! Inputs that are not regular files, such as pipes and devices, and pictures that claim more pixels than memory can hold. Each is an
+//! immediate error; pipes are read through `-`.
 
 use std::{
     fs,
@@ -11,14 +11,14 @@ use std::{
 
 use tempfile::TempDir;
 
-/// A command that takes longer hangs: it is ended and the test fails, saying so.
+/// Time after which a command counts as hanging: it is ended, and the test fails.
 const PATIENCE: Duration = Duration::from_secs(120);
 
 fn repository(path: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
 }
 
-/// Exit status, standard output and standard error of a command in a folder, with what it gets on its standard input.
+/// Runs a command in a folder with the given standard input. Returns exit status, standard output and standard error.
 fn grimace(folder: &TempDir, arguments: &[&str], input: &[u8]) -> (Option<i32>, String, String) {
     let mut command = Command::new(env!("CARGO_BIN_EXE_grimace"));
     command.args(arguments).current_dir(folder.path());
@@ -49,7 +49,7 @@ fn grimace(folder: &TempDir, arguments: &[&str], input: &[u8]) -> (Option<i32>, 
     (status.code(), reader.join().unwrap(), errors.join().unwrap())
 }
 
-/// A folder with the first sequence of the sample as `faces/`, and `face.jpg`, its first frame.
+/// Makes a folder with the first sequence of the sample as `faces/`, and its first frame as `face.jpg`.
 fn folder() -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     fs::create_dir(folder.path().join("faces")).unwrap();
@@ -132,7 +132,7 @@ fn what_is_piped_is_read_through_a_dash() {
     assert!(said.len() < 2000 && !said.is_empty(), "{said}");
 }
 
-/// A PNG file that says that it has `side` x `side` grey pixels, and holds the data of a few.
+/// Returns a PNG file that claims `side` x `side` grey pixels but contains the data of a few.
 fn bomb(side: u32) -> Vec<u8> {
     let mut bytes = b"\x89PNG\r\n\x1a\n".to_vec();
     let mut chunk = |kind: &[u8; 4], data: &[u8]| {
@@ -151,7 +151,7 @@ fn bomb(side: u32) -> Vec<u8> {
     bytes
 }
 
-/// Told by the header: nothing is made room for. All commands that take pictures have the one limit and the one option.
+/// The header is checked before memory is allocated. All commands that read pictures share one limit and one option.
 #[test]
 fn a_picture_bomb_is_refused_by_its_header_in_every_command() {
     let folder = folder();
@@ -184,7 +184,7 @@ fn a_picture_bomb_is_refused_by_its_header_in_every_command() {
     assert!(failures.contains("32000") && failures.contains("--max-pixels"), "{failures}");
 }
 
-/// Whoever asks for quiet gets it: a good run says nothing at all, on either stream, whatever the libraries below would like to say.
+/// A successful run with --quiet prints nothing on either stream, including messages of libraries.
 #[test]
 fn quiet_is_quiet() {
     let folder = folder();

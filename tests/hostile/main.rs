@@ -1,4 +1,4 @@
-//! What must never happen, tried: hostile files by the command and by every reader, and runs that are disturbed.
+//! Robustness: hostile files given to commands and readers, and runs that are disturbed.
 #![allow(missing_docs, clippy::pedantic)]
 
 #[cfg(unix)]

@@ -1,14 +1,15 @@
-//! Representatives, statistics and FAP files of a small set of models against the files in `fixtures/golden`, within 1e-6 (face
+//! Compares representatives, statistics and FAP files of a small set of models with the files in `fixtures/golden`, within 1e-6 (face
 //! units, or FAP units).
 //!
-//! The models are made here from Candide-3's action units by plain arithmetic; no image, no tracker and no random number is in it.
-//! After a change of the statistics that is meant:
+//! The models are computed from Candide-3's action units by plain arithmetic, without images, tracking or random numbers. After an intended
+//! change of the statistics,
 //!
 //! ```text
 //! REGENERATE=1 cargo test --test method golden
 //! ```
 //!
-//! writes the files anew; the commit says why they changed. How the first ones were checked stands in `fixtures/golden/README.md`.
+//! writes the files again; the commit message states why they changed. `fixtures/golden/README.md` describes how the first ones were
+//! checked.
 
 use std::{collections::BTreeMap, fs, path::Path};
 
@@ -25,15 +26,15 @@ use nalgebra::{Point2, Vector2};
 /// Largest difference of two numbers.
 const TOLERANCE: f64 = 1e-6;
 
-/// Emotions as action unit vectors (number in the list of Rydfalk) with their strength.
+/// Emotions as action unit vectors (number in Rydfalk's list) with their strengths.
 const EMOTIONS: [(&str, &[(u16, f64)]); 2] =
     [("happiness", &[(2, 0.7), (14, -0.6), (7, 0.3)]), ("surprise", &[(5, 0.9), (10, 0.5), (11, 0.8)])];
 
-/// Models of each emotion: an odd number, of which an odd number is kept (floor(0.2 * 11) = 2 are dropped). Nodes that one unit
-/// moves have all their vectors on a line, and of an even number on a line the median is not unique.
+/// Number of models of each emotion. It is odd, and so is the number of kept models (floor(0.2 * 11) = 2 are dropped): vectors of nodes
+/// that one unit moves lie on a line, where the median of an even number is not unique.
 const SUBJECTS: u32 = 11;
 
-/// Model of one subject: every unit has its own strength and its own course, and the last subject does something else.
+/// Makes the model of a subject: every unit has its own strength and timing, and the last subject moves the other way.
 fn model(bench: &Workbench, units: &[(u16, f64)], subject: u32) -> SequenceModel {
     let canonical = bench.normalizer().unwrap().canonical().clone();
     let face_units = 1024.0 / 0.613;
@@ -58,7 +59,7 @@ fn model(bench: &Workbench, units: &[(u16, f64)], subject: u32) -> SequenceModel
     SequenceModel { id, model: DynamicExpressionModel::new((0..5).map(frame).collect()).unwrap() }
 }
 
-/// The files made now.
+/// Returns the files made by the current code.
 fn made() -> Files {
     let statistics = StatisticsOptions { alpha: 0.2, median: MedianKind::Exact, ..StatisticsOptions::default() };
     let bench = Workbench::new(None, PipelineOptions { statistics, ..PipelineOptions::default() }).unwrap();
@@ -85,7 +86,7 @@ fn made() -> Files {
     files
 }
 
-/// Fails with file, line and field where the texts differ by more than [`TOLERANCE`].
+/// Fails with file, line and field when the texts differ by more than [`TOLERANCE`].
 fn compare(name: &str, golden: &str, made: &str) {
     let fields = |line: &str| line.split([',', ' ']).map(str::to_owned).collect::<Vec<_>>();
     assert_eq!(golden.lines().count(), made.lines().count(), "{name}: lines");

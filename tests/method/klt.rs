@@ -1,4 +1,4 @@
-//! Our KLT beside OpenCV's.
+//! Compares this project's KLT with OpenCV's.
 
 use grimace::internal::{
     sequence::Frame,
@@ -13,7 +13,7 @@ use opencv::{
     video::build_optical_flow_pyramid,
 };
 
-/// A smooth pattern, moved and a little enlarged from frame to frame.
+/// Returns a smooth pattern that moves and grows slightly from frame to frame.
 fn frame(number: u32) -> Frame {
     let (shift, scale) = (f64::from(number - 1), 1.0 + 0.004 * f64::from(number - 1));
     let image = GrayImage::from_fn(233, 187, |x, y| {
@@ -24,7 +24,7 @@ fn frame(number: u32) -> Frame {
     Frame::new(number, image)
 }
 
-/// Points all over the image and beyond its border.
+/// Returns points all over the image and outside its border.
 fn points() -> Vec<Point2<f64>> {
     let grid = |from: i32, to: i32| (from..to).step_by(7).map(|v| f64::from(v) + 0.31);
     grid(-12, 200).flat_map(|y| grid(-12, 245).map(move |x| Point2::new(x, y))).collect()

@@ -1,10 +1,10 @@
-//! The order of the library's modules: each imports only what stands before it. `docs/architecture.md` says what the layers are for.
+//! The order of the library's modules: each imports only earlier ones. `docs/architecture.md` describes the layers.
 
 use std::{fs, path::Path};
 
 use crate::common::root;
 
-/// Modules from the ground up. A module may import those of the layers below, and those before it in its own layer.
+/// Modules from the lowest layer up. A module may import those of lower layers and the earlier ones of its own layer.
 const LAYERS: [(&str, &[&str]); 5] = [
     (
         "ground",
@@ -33,19 +33,19 @@ const LAYERS: [(&str, &[&str]); 5] = [
     ("tool", &["columnar", "report", "pipeline", "annotate", "cli", "fuzzing"]),
 ];
 
-/// Place of a module in the order.
+/// Returns the index of a module in the order.
 fn rank(module: &str) -> Option<usize> {
     LAYERS.iter().flat_map(|(_, modules)| *modules).position(|m| *m == module)
 }
 
-/// The part of a file that is not its tests, comments blanked; line numbers stay.
+/// Returns a file without its tests and with blanked comments; line numbers do not change.
 fn code(text: &str) -> String {
     let tests = text.find("#[cfg(test)]\nmod ").or_else(|| text.find("#[cfg(test)]\n#[allow")).unwrap_or(text.len());
     let line = |line: &str| if line.trim_start().starts_with("//") { String::new() } else { line.to_owned() };
     text[..tests].lines().map(line).collect::<Vec<_>>().join("\n")
 }
 
-/// The modules of the crate that a text names, with their lines: `crate::a::b`, `crate::{a::b, c}`.
+/// Returns the modules of the crate that a text names, with their lines: `crate::a::b`, `crate::{a::b, c}`.
 fn imports(text: &str) -> Vec<(usize, String)> {
     let word = |text: &str| text.trim_start().chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect::<String>();
     let mut found = Vec::new();
@@ -79,7 +79,7 @@ fn imports(text: &str) -> Vec<(usize, String)> {
     found
 }
 
-/// What is wrong with the imports of one module's text.
+/// Returns the forbidden imports in the text of a module.
 fn wrong(module: &str, text: &str) -> Vec<(usize, String)> {
     let own = rank(module);
     let against = |(_, name): &(usize, String)| name != module && rank(name) > own;
@@ -129,7 +129,7 @@ fn a_wrong_import_is_found_and_named() {
     assert!(wrong("fit", tests).is_empty());
 }
 
-/// The names that the facade of a library's text shows, by module.
+/// Returns the names that the facade of a library exports, by module.
 fn shown(text: &str) -> Vec<String> {
     let blocks = text.split("\nfacade! {\n").skip(1).filter_map(|block| block.split_once("\n}").map(|(block, _)| code(block)));
     let names = blocks.flat_map(|block| {
@@ -156,7 +156,7 @@ fn the_facade_stays_small() {
     assert!(names.iter().all(|name| !taken.contains(name)));
 }
 
-/// The Rust files of a module: `NAME.rs`, and all in the folder `NAME`.
+/// Collects the Rust files of a module: `NAME.rs`, and all files in the folder `NAME`.
 fn sources(path: &Path, texts: &mut Vec<String>) {
     if path.is_dir() {
         fs::read_dir(path).unwrap().for_each(|entry| sources(&entry.unwrap().path(), texts));

@@ -1,4 +1,4 @@
-//! The library from outside: golden files, properties that hold across modules, the tracker without images, the report as text.
+//! The library from outside: golden files, properties across modules, the tracker without images, and the report as text.
 #![allow(missing_docs, clippy::pedantic)]
 
 #[path = "../common/mod.rs"]

@@ -1,5 +1,5 @@
-//! Good marks are never refused, and wrong ones always are: landmarks of real people, of every number, off by several pixels, on small and
-//! turned faces with open mouths, and faces of the shape space at three standard deviations.
+//! Good marks are never refused, and wrong ones always are. Good marks are landmarks of real people in any number, with errors of several
+//! pixels, on small and turned faces with open mouths, and faces of the shape space at three standard deviations.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -15,7 +15,7 @@ use rand::{RngExt, SeedableRng, seq::SliceRandom};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-/// A face as exact places of nodes, px, y down, and its eye distance.
+/// A face with exact positions of nodes, px, y down, and its eye distance.
 struct Face {
     name: String,
     places: Vec<(NodeId, Point2<f64>)>,
@@ -32,7 +32,8 @@ fn of_landmarks(name: String, points: &[Point2<f64>], tables: &Tables) -> Face {
     Face { name, places: marks.iter().map(|m| (m.node, m.position)).collect(), eye_distance }
 }
 
-/// 90 people as a network and as a person have them, neutral and, by the network, smiling; and the first and the last frame of every sequence.
+/// Returns 90 people with landmarks of a network and with hand-set points, neutral and (by the network) smiling; and the first and the last
+/// frame of every sequence.
 fn real_faces(tables: &Tables) -> Vec<Face> {
     let mut faces = Vec::new();
     let skipped = "marks of real people were not tried";
@@ -57,7 +58,7 @@ fn real_faces(tables: &Tables) -> Vec<Face> {
     faces
 }
 
-/// Faces of every prior: each mode at three standard deviations, and all at random with a total of three.
+/// Returns faces of every prior: each mode at three standard deviations, and random combinations with a total of three.
 fn extreme_faces(wireframe: &Wireframe) -> Vec<Face> {
     let mut faces = Vec::new();
     let mut random = ChaCha8Rng::seed_from_u64(3);
@@ -88,7 +89,7 @@ fn extreme_faces(wireframe: &Wireframe) -> Vec<Face> {
     faces
 }
 
-/// Marks of a person who is a stranger to everything: fewer, smaller, turned, off.
+/// Returns marks of a face under difficult conditions: fewer, smaller, turned, with errors.
 fn strange_marks(face: &Face, size: usize, depth: &[f64], random: &mut ChaCha8Rng) -> Vec<Correspondence> {
     let mut places = face.places.clone();
     places.shuffle(random);
@@ -160,7 +161,7 @@ fn good_marks_are_never_refused() {
     }
 }
 
-/// The seven marks that everybody sets.
+/// The seven most common marks.
 const SEVEN: [u16; 7] = [20, 23, 53, 56, 31, 64, 10];
 
 type Mistake = (&'static str, fn(&mut Vec<Correspondence>, f64));
@@ -180,7 +181,7 @@ fn shift(marks: &mut [Correspondence], node: u16, by: Vector2<f64>) {
     marks.iter_mut().filter(|m| m.node == NodeId(node)).for_each(|m| m.position += by);
 }
 
-/// What people do wrong, each with the node that must be named (none: no node).
+/// Common mistakes, each with the node that the message must name (none: no node).
 const MISTAKES: [(Option<u16>, Mistake); 20] = [
     (Some(20), ("left eye: outer and inner corner exchanged", |m, _| exchange(m, &[(20, 23)]))),
     (Some(53), ("right eye: outer and inner corner exchanged", |m, _| exchange(m, &[(53, 56)]))),

@@ -1,4 +1,4 @@
-//! Properties that hold across modules, over random faces and motions.
+//! Properties that hold across modules, for random faces and motions.
 
 use grimace::internal::{
     dataset::LandmarkSelection,
@@ -16,7 +16,7 @@ use grimace::internal::{
 use nalgebra::{Point2, Vector2};
 use proptest::prelude::*;
 
-/// A track of a face that goes linearly to the given strengths of the action units, each frame seen through a view, in pixels.
+/// Returns a track of a face that moves linearly to the given strengths of the action units, each frame seen through a view, in pixels.
 fn tracked(strengths: &[f64], frames: u32, view: impl Fn(u32) -> Similarity) -> Vec<TrackedFrame> {
     let wireframe = Wireframe::candide3();
     let scale = 120.0 / 0.613;
@@ -36,7 +36,7 @@ fn tracked(strengths: &[f64], frames: u32, view: impl Fn(u32) -> Similarity) -> 
     (1..=frames).map(frame).collect()
 }
 
-/// The normalized model of a track that went through its file.
+/// Returns the normalized model of a track after writing and reading its file.
 fn normalized(frames: &[TrackedFrame]) -> DynamicExpressionModel<FaceUnit> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("S001_001.csv");
@@ -65,7 +65,7 @@ fn similarity() -> impl Strategy<Value = Similarity> {
     })
 }
 
-/// Strengths of the action units.
+/// Generates strengths of the action units.
 fn strengths() -> impl Strategy<Value = Vec<f64>> {
     prop::collection::vec(-0.6..0.9_f64, 11)
 }
@@ -148,7 +148,7 @@ proptest! {
         }
     }
 
-    /// A run compares its options with those in `run.json`: reading must give the very same numbers.
+    /// A run compares its options with those in `run.json`, so reading must return exactly the same numbers.
     #[test]
     fn options_read_back_from_json_as_written(a in any::<f64>(), b in 0.0..1.0_f64, c in 1e-9..1e9_f64, between in 0usize..99) {
         prop_assume!(a.is_finite());
@@ -165,7 +165,7 @@ proptest! {
         prop_assert_eq!(serde_json::from_str::<PipelineOptions>(&text).unwrap(), options);
     }
 
-    /// Garbage in any column of a track file is an error or a track, never a panic.
+    /// Invalid text in any column of a track file gives an error or a track, never a panic.
     #[test]
     fn any_track_file_reads_or_fails(text in "frame,node,x,y(,state)?\n([0-9]{1,3},[0-9]{0,2},[0-9.eN-]{0,6},[0-9]{1,3}(,tracked|,)?\n){0,6}") {
         let folder = tempfile::tempdir().unwrap();
@@ -178,7 +178,7 @@ proptest! {
     }
 }
 
-/// A track of the whole project's words: states survive the file.
+/// A track with all states: they are preserved in the file.
 #[test]
 fn states_and_residuals_survive_the_file() {
     let mut frames = tracked(&[0.3], 3, |_| Similarity::identity());

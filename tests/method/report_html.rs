@@ -1,9 +1,9 @@
-//! The report as text: what it holds, that it is safe, small and the same every time.
+//! The report as text: its content, safety, size and reproducibility.
 
 use crate::report_data::Fixture;
 use grimace::internal::report::{Stage, render_html};
 
-/// The embedded data, parsed.
+/// Returns the parsed embedded data.
 fn payload(html: &str) -> serde_json::Value {
     let start = html.find(r#"id="data">"#).unwrap() + r#"id="data">"#.len();
     let length = html[start..].find("</script>").unwrap();

@@ -1,6 +1,6 @@
-//! The tracker's method without OpenCV: a scripted point tracker says where points go, and which are lost.
+//! The tracking method without OpenCV: a scripted point tracker determines where points move and which are lost.
 //!
-//! The face is Candide-3 with its pupils 100 px apart, so that options relative to the eye distance are in hundredths of a pixel.
+//! The face is Candide-3 with its pupils 100 px apart, so options relative to the eye distance are in hundredths of a pixel.
 
 use grimace::internal::{
     fit::FittedWireframe,
@@ -16,25 +16,25 @@ use grimace::internal::{
 };
 use nalgebra::{Point2, Vector2};
 
-/// What happens to a node in the step to a frame.
+/// Fault of a node in the step to a frame.
 #[derive(Clone, Copy, Debug)]
 enum Fault {
     /// No match forward.
     Lost,
-    /// A match forward, none back.
+    /// A match forward, but none back.
     LostBack,
-    /// Found this far from where it is; the way back returns to the start.
+    /// Found at this distance from its true position; the way back returns to the start.
     Astray(f64, f64),
-    /// The way back ends this far from the start.
+    /// The way back ends at this distance from the start.
     ReturnsAstray(f64, f64),
 }
 
-/// Knows where every live node is in every frame; probes come in the order of the live nodes.
+/// A point tracker that knows the position of every live node in every frame; it gets probes in the order of the live nodes.
 struct Scripted<'a> {
     truth: &'a [Vec<Point2<f64>>],
     live: &'a [NodeId],
     faults: &'a [(usize, u16, Fault)],
-    /// Frames given so far.
+    /// Number of frames so far.
     given: usize,
 }
 
@@ -68,14 +68,14 @@ impl PointTracker for Scripted<'_> {
     }
 }
 
-/// What may be left of an error when the face moves as a whole, px: the springs tie each of the 104 live nodes to where it was with
-/// 1e-9 of their stiffness, and a step is some pixels.
+/// Tolerance for a face that moves as a whole, px: the springs tie each of the 104 live nodes to its previous position with 1e-9 of their
+/// stiffness, and a step is a few pixels.
 const AT_REST: f64 = 1e-7;
 
 const WIDTH: u32 = 400;
 const HEIGHT: u32 = 400;
 
-/// Candide-3 in the middle of the picture, y down.
+/// Returns Candide-3 in the middle of the picture, y down.
 fn neutral(wireframe: &Wireframe) -> Vec<Point2<f64>> {
     let place = |p: &Point2<f64>| Point2::new(200.0 + p.x * 100.0 / 0.613, 200.0 - p.y * 100.0 / 0.613);
     let mut nodes: Vec<_> = wireframe.frontal().iter().map(place).collect();
@@ -83,7 +83,7 @@ fn neutral(wireframe: &Wireframe) -> Vec<Point2<f64>> {
     nodes
 }
 
-/// Frames that move by `step` px each.
+/// Returns frames that each move by `step` px.
 fn shifted(frames: usize, step: Vector2<f64>) -> Vec<Vec<Point2<f64>>> {
     let start = neutral(&Wireframe::candide3());
     (0..frames).map(|m| start.iter().map(|p| p + step * m as f64).collect()).collect()
@@ -108,12 +108,12 @@ fn track(truth: &[Vec<Point2<f64>>], faults: &[(usize, u16, Fault)], options: &T
     track_with(&mut tracker, &wireframe, &plan, &fitted, frames, options, |_| true)
 }
 
-/// A node in a frame, both from 0.
+/// Returns a node in a frame, both from 0.
 fn node(track: &Track, frame: usize, node: usize) -> TrackedNode {
     track.frames[frame].nodes[node]
 }
 
-/// Largest distance of a node to its true position in a frame.
+/// Returns the largest distance of a node to its true position in a frame.
 fn largest_error(track: &Track, truth: &[Vec<Point2<f64>>], frame: usize) -> f64 {
     let errors = track.frames[frame].nodes.iter().zip(&truth[frame]).map(|(n, p)| (n.position - p).norm());
     errors.fold(0.0, f64::max)

@@ -1,4 +1,4 @@
-//! Pictures of every format beside what OpenCV decodes, and files that OpenCV wrote.
+//! Compares pictures of every format with OpenCV's decoders, and reads files that OpenCV wrote.
 
 use std::{fs, io::Cursor};
 
@@ -17,7 +17,7 @@ fn grey(bytes: &[u8]) -> Result<GrayImage, DecodeError> {
     GrayDecoder::default().decode(bytes)
 }
 
-/// Soft colours, odd sides, so that every block and every conversion has something to do.
+/// Returns a picture with smooth colours and odd sides, so that every block and every conversion is exercised.
 fn colours(width: u32, height: u32) -> RgbImage {
     RgbImage::from_fn(width, height, |x, y| {
         let wave = |a: f64, b: f64| (127.0 + 120.0 * (a * f64::from(x) + b * f64::from(y)).sin()) as u8;
@@ -31,7 +31,7 @@ fn encoded(image: &DynamicImage, format: ImageFormat) -> Vec<u8> {
     bytes.into_inner()
 }
 
-/// The picture as OpenCV writes it.
+/// Encodes a picture with OpenCV.
 fn by_opencv(image: &RgbImage, extension: &str, flags: &[i32]) -> Vec<u8> {
     let png = encoded(&image.clone().into(), ImageFormat::Png);
     let mat = imdecode(&Mat::from_slice(&png).unwrap(), opencv::imgcodecs::IMREAD_COLOR).unwrap();
@@ -40,7 +40,7 @@ fn by_opencv(image: &RgbImage, extension: &str, flags: &[i32]) -> Vec<u8> {
     bytes.to_vec()
 }
 
-/// Largest difference in grey levels to what OpenCV decodes, and the share of pixels that differ.
+/// Returns the largest difference to OpenCV's decoder in grey levels, and the share of pixels that differ.
 fn against_opencv(bytes: &[u8]) -> (u8, f64) {
     let ours = grey(bytes).unwrap();
     let mat = imdecode(&Mat::from_slice(bytes).unwrap(), IMREAD_GRAYSCALE | IMREAD_ANYDEPTH).unwrap();

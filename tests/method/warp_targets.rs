@@ -1,7 +1,7 @@
-//! The warp on real photographs, where the project's shared data is beside the repository; said loudly where it is not.
+//! The warp on real photographs, when the project's shared data is next to the repository; otherwise the test prints that it was skipped.
 //!
-//! On every target, at the apex of every emotion and in a blink: no hole, no skin folded or doubled, and no pixel changed beyond the
-//! face's surroundings.
+//! On every target, at the apex of every emotion and in a blink, there must be no hole, no folded or doubled skin, and no changed pixel
+//! outside the surroundings of the face.
 
 use std::{
     fs,
@@ -19,7 +19,7 @@ use grimace::internal::{
 };
 use nalgebra::{Point2, Vector2};
 
-/// How far around the nodes' convex hull the surroundings may follow, over the eye distance.
+/// Largest distance from the convex hull of the nodes at which pixels may change, relative to the eye distance.
 const SURROUNDINGS: f64 = 0.76;
 
 fn data(name: &str) -> Option<PathBuf> {
@@ -31,7 +31,7 @@ fn data(name: &str) -> Option<PathBuf> {
     found.then_some(folder)
 }
 
-/// Offsets of the nodes at the apex of an emotion, or with the eyes closed, in model units of face space.
+/// Returns the offsets of the nodes at the apex of an emotion, or with closed eyes, in model units of face space.
 fn offsets(bench: &Workbench, emotion: Option<Emotion>) -> Vec<Vector2<f64>> {
     let mut offsets = vec![Vector2::zeros(); bench.wireframe.node_count()];
     let fapus = grimace::internal::wireframe::Fapus::measure(&bench.tables.fapus, &bench.wireframe.frontal()).unwrap();
@@ -56,7 +56,8 @@ fn offsets(bench: &Workbench, emotion: Option<Emotion>) -> Vec<Vector2<f64>> {
     offsets
 }
 
-/// Directions and how far the nodes reach in each: a point is at least as far from their convex hull as it is beyond any of them.
+/// Returns directions with the extent of the nodes in each; the distance of a point from the convex hull is at least its excess in any of
+/// them.
 fn supports(nodes: &[Point2<f64>]) -> Vec<(Vector2<f64>, f64)> {
     (0..64)
         .map(|k| {

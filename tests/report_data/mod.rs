@@ -1,4 +1,4 @@
-//! Made-up but plausible input for the report: models from Candide-3's own action units, with seeded scatter between people.
+//! Synthetic input for the report: models from Candide-3's own action units, with seeded differences between people.
 
 use std::collections::BTreeMap;
 
@@ -16,10 +16,10 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 
-/// Frames per model N'.
+/// Number of frames per model N'.
 const FRAMES: usize = 5;
 
-/// Action unit names and intensities of six emotions.
+/// Names and intensities of the action units of six emotions.
 const RECIPES: [(&str, &[(&str, f64)]); 6] = [
     ("anger", &[("Brow lowerer", 0.9), ("Lid tightener", 0.5), ("Lip presser", 0.5), ("Upper lid raiser", 0.3)]),
     ("disgust", &[("Nose wrinkler", 0.8), ("Upper lip raiser", 0.6), ("Lid tightener", 0.5), ("Brow lowerer", 0.4)]),
@@ -29,7 +29,7 @@ const RECIPES: [(&str, &[(&str, f64)]); 6] = [
     ("surprise", &[("Outer brow raiser", 1.0), ("Upper lid raiser", 0.7), ("Jaw drop", 0.8)]),
 ];
 
-/// Owns what [`ReportData`] borrows.
+/// Owner of the data that [`ReportData`] borrows.
 pub struct Fixture {
     pub title: String,
     pub representatives: Vec<Representative>,
@@ -42,7 +42,7 @@ pub struct Fixture {
 }
 
 impl Fixture {
-    /// A report of the six emotions with `counts` sequences each; one class per emotion and group, where groups are given.
+    /// Makes a report of the six emotions with `counts` sequences each, and one class per emotion and group, if groups are given.
     pub fn new(title: &str, counts: [usize; 6], groups: &[&str]) -> Self {
         let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
         let model_units = Fapus::measure(&tables.fapus, &wireframe.frontal()).unwrap();
@@ -187,7 +187,7 @@ fn track(id: &SequenceId, emotion: &str, live: &[NodeId], rng: &mut ChaCha8Rng) 
     }
 }
 
-/// FAP values of the apex frame.
+/// Returns the FAP values of the apex frame.
 fn apex_faps(r: &Representative, fapus: Fapus) -> Vec<ApexFap> {
     let catalog = FapCatalog::mpeg4();
     let (faps, _) = FapSequence::from_model(&r.model, &fapus, catalog, "test", 25, 0).unwrap();

@@ -1,4 +1,4 @@
-//! `--about`: which OpenCV this is, and what its films are written with.
+//! `--about`: reports the version of OpenCV and the codecs with which it writes films.
 
 use opencv::{
     core::{Size, get_version_string},
@@ -8,10 +8,10 @@ use opencv::{
 
 use crate::encode::codecs;
 
-/// Side of the films that are tried, px.
+/// Side of the test films, px.
 const SIDE: i32 = 64;
 
-/// Lines that say it.
+/// Lines of the report.
 pub fn lines() -> Vec<String> {
     let version = get_version_string().unwrap_or_else(|_| "of unknown version".to_owned());
     let readers = get_stream_backends().unwrap_or_default();
@@ -29,7 +29,7 @@ fn or_nothing(names: &[String]) -> String {
     if names.is_empty() { "nothing".to_owned() } else { names.join(", ") }
 }
 
-/// Whether a film of a format can be begun with a codec.
+/// Whether a film of a format can be started with a codec.
 fn writes(format: &str, codec: &[u8; 4]) -> bool {
     let Ok(folder) = tempfile::tempdir() else { return false };
     let path = folder.path().join(format!("film.{format}"));

@@ -1,10 +1,9 @@
-//! `back FROM TO MOST_PIXELS FILE`: says what the video's header says, passes its frames up to number FROM (counted from 1), then gives
-//! them from FROM back to TO, grey, each with its time where it is known. Where the video ends before FROM it only says how many it has.
+//! `back FROM TO MOST_PIXELS FILE`: sends a video's header data, decodes the frames up to number FROM (counted from 1), then sends those
+//! from FROM back to TO in grey, each with its time if known. If the video ends before FROM, it sends only the number of frames.
 //!
-//! The last frames before FROM are held; what lies before them is decoded again, piece by piece, each from a key frame. Seeking is not to be
-//! trusted (a key frame may not be where the file says, the frames behind it may refer to some before it): a frame is only given when it
-//! is, by its hash, what it was when the video was decoded from its beginning. Where seeking does not give that, the piece is decoded from
-//! the beginning.
+//! The last frames before FROM are kept in memory. Earlier ones are decoded again in sections, each from a key frame. Seeking is
+//! unreliable: a key frame may not be where the file states, and the frames after it may refer to earlier ones. A frame is therefore sent
+//! only if its hash equals that of the first decoding. If seeking does not achieve that, the section is decoded from the beginning.
 
 use std::{
     collections::VecDeque,
@@ -21,14 +20,14 @@ use crate::{
     talk::{Talk, end_with_input},
 };
 
-/// Pixels held at a time, bytes.
+/// Memory for decoded pixels, bytes.
 const HELD_BYTES: u64 = 48 << 20;
-/// Frames of a piece at least and at most.
+/// Smallest and largest number of frames in a section.
 const PIECE: (u32, u32) = (4, 512);
-/// Frames before a piece from which on it is tried to decode it, one after the other.
+/// Numbers of frames before a section from which decoding it is tried, in this order.
 const AHEAD: [u32; 3] = [1, 48, 480];
 
-/// What is remembered of a frame.
+/// Data kept of a frame.
 struct Seen {
     time: Option<f64>,
     hash: blake3::Hash,
@@ -72,7 +71,8 @@ pub fn run(arguments: &[OsString], talk: &mut Talk) -> Result<(), Trouble> {
 }
 
 impl Backward {
-    /// Decodes the frames up to number `from`; the last of them from `to` on, and how many may be held. Nothing where the video ends before.
+    /// Decodes the frames up to number `from`. Returns the last of them from `to` on, and how many fit in memory; `None` if the video ends
+    /// earlier.
     fn pass(&mut self, from: u32, to: u32, talk: &mut Talk) -> Result<Option<(VecDeque<Picture>, u32)>, Trouble> {
         let (mut held, mut length, mut before) = (VecDeque::new(), PIECE.1, None);
         for number in 1..=from {
@@ -110,20 +110,21 @@ impl Backward {
         piece.ok_or_else(|| Trouble::Failed("the video was changed while it was read".to_owned()))
     }
 
-    /// Frames `first` to `last`, decoded from a key frame before frame `start`; nothing where they are not what they were.
+    /// Decodes frames `first` to `last` from a key frame before frame `start`; `None` if they differ from the first decoding.
     fn fetch_from(&mut self, start: u32, first: u32, last: u32) -> Result<Option<VecDeque<Picture>>, Trouble> {
         let Some(seconds) = self.seen.get(start as usize - 1).and_then(|seen| seen.time) else { return Ok(None) };
         if !self.film.seek(seconds) || !self.film.advance(start)? {
             return Ok(None);
         }
         let Some(time) = self.film.time(None) else { return Ok(None) };
-        // Which frame it is, by its time: the last ones of a film may have none.
+        // The time identifies the frame; the last ones of a film may have none.
         let here = (1..=first).rev().find(|number| self.seen.get(*number as usize - 1).and_then(|seen| seen.time) == Some(time));
         let Some(here) = here else { return Ok(None) };
         self.go_on(here, first, last)
     }
 
-    /// Goes on from frame `here`, 0 being before the first one, to `last`; those from `first` on, if they are what they were.
+    /// Continues from frame `here` (0: before the first one) to `last`. Returns the frames from `first` on, if they equal those of the
+    /// first decoding.
     fn go_on(&mut self, mut here: u32, first: u32, last: u32) -> Result<Option<VecDeque<Picture>>, Trouble> {
         let mut piece = VecDeque::new();
         loop {

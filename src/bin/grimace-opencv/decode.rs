@@ -1,5 +1,5 @@
-//! `decode grey|colour FIRST MOST_PIXELS FILE`: says what the video's header says, then gives its frames from number FIRST (counted from 1)
-//! on, each with its time where it is known, then how many it has. Of those before FIRST only the times are given.
+//! `decode grey|colour FIRST MOST_PIXELS FILE`: sends a video's header data, then its frames from number FIRST (counted from 1) on, each
+//! with its time if known, then the number of frames. Of those before FIRST only the times are sent.
 
 use std::{ffi::OsString, path::Path};
 
@@ -20,7 +20,7 @@ pub fn run(arguments: &[OsString], talk: &mut Talk) -> Result<(), Trouble> {
     let (header, pixels) = film.header();
     talk.say(&header)?;
     if pixels > most {
-        // The other program says that it is too large, and how large a picture may be.
+        // The other program reports that it is too large, with the limit.
         return Ok(());
     }
     let (mut count, mut before) = (0, None);

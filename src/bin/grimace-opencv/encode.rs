@@ -1,4 +1,4 @@
-//! `encode mp4|webm FPS WIDTH HEIGHT FILE`: takes frames in colour until it is told that there are no more, and writes them as a film.
+//! `encode mp4|webm FPS WIDTH HEIGHT FILE`: receives frames in colour until the end is announced, and writes them as a film.
 
 use std::ffi::OsString;
 
@@ -20,7 +20,7 @@ pub fn codecs(format: Option<&str>) -> Option<&'static [&'static [u8; 4]]> {
     match format? {
         "mp4" => Some(&[b"avc1", b"mp4v"]),
         "webm" => Some(&[b"VP90", b"VP80"]),
-        // Every OpenCV has this one; the tests write videos with it.
+        // Every OpenCV has this codec; the tests write videos with it.
         "avi" => Some(&[b"MJPG"]),
         _ => None,
     }
@@ -56,7 +56,7 @@ pub fn run(arguments: &[OsString], talk: &mut Talk) -> Result<(), Trouble> {
     Ok(())
 }
 
-/// A writer with the first codec that this OpenCV has.
+/// Opens a writer with the first codec that this OpenCV has.
 fn open(path: &str, codecs: &[&[u8; 4]], fps: f64, size: Size) -> Result<Option<VideoWriter>, Trouble> {
     for codec in codecs {
         let [a, b, c, d] = codec.map(char::from);

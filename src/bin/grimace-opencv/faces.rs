@@ -1,4 +1,4 @@
-//! `faces FOLDER FACE EYES EYES`: for every grey picture, the largest face that Haar cascades find, and what may be its eyes.
+//! `faces FOLDER FACE EYES EYES`: for every grey picture, sends the largest face that Haar cascades find, and candidates for its eyes.
 
 use std::{ffi::OsString, path::Path};
 
@@ -15,13 +15,13 @@ use crate::{
     talk::{Heard, Talk},
 };
 
-/// Share of a face box's height above which eyes are looked for.
+/// Upper share of a face box in which eyes are searched.
 const EYE_BAND: f64 = 0.6;
 
 pub fn run(arguments: &[OsString], talk: &mut Talk) -> Result<(), Trouble> {
     let [folder, names @ ..] = arguments else { return Err(Trouble::Failed("no folder of cascades".to_owned())) };
     let load = |name: &OsString| {
-        // OpenCV gives an empty classifier for a file that is not there.
+        // OpenCV returns an empty classifier for a missing file.
         let classifier = CascadeClassifier::new(Path::new(folder).join(name)).ok();
         let whole = classifier.filter(|c| c.empty().is_ok_and(|empty| !empty));
         whole.ok_or_else(|| Trouble::Failed(name.to_string_lossy().into_owned()))

@@ -1,4 +1,4 @@
-//! A video that is decoded frame after frame.
+//! Decodes a video frame by frame.
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ use opencv::{
 
 use crate::Trouble;
 
-/// An open video, at one of its frames.
+/// An open video positioned at one of its frames.
 pub struct Film {
     capture: VideoCapture,
     turn: Option<i32>,
@@ -42,7 +42,7 @@ impl Film {
         Ok(Self { capture, turn, frame: Mat::default(), converted: Mat::default(), upright: Mat::default() })
     }
 
-    /// What the header says, and how many pixels a frame has by it.
+    /// Header data, and the number of pixels per frame by the header.
     pub fn header(&self) -> (Reply, u64) {
         let stated = |property| self.capture.get(property).unwrap_or(0.0);
         let side = |property| stated(property).max(0.0) as u32;
@@ -54,23 +54,23 @@ impl Film {
         (Reply::Video { fps, frames, width, height }, u64::from(width) * u64::from(height))
     }
 
-    /// Goes to the next frame; whether there is one. `number` is the one it has, for what goes wrong.
+    /// Advances to the next frame; returns whether there is one. `number` is its number, for errors.
     pub fn advance(&mut self, number: u32) -> Result<bool, Trouble> {
         let of_frame = |error: opencv::Error| Trouble::Failed(format!("frame {number}: OpenCV: {error}"));
         Ok(self.capture.read(&mut self.frame).map_err(of_frame)? && !self.frame.empty())
     }
 
-    /// When the frame is shown, s from the start of the video, where OpenCV knows it, after the last frame with a time.
+    /// Time of the frame, s from the start of the video, if OpenCV knows it. `before` is the time of the last frame that has one.
     pub fn time(&self, before: Option<f64>) -> Option<f64> {
         self.capture.get(CAP_PROP_POS_MSEC).ok().map(|ms| ms / 1e3).filter(|seconds| is_time(*seconds, before))
     }
 
-    /// Goes before the frame that is shown at a time, or to a place near it; whether it could.
+    /// Seeks to before the frame at a time, or near it; returns whether this was possible.
     pub fn seek(&mut self, seconds: f64) -> bool {
         self.capture.set(CAP_PROP_POS_MSEC, seconds * 1e3).unwrap_or(false)
     }
 
-    /// A hash of the frame as it was decoded.
+    /// Hash of the decoded frame.
     pub fn hash(&self) -> Result<blake3::Hash, Trouble> {
         if self.frame.is_continuous() {
             return Ok(blake3::hash(self.frame.data_bytes()?));
@@ -78,7 +78,7 @@ impl Film {
         Ok(blake3::hash(self.frame.try_clone()?.data_bytes()?))
     }
 
-    /// The frame as it stands upright.
+    /// The frame rotated upright.
     pub fn picture(&mut self, is_coloured: bool) -> Result<Picture, Trouble> {
         let (conversion, channels) = match (is_coloured, self.frame.channels()) {
             (false, 1) => (None, 1),
@@ -107,18 +107,18 @@ impl Film {
     }
 }
 
-/// Longest video that is believed, s: what is beyond it was never written as a time.
+/// Longest plausible video, s; larger values are not times.
 const LONGEST: f64 = 1e6;
 
-/// Whether OpenCV knows a frame's time: frames that a decoder still held at the end of the file have 0.
+/// Whether OpenCV knows a frame's time. Frames that a decoder still held at the end of the file have 0.
 fn is_time(seconds: f64, before: Option<f64>) -> bool {
     (0.0..LONGEST).contains(&seconds) && before.is_none_or(|before| seconds > before)
 }
 
-/// How frames have to be turned so that they stand as the video says: a telephone held upright films lying and says so.
+/// Rotation that makes frames upright, as stated in the video: a telephone held upright films sideways and states so.
 ///
-/// OpenCV can do that by itself, but 4.6 takes clockwise for counterclockwise with the FFmpeg that Debian and Ubuntu have it with (mended in
-/// 4.7), and shows such films upside down.
+/// OpenCV can rotate frames itself, but 4.6 confuses clockwise and counterclockwise with the FFmpeg of Debian and Ubuntu (fixed in 4.7),
+/// and shows such films upside down.
 fn turn(capture: &mut VideoCapture) -> Option<i32> {
     if !capture.set(CAP_PROP_ORIENTATION_AUTO, 0.0).unwrap_or(false) {
         return None;

@@ -1,5 +1,5 @@
-//! `klt LEVELS WINDOW`: takes grey frames one after the other, and finds points of one in another. Pyramids are built once per frame and
-//! serve as next, then as previous image.
+//! `klt LEVELS WINDOW`: receives grey frames one by one, and tracks points from one to another. Pyramids are built once per frame and used
+//! as next, then as previous image.
 
 use std::{ffi::OsString, rc::Rc};
 
@@ -14,14 +14,14 @@ use crate::{
     talk::{Heard, Talk},
 };
 
-/// Iterations and step (px) at which the search at one pyramid level ends: OpenCV's defaults.
+/// Largest number of iterations, and step (px) below which the search at one pyramid level ends: OpenCV's defaults.
 const MAX_ITERATIONS: i32 = 30;
 const STEP_PX: f64 = 0.01;
 
 /// Smallest normalized eigenvalue of a window's gradient matrix: OpenCV's default.
 const MIN_EIGENVALUE: f64 = 1e-4;
 
-/// Frames as pyramids: neutral, previous, current. Shared, not cloned: a cloned `Mat` loses the border that its pyramid was padded with.
+/// Frames as pyramids: neutral, previous, current. They are shared rather than cloned: a cloned `Mat` loses its pyramid's padding.
 type Frames = [Rc<Vector<Mat>>; 3];
 
 pub fn run(arguments: &[OsString], talk: &mut Talk) -> Result<(), Trouble> {
@@ -57,7 +57,7 @@ fn pyramid(pixels: &Pixels, levels: i32, max_window: i32) -> Result<Vector<Mat>,
     let mut pyramid = Vector::<Mat>::new();
     let mat = Mat::new_rows_cols_with_data(pixels.height as i32, pixels.width as i32, &pixels.data)?;
     let window = Size::new(max_window, max_window);
-    // The pyramid copies: the frame may go.
+    // The pyramid copies the frame, which can be dropped.
     build_optical_flow_pyramid(&mat, &mut pyramid, window, levels - 1, true, BORDER_REFLECT_101, BORDER_CONSTANT, false)?;
     Ok(pyramid)
 }

@@ -1,8 +1,8 @@
-//! `grimace-opencv`: what `grimace` needs OpenCV for, in a program of its own. `grimace` starts it when a video is read or written, when
-//! OpenCV's KLT is asked for, and when the page of `annotate` proposes marks by Haar cascades.
+//! `grimace-opencv`: the part of `grimace` that uses OpenCV, as a separate program. `grimace` starts it to read or write a video, to track
+//! with OpenCV's KLT, and to propose marks by Haar cascades on the page of `annotate`.
 //!
-//! It is told what to do by its arguments, speaks the language of [`grimace::internal::companion::wire`] on its standard input
-//! and output, and ends when its input does.
+//! Its arguments select the task. It uses the protocol of [`grimace::internal::companion::wire`] on its standard input and output, and ends
+//! when its input ends.
 #![allow(missing_docs, clippy::pedantic)]
 
 mod about;
@@ -20,11 +20,11 @@ use grimace::internal::companion::wire::{Reply, VERSION};
 
 use self::talk::Talk;
 
-/// Why work cannot go on.
+/// Why the program stops.
 pub enum Trouble {
-    /// A reason that is told.
+    /// A reason that is sent to the other program.
     Failed(String),
-    /// Nobody listens, or nobody speaks.
+    /// The other program has closed the connection.
     Gone,
 }
 
@@ -43,9 +43,9 @@ impl From<std::io::Error> for Trouble {
 const USAGE: &str = "\
 grimace-opencv does what grimace needs OpenCV for, and is started by it. It has no commands of its own; see grimace --help.";
 
-/// Makes OpenCV quiet and single-threaded: `grimace` spreads the work over sequences, and results must not depend on threads.
+/// Makes OpenCV quiet and single-threaded: `grimace` runs sequences in parallel, and results must not depend on threads.
 fn configure() {
-    // Each of them only fails by an exception that it does not throw; a louder or slower OpenCV computes the same.
+    // Failures are ignored: more output or less speed does not change the results.
     let _ = opencv::core::set_log_level(opencv::core::LogLevel::LOG_LEVEL_SILENT);
     let _ = opencv::core::set_use_opencl(false);
     let _ = opencv::core::set_num_threads(1);
@@ -86,7 +86,7 @@ fn run(work: &str, arguments: &[OsString]) -> ExitCode {
     }
 }
 
-/// An argument as a number.
+/// Parses an argument as a number.
 fn number<T: std::str::FromStr>(arguments: &[OsString], place: usize) -> Result<T, Trouble> {
     let word = arguments.get(place).and_then(|word| word.to_str());
     word.and_then(|word| word.parse().ok()).ok_or_else(|| Trouble::Failed(format!("argument {place} is no number: {word:?}")))

@@ -1,4 +1,4 @@
-//! Speaking with the program that started this one.
+//! Communication with the program that started this one.
 
 use std::{
     fs::File,
@@ -8,7 +8,7 @@ use std::{
 use grimace::internal::companion::wire::{self, Message, Pixels, Request};
 use serde::Serialize;
 
-/// Largest picture that is taken, pixels: `grimace` has its own limit.
+/// Largest accepted picture, pixels; `grimace` has its own limit.
 const MOST_PIXELS: u64 = 1 << 32;
 
 /// Both directions.
@@ -17,11 +17,11 @@ pub struct Talk {
     output: BufWriter<Box<dyn Write>>,
 }
 
-/// What the other program sends.
+/// Messages from the other program.
 pub enum Heard {
     Asked(Request),
     Picture(Pixels),
-    /// It has ended, or wants no more.
+    /// It has ended, or needs nothing more.
     Nothing,
 }
 
@@ -50,7 +50,7 @@ impl Talk {
     }
 }
 
-/// Ends this program as soon as its input ends, for work that hears nothing: the program that started it is gone.
+/// Ends this program as soon as its input ends, for tasks that receive nothing: the program that started it is gone.
 pub fn end_with_input() {
     std::thread::spawn(|| {
         let mut piece = [0; 64];
@@ -59,7 +59,7 @@ pub fn end_with_input() {
     });
 }
 
-/// Standard output for messages alone: what a library prints goes to standard error.
+/// Reserves standard output for messages: output of libraries goes to standard error.
 #[cfg(unix)]
 fn output() -> io::Result<Box<dyn Write>> {
     let own = rustix::io::dup(io::stdout())?;

@@ -1,13 +1,13 @@
-//! Emotions that the names of folders and files say.
+//! Detects emotions in the names of folders and files.
 
 use std::collections::BTreeSet;
 
 use super::UNKNOWN_EMOTION;
 
-/// Words that say no to an emotion, as words of their own or as beginnings.
+/// Words that negate an emotion, as separate words or as prefixes.
 const NEGATIONS: [&str; 9] = ["not", "non", "no", "un", "never", "without", "nicht", "kein", "ohne"];
 
-/// Words that say an emotion, whatever follows: nobody is called so.
+/// Words that denote an emotion with any ending. No personal name begins with them.
 const EMOTION_STEMS: [(&str, &str); 29] = [
     ("angr", "anger"),
     ("disg", "disgust"),
@@ -41,7 +41,7 @@ const EMOTION_STEMS: [(&str, &str); 29] = [
     ("verächtlich", "contempt"),
 ];
 
-/// Words that say an emotion alone or before another one (`sadhappy`): names begin with them (`Angela`, `Joyce`, `Sadie`, `Neumann`,
+/// Words that denote an emotion alone or before another one (`sadhappy`). Names begin with them (`Angela`, `Joyce`, `Sadie`, `Neumann`,
 /// `Freudenberg`).
 const EMOTION_WORDS: [(&str, &str); 16] = [
     ("anger", "anger"),
@@ -66,12 +66,12 @@ fn words(name: &str) -> Vec<String> {
     name.to_lowercase().split(|c: char| !c.is_alphabetic()).filter(|w| !w.is_empty()).map(str::to_owned).collect()
 }
 
-/// Whether a name is more than an emotion.
+/// Whether a name contains more than an emotion.
 pub(super) fn has_other_words(name: &str) -> bool {
     words(name).len() > 1 || name.chars().any(|c| c.is_ascii_digit())
 }
 
-/// The emotion that begins a word, with the length of what says it.
+/// The emotion at the beginning of a word, and the length of its text.
 fn at_start(word: &str) -> Option<(usize, &'static str)> {
     let long = |(start, emotion): &(&str, &'static str)| word.starts_with(start).then_some((start.len(), *emotion));
     let short = |(start, emotion): &(&str, &'static str)| {
@@ -81,7 +81,7 @@ fn at_start(word: &str) -> Option<(usize, &'static str)> {
     EMOTION_STEMS.iter().find_map(long).or_else(|| EMOTION_WORDS.iter().find_map(short))
 }
 
-/// The emotion that a name says; [`UNKNOWN_EMOTION`] where it says several, or that it is not one.
+/// The emotion in a name; [`UNKNOWN_EMOTION`] if it contains several or a negated one.
 pub(super) fn emotion_of(name: &str) -> Option<&'static str> {
     let mut found: BTreeSet<&'static str> = BTreeSet::new();
     let words = words(name);

@@ -1,4 +1,4 @@
-//! What a manifest that is there says beyond a proposal.
+//! Transfers entries of an existing manifest to a proposal.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -9,33 +9,33 @@ use crate::{
     text::composed,
 };
 
-/// What became of an earlier manifest.
+/// Result of transferring an earlier manifest.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Kept {
-    /// Columns that were taken over.
+    /// Columns that were transferred.
     pub columns: Vec<String>,
-    /// Sequences whose emotion was another one before, each with both.
+    /// Sequences whose emotion changed, each with both emotions.
     pub other_emotions: Vec<String>,
-    /// Frames of rows that are not found any more.
+    /// Frames of earlier rows that no longer exist.
     pub gone: Vec<String>,
 }
 
 impl ProposedManifest {
-    /// Takes over what an earlier manifest says of the same frames: emotions that are not known otherwise, landmarks, and all columns that
-    /// a proposal has no value for, such as marks, chosen frames and `publish`.
+    /// Transfers entries of an earlier manifest for the same frames: emotions that are otherwise unknown, landmarks, and all columns
+    /// without a proposed value, such as marks, chosen frames and `publish`.
     ///
     /// # Errors
-    /// [`DatasetError`] when it does not read.
+    /// [`DatasetError`] when it cannot be read.
     pub fn keep(&mut self, path: &Path) -> Result<Kept, DatasetError> {
         let csv = CsvFile::open(path)?.or_semicolons(&MANIFEST_COLUMNS)?;
         let mut kept = Kept::default();
         let known = ["subject", "sequence", "emotion", "frames", "landmarks"];
         let is_more = |name: &String| !name.is_empty() && !known.contains(&name.as_str()) && !self.person_columns.contains(name);
         let columns: Vec<(usize, String)> = csv.header().iter().cloned().enumerate().filter(|(_, name)| is_more(name)).collect();
-        // All rows, before anything is changed.
+        // All rows are read before anything is changed.
         let mut earlier: BTreeMap<String, Vec<Vec<String>>> = BTreeMap::new();
         let field = |row: &[String], name: &str| csv.column(name).and_then(|k| row.get(k).cloned()).unwrap_or_default();
-        // The proposal is written with commas between its columns, and so with a point in its one number that is not whole.
+        // The proposal is written with commas between columns, so its only decimal number gets a decimal point.
         let fps = csv.column("fps").filter(|_| csv.separator() == b';');
         for row in csv.rows() {
             let row = row?;
@@ -63,7 +63,7 @@ impl ProposedManifest {
                 rows.push(row);
                 continue;
             };
-            // Several sequences of one recording stay several.
+            // Several sequences of one recording remain several.
             let several = old.len() > 1;
             for fields in &old {
                 let mut row = row.clone();
@@ -126,14 +126,14 @@ mod tests {
         let expected = "subject,sequence,emotion,frames,group,publish,first_frame\n\
                         A,a,fear,A/a.mp4,new,no,7\nB,b,?,B/b.mp4,new,,\n";
         assert_eq!(fs::read_to_string(&path).unwrap(), expected);
-        // Two sequences of one video, another way to write a path, and a row that does not read.
+        // Two sequences of one video, another spelling of a path, and an unreadable row.
         fs::write(&path, "subject,sequence,emotion,frames,publish\nA,1,joy,./A/a.mp4,no\nA,2,fear,A/a.mp4,yes\n").unwrap();
         let mut manifest = propose_manifest(folder.path()).unwrap();
         manifest.keep(&path).unwrap();
         manifest.write(&path).unwrap();
         let expected = "subject,sequence,emotion,frames,publish\nA,1,joy,A/a.mp4,no\nA,2,fear,A/a.mp4,yes\nB,b,?,B/b.mp4,\n";
         assert_eq!(fs::read_to_string(&path).unwrap(), expected);
-        // Tables of semicolons, with a decimal comma, become one of commas.
+        // Tables with semicolons and decimal commas become tables with commas.
         fs::write(&path, "subject;sequence;emotion;frames;fps\nA;a;joy;A/a.mp4;12,5\n").unwrap();
         fs::write(&people, "subject;weight\nA;61,5\n").unwrap();
         let mut manifest = propose_manifest(folder.path()).unwrap();

@@ -1,4 +1,4 @@
-//! Folders of single pictures of several people: no sequences, though every one of them holds two pictures or more.
+//! Recognizes folders with single pictures of several people, which are not sequences although they hold two or more pictures.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -14,26 +14,27 @@ use super::{
 };
 use crate::{output::listed, text::composed};
 
-/// The emotion that pairs with all others.
+/// The emotion that forms a pair with any other.
 const NEUTRAL: &str = "neutral";
 
-/// Words before the numbers of frames, which are nobody's names.
+/// Words that precede frame numbers and are not names.
 const FRAME_WORDS: [&str; 20] = [
     "", "img", "image", "frame", "frames", "f", "pic", "picture", "photo", "foto", "bild", "dsc", "still", "shot", "cap",
     "capture", "clip", "video", "vid", "seq",
 ];
 
-/// Names that are said.
+/// Most names in a message.
 const MOST_NAMED: usize = 6;
 
-/// Pictures of several people that lie together, a picture for every expression.
+/// A collection of pictures of several people, one picture per expression.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PicturesOfPeople {
-    /// The folders that hold them, relative to the manifest.
+    /// Its folders, relative to the manifest.
     pub folders: Vec<String>,
-    /// The people, by the names of the files.
+    /// The people, from the file names.
     pub people: Vec<String>,
-    /// Neutral picture and picture of an expression of one of them, relative to the manifest, with the expression; where both are there.
+    /// Neutral picture and picture of an expression of one person, relative to the manifest, and the expression; `None` without such a
+    /// pair.
     pub pair: Option<[String; 3]>,
 }
 
@@ -56,10 +57,10 @@ impl fmt::Display for PicturesOfPeople {
     }
 }
 
-/// A picture by what its name says.
+/// A picture with the information in its name.
 struct Named {
     path: PathBuf,
-    /// What is left without emotions.
+    /// The name without emotions.
     person: String,
     emotion: Option<&'static str>,
 }
@@ -79,19 +80,19 @@ fn pictures(folder: &Path) -> Vec<Named> {
         .collect()
 }
 
-/// A name in front of its last number, and the number.
+/// The part of a name before its last number, and the number.
 fn numbered(name: &str) -> (&str, &str) {
     let word = name.trim_end_matches(|c: char| c.is_ascii_digit());
     (word.trim_end_matches(SEPARATORS), &name[word.len()..])
 }
 
-/// Whether files are numbered as the frames of one sequence: no number is missing or stands twice.
+/// Whether files are numbered like the frames of one sequence: without gaps and duplicates.
 fn are_frames(pictures: &[Named]) -> bool {
     let numbers: BTreeSet<&str> = pictures.iter().map(|p| numbered(&p.person).1).collect();
     numbers.len() == pictures.len() && !numbers.contains("")
 }
 
-/// A neutral picture and one of an expression of one person.
+/// A neutral picture and a picture of an expression of the same person.
 fn pair(root: &Path, pictures: &[&Named], person: &str) -> Option<[String; 3]> {
     let of = |neutral: bool| {
         pictures.iter().find(|p| p.person == person && p.emotion.is_some_and(|emotion| (emotion == NEUTRAL) == neutral))
@@ -100,10 +101,10 @@ fn pair(root: &Path, pictures: &[&Named], person: &str) -> Option<[String; 3]> {
     Some([relative(root, &neutral.path), relative(root, &other.path), other.emotion?.to_owned()])
 }
 
-/// What the pictures of some folders are, where they are of several people.
+/// Describes folders with pictures of several people.
 fn of_people(root: &Path, folders: &[&PathBuf], pictures: &[&Named], people: BTreeSet<&str>) -> PicturesOfPeople {
     let mut people: Vec<String> = people.into_iter().filter(|name| !name.is_empty()).map(str::to_owned).collect();
-    // The one that serves as the example is named first.
+    // The person of the example is named first.
     if let Some(place) = people.iter().position(|person| pair(root, pictures, person).is_some()) {
         let example = people.remove(place);
         people.insert(0, example);
@@ -115,8 +116,8 @@ fn of_people(root: &Path, folders: &[&PathBuf], pictures: &[&Named], people: BTr
     }
 }
 
-/// Takes the folders that hold single pictures of people from `sequences`: one whose pictures show several expressions and are not numbered as
-/// frames, and folders beside each other that are called as emotions, one of them neutral, in which files are called by the same names.
+/// Removes folders with single pictures of people from `sequences`. These are folders whose pictures show several expressions and are not
+/// numbered like frames. They are also sibling folders named after emotions, one of them neutral, that contain files with the same names.
 pub(super) fn take_pictures_of_people(root: &Path, sequences: &mut Vec<PathBuf>) -> Vec<PicturesOfPeople> {
     let mut found = Vec::new();
     let mut taken: BTreeSet<PathBuf> = BTreeSet::new();
@@ -140,7 +141,7 @@ pub(super) fn take_pictures_of_people(root: &Path, sequences: &mut Vec<PathBuf>)
     let is_neutral =
         |folders: &[(&PathBuf, Vec<Named>)]| folders.iter().any(|(_, p)| p.iter().any(|p| p.emotion == Some(NEUTRAL)));
     beside.retain(|_, folders| folders.len() > 1 && is_neutral(folders));
-    // Several such folders are of a person each.
+    // Several such parents mean one person each.
     if let (1, Some((parent, folders))) = (beside.len(), beside.first_key_value()) {
         let parent =
             parent.canonicalize().ok().and_then(|p| p.file_name().map(|n| composed(&n.to_string_lossy()))).unwrap_or_default();
@@ -197,7 +198,7 @@ mod tests {
              and expression, with the neutral picture as 1 and the other as 2: copy mix/neutral/L001.jpg to L001/happiness/1.jpg and \
                     mix/smiling/L001.jpg to L001/happiness/2.jpg";
         assert_eq!(manifest.pictures_of_people.iter().map(ToString::to_string).collect::<Vec<_>>(), [said]);
-        // Nothing else is there.
+        // There is nothing else.
         let error = propose_manifest(folder(&names[2..]).path()).unwrap_err();
         assert!(matches!(&error, DatasetError::PicturesOfPeople { found, .. } if found.len() == 1), "{error}");
         assert!(error.to_string().contains("copy mix/neutral/L001.jpg to L001/happiness/1.jpg"), "{error}");

@@ -1,4 +1,4 @@
-//! Looking for sequences in folders.
+//! Searches folders for sequences.
 
 use std::{
     collections::BTreeSet,
@@ -11,35 +11,36 @@ use super::super::{
     unread::is_unread,
 };
 
-/// Folders within folders that are looked into.
+/// Most levels of folders that are searched.
 const MOST_LEVELS: usize = 8;
 
-/// Names of the records that a run and a clone leave in the folder of their results.
+/// Record files that a run and a clone leave in their results folder.
 const RECORDS: [&str; 2] = ["run.json", "clone.json"];
 
-/// Names of the records of files that commands leave beside them: lines `HASH  NAME`. Records of other names are somebody else's checksums.
+/// Record files that commands leave beside their output: lines `HASH  NAME`. Files with other names are other people's checksums.
 const FILES_RECORDS: [&str; 6] = ["overlays.b3", "frames.b3", "analyze.b3", "features.b3", "figures.b3", "synthesize.b3"];
 
-/// Ends of the names of pictures that we write: wireframes on frames and skins of representatives. They may have been copied without a record.
+/// Name endings of pictures that this program writes: wireframes on frames and skins of representatives. They may have been copied without
+/// a record.
 const OWN_PICTURES: [&str; 2] = ["_overlay.png", "_skin.png"];
 
-/// What a folder and those below it hold.
+/// Content of a folder and those below it.
 #[derive(Debug, Default)]
 pub(super) struct Found {
     /// Folders of two images or more, and videos.
     pub sequences: Vec<PathBuf>,
-    /// Folders with nothing or a single picture in them.
+    /// Folders that are empty or have a single picture.
     pub left_out: Vec<PathBuf>,
-    /// Files of formats that are not read.
+    /// Files in unsupported formats.
     pub unread: Vec<PathBuf>,
-    /// Folders with results of ours: whole ones of a run or a clone, and those with pictures or videos of ours and no others.
+    /// Folders with results of this program: those of a run or a clone, and those with pictures or videos of this program only.
     pub results: Vec<PathBuf>,
-    /// Files that a record says to be ours.
+    /// Files that a record lists as written by this program.
     own: BTreeSet<PathBuf>,
 }
 
 impl Found {
-    /// All that is in a folder.
+    /// Searches a folder.
     pub fn in_folder(root: &Path) -> Result<Self, DatasetError> {
         let mut found = Self::default();
         found.look_into(root, &mut Vec::new())?;
@@ -49,12 +50,12 @@ impl Found {
         Ok(found)
     }
 
-    /// `above` are the folders on the way here, without links.
+    /// `above` are the parent folders with links resolved.
     fn look_into(&mut self, folder: &Path, above: &mut Vec<PathBuf>) -> Result<(), DatasetError> {
         let failed = |reason| DatasetError::Io { path: folder.to_owned(), reason };
         let resolved = folder.canonicalize().map_err(failed)?;
         if above.contains(&resolved) || above.first().is_some_and(|root| root.starts_with(&resolved)) {
-            // A link back to where it came from, or to what the dataset lies in.
+            // A link back to a parent folder.
             return Ok(());
         }
         let entries = visible(folder).map_err(failed)?;
@@ -88,7 +89,7 @@ impl Found {
     }
 }
 
-/// The files that `path` lists, where it is a record of what a command wrote into a folder.
+/// The files listed in `path`, if it is a record of a command's output in a folder.
 fn recorded(folder: &Path, path: &Path) -> Vec<PathBuf> {
     if !FILES_RECORDS.iter().any(|record| path.ends_with(record)) {
         return Vec::new();

@@ -41,7 +41,7 @@ fn emotions_first_and_flat_videos_name_their_people() {
     assert_eq!(rows(&files), expected.map(|r| r.map(str::to_owned)));
     let expected = [["anna", "surprised", "surprise", "anna_surprised.avi"], ["ben", "2", "?", "ben-2.mov"]];
     assert_eq!(rows(&["anna_surprised.avi", "ben-2.mov"]), expected.map(|r| r.map(str::to_owned)));
-    // The emotion first: it is no person.
+    // The emotion comes first and is not a person.
     let expected = [
         ["P01", "happy", "happiness", "happy_P01.mp4"],
         ["P01", "sad_2", "sadness", "sad-P01-2.mp4"],
@@ -209,11 +209,11 @@ fn pictures_that_a_command_of_ours_wrote_are_no_sequence() {
     let manifest = propose_manifest(root.path()).unwrap();
     assert_eq!(manifest.rows.iter().map(|row| row.frames.as_str()).collect::<Vec<_>>(), ["S1/a", "S1/mixed"]);
     assert_eq!(manifest.results, ["made", "made/films", "overlays"]);
-    // A recording among what was made is taken, and checksums of recordings are no record of ours.
+    // A recording among written files is included, and checksums of recordings are not a record of this program.
     fs::write(root.path().join("S1/checksums.b3"), "00  a/1.png\n00  a/2.png\n").unwrap();
     fs::write(root.path().join("made/films/anna.mp4"), "").unwrap();
     assert_eq!(propose_manifest(root.path()).unwrap().rows.len(), 3);
-    // In the folder of the results themselves.
+    // In the results folder itself.
     let out = folder(&["run.json", "overlays/S1_1_00000001_overlay.png", "representatives/joy_skin.png"]);
     let error = propose_manifest(out.path()).unwrap_err().to_string();
     assert!(error.contains("only results of grimace, in overlays; representatives; give the folder"), "{error}");

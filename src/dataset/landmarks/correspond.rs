@@ -1,4 +1,4 @@
-//! Correspondences for a fit from the landmarks of a neutral frame.
+//! Creates correspondences for a fit from the landmarks of a neutral frame.
 
 use std::str::FromStr;
 
@@ -12,11 +12,11 @@ use crate::{
     wireframe::{LandmarkConfidence, LandmarkRow, Tables},
 };
 
-/// Eleven nodes that are easily marked by hand: outer and inner eye corners (left 20, 23, right 53, 56), mouth corners (left 31,
-/// right 64), chin (10), outer and inner ends of the brows (left 15, 17, right 48, 50).
+/// Eleven nodes that are easy to mark by hand: outer and inner eye corners (left 20, 23, right 53, 56), mouth corners (left 31, right 64),
+/// chin (10), outer and inner ends of the brows (left 15, 17, right 48, 50).
 ///
-/// Chosen by the error of the motion that they lead to; `candide/README.md` has the figures. Without the brows, brow nodes lie on the
-/// forehead or the lid and follow still skin; the tops of the brows (16, 49) add nothing to their ends.
+/// They were chosen by the error of the resulting motion; `candide/README.md` has the figures. Without brow marks, the brow nodes lie on
+/// the forehead or the lid and follow still skin. The tops of the brows (16, 49) add nothing to their ends.
 pub const DEFAULT_LANDMARK_NODES: [NodeId; 11] = [
     NodeId(20),
     NodeId(23),
@@ -31,7 +31,7 @@ pub const DEFAULT_LANDMARK_NODES: [NodeId; 11] = [
     NodeId(50),
 ];
 
-/// Which landmarks become correspondences. Interpolated ones (confidence low, or between two nodes) never do.
+/// Selects the landmarks that become correspondences. Interpolated ones (confidence low, or between two nodes) never do.
 ///
 /// ```
 /// use grimace::{dataset::LandmarkSelection, units::NodeId};
@@ -44,7 +44,7 @@ pub const DEFAULT_LANDMARK_NODES: [NodeId; 11] = [
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum LandmarkSelection {
-    /// All of high and medium confidence, each by its expected error; where there are no landmarks either, marks are found in the picture.
+    /// All of high and medium confidence, each weighted by its expected error. Without landmarks, marks are found in the picture.
     #[default]
     Auto,
     /// Those of [`DEFAULT_LANDMARK_NODES`].
@@ -53,7 +53,7 @@ pub enum LandmarkSelection {
     Nodes(Vec<NodeId>),
     /// All that are the same anatomical point as a node.
     High,
-    /// These and all on the same contour.
+    /// Those of `High`, and all on the same contour as a node.
     HighAndMedium,
 }
 
@@ -78,8 +78,8 @@ impl FromStr for LandmarkSelection {
     }
 }
 
-/// Expected error of a landmark as a mark of its node, over the eye distance: half of such landmarks are nearer. By part of the face, for
-/// the same anatomical point and for the same contour, where the place along it is approximate.
+/// Median error of a landmark as a mark of its node, in eye distances. For each part of the face: for the same anatomical point, and for
+/// the same contour, where the position along it is approximate.
 const EXPECTED_ERRORS: [(&str, f64, f64); 6] = [
     ("eye", 0.02, 0.03),
     ("nose", 0.025, 0.035),
@@ -89,10 +89,10 @@ const EXPECTED_ERRORS: [(&str, f64, f64); 6] = [
     ("jaw", 0.05, 0.07),
 ];
 
-/// Landmarks of the right and of the left eye; the middle of each stands for the pupil.
+/// Landmarks of the right and of the left eye. Their centroids represent the pupils.
 const EYES: [std::ops::Range<usize>; 2] = [36..42, 42..48];
 
-/// Distance of the eyes' middles, px; `None` where they are not there or coincide.
+/// Distance between the centroids of the eyes, px; `None` where landmarks are missing or coincide.
 fn eye_distance(points: &[Point2<f64>]) -> Option<f64> {
     let middle = |eye: &std::ops::Range<usize>| {
         let corners = points.get(eye.clone())?;
@@ -102,15 +102,15 @@ fn eye_distance(points: &[Point2<f64>]) -> Option<f64> {
     (distance.is_finite() && distance > 0.0).then_some(distance)
 }
 
-/// Expected error of a landmark, px, on a face with an eye distance of so many px.
+/// Expected error of a landmark, px. `eye_distance` in px.
 fn expected_error(row: &LandmarkRow, eye_distance: f64) -> Option<f64> {
     let (_, same_point, same_contour) = EXPECTED_ERRORS.iter().find(|(part, ..)| *part == row.part)?;
     let share = if row.confidence == LandmarkConfidence::High { same_point } else { same_contour };
     Some(share * eye_distance)
 }
 
-/// Correspondences from the landmarks of one frame, through [`Tables::landmarks`], each with its expected error; `points` in the order of
-/// the scheme.
+/// Creates correspondences from the landmarks of one frame, by [`Tables::landmarks`], each with its expected error. `points` are in the
+/// order of the scheme.
 ///
 /// ```
 /// use grimace::{dataset::{LandmarkSelection, correspondences_from_landmarks}, units::NodeId, wireframe::Tables};
@@ -125,7 +125,7 @@ fn expected_error(row: &LandmarkRow, eye_distance: f64) -> Option<f64> {
 /// ```
 ///
 /// # Errors
-/// [`LandmarksError::NoLandmark`] when a node was asked for that no landmark in `points` marks.
+/// [`LandmarksError::NoLandmark`] when a requested node has no landmark in `points`.
 pub fn correspondences_from_landmarks(
     points: &[Point2<f64>],
     tables: &Tables,

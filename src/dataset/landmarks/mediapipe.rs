@@ -1,4 +1,4 @@
-//! `MediaPipe`'s 468 points, or 478 with those of the irises, as the 68 of iBUG: by `candide/mediapipe468.csv`.
+//! Converts `MediaPipe`'s 468 points, or 478 with those of the irises, to the 68 of iBUG, by `candide/mediapipe468.csv`.
 
 use std::sync::LazyLock;
 
@@ -9,10 +9,10 @@ use super::LANDMARK_COUNT;
 /// Points of the face mesh without and with the irises.
 pub(super) const COUNTS: [usize; 2] = [468, 478];
 
-/// Share of the picture by which normalized points may lie outside of it.
+/// Distance outside the picture that normalized points may have, as a share of its size.
 const OUTSIDE: f64 = 0.5;
 
-/// The mesh's point that stands for each landmark.
+/// Mesh point of each landmark.
 static POINTS: LazyLock<Vec<usize>> = LazyLock::new(|| {
     let mut points = vec![0; LANDMARK_COUNT];
     for line in include_str!("../../../candide/mediapipe468.csv").lines().skip(1) {
@@ -26,19 +26,19 @@ static POINTS: LazyLock<Vec<usize>> = LazyLock::new(|| {
     points
 });
 
-/// The 68 landmarks among the points of the mesh.
+/// Selects the 68 landmarks from the points of the mesh.
 pub(super) fn landmarks(points: &[Point2<f64>]) -> Vec<Point2<f64>> {
     POINTS.iter().filter_map(|&k| points.get(k).copied()).collect()
 }
 
-/// Whether points are shares of the picture's width and height, as `MediaPipe` gives them: all near 0 to 1, and not all in one place, as
-/// zeros of a face that was not found are.
+/// Whether points are shares of the picture's width and height, as in `MediaPipe`'s output: all near 0 to 1, and not all equal, like the
+/// zeros of a face that was not found.
 pub(in super::super) fn is_normalized(points: &[Point2<f64>]) -> bool {
     let near = |value: f64| (-OUTSIDE..=1.0 + OUTSIDE).contains(&value);
     points.iter().all(|p| near(p.x) && near(p.y)) && points.iter().any(|p| Some(p) != points.first())
 }
 
-/// Normalized points in pixels: 0 is the left or upper edge of the first pixel, whose centre is (0, 0) here.
+/// Converts normalized points to pixels. 0 is the left or upper edge of the first pixel, whose centre has the pixel position (0, 0).
 pub(super) fn in_pixels(points: &mut [Point2<f64>], width: f64, height: f64) {
     for p in points {
         *p = Point2::new(p.x * width - 0.5, p.y * height - 0.5);
@@ -57,7 +57,7 @@ mod tests {
         points.sort_unstable();
         points.dedup();
         assert_eq!(points.len(), LANDMARK_COUNT);
-        // Outer corners of the eyes, corners of the mouth, chin: the mesh's best known points.
+        // Outer corners of the eyes, corners of the mouth, chin: the best-known mesh points.
         assert_eq!([36, 45, 48, 54, 8].map(|k| POINTS[k]), [33, 263, 61, 291, 152]);
     }
 

@@ -4,14 +4,15 @@
 //! | --- | --- | --- | --- |
 //! | own | CSV `frame,x0,y0,...,x67,y67` | column `frame` | px from 0 |
 //! | `OpenFace` | CSV with `frame`, `confidence`, `success`, `x_0..x_67`, `y_0..y_67` among others | column `frame` | px from 0 |
-//! | iBUG | a `.pts` file per frame | in the name, as of images | px from 1; shifted to 0 here |
-//! | `MediaPipe` | CSV as own, with 468 or 478 points; where they are shares of the picture, with `width` and `height`; so may the others | column `frame` | px from 0, or shares |
-//! | CK+ | a text file per frame, 68 lines `x y` | in the name, as of images | px, as they are |
+//! | iBUG | a `.pts` file per frame | in the name, as for images | px from 1; shifted to 0 here |
+//! | `MediaPipe` | CSV as own, with 468 or 478 points, reduced to the 68 | column `frame` | px from 0, or shares |
+//! | CK+ | a text file per frame, 68 lines `x y` | in the name, as for images | px, unchanged |
 //!
-//! The form is recognized by content, columns by name; they may be separated by semicolons, and decimals of tables have commas then. Inside the program the centre of the top-left pixel is (0, 0), y down.
-//! Of `MediaPipe`'s points those are taken that stand for the 68. Rows of `OpenFace` whose frame is 0 throughout are frames in
-//! their order. A frame is *lost* when its row says so (`success` 0, a confidence under the least one, or a coordinate missing: empty,
-//! NaN, NA or null).
+//! Points of CSV files may be shares of the picture, if `width` and `height` are given.
+//!
+//! The form is recognized by content, columns by name. Columns may be separated by semicolons; decimals then have commas. Inside the
+//! program the centre of the top-left pixel is (0, 0), y down. `OpenFace` rows with frame 0 throughout are numbered in their order. A frame
+//! is *lost* if its row says so (`success` 0, a confidence below the minimum, or a missing coordinate: empty, NaN, NA or null).
 
 mod correspond;
 mod mediapipe;
@@ -37,7 +38,7 @@ pub use correspond::{DEFAULT_LANDMARK_NODES, LandmarkSelection, correspondences_
 pub(super) use points::read as read_points;
 pub use sequence::{LandmarkFrame, LandmarkSequence};
 
-/// Points of the scheme.
+/// Number of points in the scheme.
 pub const LANDMARK_COUNT: usize = 68;
 
 /// Extensions of files with the points of one frame.
@@ -45,18 +46,19 @@ const FRAME_EXTENSIONS: [&str; 2] = ["txt", "pts"];
 /// Extensions of tables with the points of many frames.
 const TABLE_EXTENSIONS: [&str; 1] = ["csv"];
 
-/// Whether a file may hold landmarks, by its name.
+/// Whether a file may contain landmarks, by its name.
 pub(super) fn has_landmark_extension(path: &Path) -> bool {
     has_extension(path, &FRAME_EXTENSIONS) || has_extension(path, &TABLE_EXTENSIONS)
 }
 
-/// Confidence under which a frame counts as lost, where a file tells one: what users of `OpenFace` commonly keep.
+/// Confidence below which a frame counts as lost, for files that state one; the limit that users of `OpenFace` commonly apply.
 pub const LEAST_CONFIDENCE: f64 = 0.75;
 
-/// End of the names of CK+'s landmark files, before the extension.
+/// Ending of the names of CK+'s landmark files, before the extension.
 const TEXT_FILE_SUFFIX: &str = "_landmarks";
 
-/// Bytes of a file that its form is recognized by: the header of a table of `OpenFace` is longer, but not up to `frame`.
+/// Number of bytes from which the form of a file is recognized. The header of an `OpenFace` table is longer, but contains `frame` within
+/// it.
 const SNIFFED_BYTES: usize = 4096;
 
 /// Landmarks of the frames of one sequence.
@@ -83,15 +85,15 @@ pub struct LandmarkTrack {
     pub files: Vec<PathBuf>,
     /// Frame number to [`LANDMARK_COUNT`] positions in image pixels, in the order of the scheme.
     pub frames: BTreeMap<u32, Vec<Point2<f64>>>,
-    /// Frames that were lost, ascending.
+    /// Lost frames, ascending.
     pub lost: Vec<u32>,
-    /// Confidence under which a frame counted as lost.
+    /// Confidence below which a frame counted as lost.
     pub least_confidence: f64,
-    /// Seconds of the frames by the column `timestamp`.
+    /// Times of the frames in seconds, from the column `timestamp`.
     pub times: BTreeMap<u32, f64>,
 }
 
-/// Landmarks that do not read or do not serve.
+/// Errors of reading or using landmarks.
 ///
 /// ```
 /// use grimace::dataset::{LandmarksError, read_landmarks};
@@ -170,7 +172,7 @@ pub enum LandmarksError {
         line: usize,
         /// The line, shortened.
         found: String,
-        /// What should be there.
+        /// The expected content.
         expected: &'static str,
     },
     /// A face that the table does not have.
@@ -180,7 +182,7 @@ pub enum LandmarksError {
         path: PathBuf,
         /// The face asked for.
         face: String,
-        /// The faces there are.
+        /// The existing faces.
         found: Vec<String>,
     },
     /// Points that are shares of the picture, whose size is not told.
@@ -205,7 +207,7 @@ pub enum LandmarksError {
     Ambiguous {
         /// The folder.
         folder: PathBuf,
-        /// What is there.
+        /// The landmark files found.
         found: Vec<String>,
     },
     /// Something else than landmarks.
@@ -220,9 +222,9 @@ pub enum LandmarksError {
     AllLost {
         /// File or folder.
         path: PathBuf,
-        /// Frames there are.
+        /// Number of frames.
         frames: usize,
-        /// Least confidence that counts as found.
+        /// Least confidence of a found face.
         least: f64,
     },
     /// The neutral or the apex frame was lost.
@@ -236,9 +238,9 @@ pub enum LandmarksError {
         what: &'static str,
         /// `first_frame` or `last_frame`.
         column: &'static str,
-        /// First frame in which it was found.
+        /// First frame in which the face was found.
         first: u32,
-        /// Last frame in which it was found.
+        /// Last frame in which the face was found.
         last: u32,
     },
     /// More frames to guess than there are.
@@ -299,7 +301,7 @@ pub enum LandmarksError {
     /// A file named in the manifest that is not there.
     #[error("the landmark file does not exist; searched for {}", paths.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(" and "))]
     NotFound {
-        /// Where it was looked for.
+        /// Paths that were searched.
         paths: Vec<PathBuf>,
     },
     /// A frame without landmarks.
@@ -309,7 +311,7 @@ pub enum LandmarksError {
         path: PathBuf,
         /// The frame asked for.
         frame: u32,
-        /// Frames there are.
+        /// Number of frames.
         count: usize,
         /// Smallest frame number.
         first: u32,
@@ -327,16 +329,16 @@ pub enum LandmarksError {
 }
 
 impl LandmarkTrack {
-    /// First and last frame that have landmarks; 0 where there is none.
+    /// First and last frame with landmarks; 0 if there is none.
     fn ends(&self) -> (u32, u32) {
         let number = |key: Option<&u32>| key.copied().unwrap_or_default();
         (number(self.frames.keys().next()), number(self.frames.keys().next_back()))
     }
 
-    /// The 68 positions in a frame.
+    /// Returns the 68 positions in a frame.
     ///
     /// # Errors
-    /// [`LandmarksError::NoSuchFrame`] with the frames there are.
+    /// [`LandmarksError::NoSuchFrame`] with the existing frames.
     pub fn frame(&self, frame: u32) -> Result<&[Point2<f64>], LandmarksError> {
         self.frames.get(&frame).map(Vec::as_slice).ok_or_else(|| {
             let (first, last) = self.ends();
@@ -345,7 +347,7 @@ impl LandmarkTrack {
     }
 }
 
-/// What a file is, by its content.
+/// Form of a file, by its content.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Form {
     /// A table with a column `frame`.
@@ -358,7 +360,7 @@ enum Form {
     Other,
 }
 
-/// Recognizes a file by its first line that is not blank.
+/// Recognizes the form of a file by its first non-blank line.
 fn form_of(path: &Path) -> Form {
     let mut start = Vec::new();
     let read = crate::input::open_file(path)
@@ -381,10 +383,10 @@ fn form_of(path: &Path) -> Form {
     if numbers.len() == 2 && numbers.iter().all(Result::is_ok) { Form::Text } else { Form::Other }
 }
 
-/// Reads the landmarks of a sequence: a table, or a folder with one or with a file per frame.
+/// Reads the landmarks of a sequence: a table, or a folder with a table or with one file per frame.
 ///
-/// Known are tables `frame,x0,y0,...` of 68 points, or of `MediaPipe`'s 468 or 478; tables of `OpenFace`; CK+'s text files and iBUG's
-/// `.pts` files, one a frame. Whatever it is, is told by its content; positions are px, the centre of the top-left pixel (0, 0).
+/// Supported are tables `frame,x0,y0,...` of 68 points, or of `MediaPipe`'s 468 or 478; tables of `OpenFace`; CK+'s text files and iBUG's
+/// `.pts` files, one per frame. The form is recognized by content. Positions are px, the centre of the top-left pixel (0, 0).
 ///
 /// ```
 /// use grimace::dataset::read_landmarks;
@@ -400,13 +402,13 @@ fn form_of(path: &Path) -> Form {
 /// ```
 ///
 /// # Errors
-/// [`LandmarksError`] for files that cannot be read, another number of points than 68, fields that are no finite numbers, frames
-/// that are there twice, several sets of landmarks in one folder, or no frame.
+/// [`LandmarksError`] for files that cannot be read, an unsupported number of points, fields that are not finite numbers, duplicate frames,
+/// several sets of landmarks in one folder, or no frame.
 pub fn read_landmarks(path: &Path) -> Result<LandmarkTrack, LandmarksError> {
     read_landmarks_with(path, LEAST_CONFIDENCE)
 }
 
-/// [`read_landmarks`] with another least confidence.
+/// As [`read_landmarks`] with another least confidence.
 ///
 /// # Errors
 /// As [`read_landmarks`].
@@ -414,7 +416,7 @@ pub fn read_landmarks_with(path: &Path, least_confidence: f64) -> Result<Landmar
     read_face(path, least_confidence, None)
 }
 
-/// [`read_landmarks_with`] of the face with a `face_id`; by default of the one that is found in most frames, of equals the largest.
+/// As [`read_landmarks_with`] for the face with a `face_id`; by default for the one found in most frames, or the largest of several such.
 ///
 /// # Errors
 /// As [`read_landmarks`], and [`LandmarksError::NoSuchFace`].
@@ -442,7 +444,7 @@ pub fn read_face(path: &Path, least_confidence: f64, face: Option<&str>) -> Resu
     Ok(track)
 }
 
-/// The frame numbers of files per frame, as the images beside them are numbered.
+/// Frame numbers of files per frame, determined like those of images.
 fn frame_numbers(folder: &Path, files: &[PathBuf]) -> Result<Vec<u32>, LandmarksError> {
     let no_number = |file: &PathBuf| LandmarksError::NoNumber { path: file.clone() };
     if let Some(file) = files.iter().find(|file| !has_digits(file)) {
@@ -461,22 +463,21 @@ fn frame_numbers(folder: &Path, files: &[PathBuf]) -> Result<Vec<u32>, Landmarks
     }
 }
 
-/// The files that hold the landmarks at `path`: the table itself, or those of a folder; none where a folder has none.
-///
 /// Whether a file holds the landmarks of one frame.
 pub(super) fn is_frame_file(path: &Path) -> bool {
     has_extension(path, &["pts"]) || matches!(form_of(path), Form::Pts | Form::Text)
 }
 
-/// In a folder, files `*_landmarks.txt` go before all others; then files per frame (`.pts`, or `.txt` of that content); then a
-/// table.
+/// Lists the files that hold the landmarks at `path`: the table itself, or those of a folder; empty for a folder without landmarks.
+///
+/// In a folder, files `*_landmarks.txt` have precedence; then files per frame (`.pts`, or `.txt` of that content); then a table.
 ///
 /// # Errors
-/// [`LandmarksError::Io`] for a folder that cannot be listed, [`LandmarksError::Unknown`] for a file that is no table,
+/// [`LandmarksError::Io`] for a folder that cannot be listed, [`LandmarksError::Unknown`] for a file that is not a table,
 /// [`LandmarksError::Ambiguous`] for a folder with several tables, or with a table and files per frame.
 pub fn landmark_files(path: &Path) -> Result<Vec<PathBuf>, LandmarksError> {
     if !path.is_dir() {
-        // A name with `.csv` is read as a table, so that the error says what is missing in it.
+        // A file named `.csv` is read as a table, so that the error names what it lacks.
         let is_table = has_extension(path, &TABLE_EXTENSIONS) || !path.exists() || form_of(path) == Form::Table;
         return if is_table { Ok(vec![path.to_owned()]) } else { Err(LandmarksError::Unknown { path: path.to_owned() }) };
     }

@@ -1,4 +1,4 @@
-//! Files of one frame: iBUG's `.pts`, and CK+'s lines of two numbers.
+//! Reads files of one frame: iBUG's `.pts`, and CK+'s lines of two numbers.
 
 use std::path::Path;
 
@@ -7,10 +7,10 @@ use nalgebra::Point2;
 use super::{Form, LANDMARK_COUNT, LandmarksError, form_of};
 use crate::text::excerpt;
 
-/// Pixel that the first row and column of a `.pts` file's image are counted from (its authors work in MATLAB).
+/// Number of the first row and column in a `.pts` file (its authors use MATLAB).
 const PTS_FIRST_PIXEL: f64 = 1.0;
 
-/// The points of a file, by its content.
+/// Reads the points of a file, in the form of its content.
 pub(in super::super) fn read(path: &Path) -> Result<Vec<Point2<f64>>, LandmarksError> {
     let bytes = crate::input::read(path).map_err(|reason| LandmarksError::Io { path: path.to_owned(), reason })?;
     let text = String::from_utf8_lossy(&bytes);
@@ -34,12 +34,12 @@ pub(in super::super) fn read(path: &Path) -> Result<Vec<Point2<f64>>, LandmarksE
     }
 }
 
-/// Lines that are not blank, trimmed, with their numbers from 1.
+/// Non-blank lines, trimmed, with their numbers from 1.
 fn numbered_lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     (1..).zip(text.lines().map(str::trim)).filter(|(_, content)| !content.is_empty())
 }
 
-/// Two finite numbers between white space.
+/// Parses two finite numbers separated by white space.
 fn point(path: &Path, line: usize, content: &str) -> Result<Point2<f64>, LandmarksError> {
     let fields = |text: &str| -> Vec<Option<f64>> {
         text.split_whitespace().map(|f| f.parse().ok().filter(|v: &f64| v.is_finite())).collect()
@@ -53,7 +53,7 @@ fn point(path: &Path, line: usize, content: &str) -> Result<Point2<f64>, Landmar
     }
 }
 
-/// `version: 1`, `n_points: 68`, `{`, points, `}`; what follows is passed over.
+/// `version: 1`, `n_points: 68`, `{`, points, `}`; further lines are ignored.
 fn read_pts(path: &Path, text: &str) -> Result<Vec<Point2<f64>>, LandmarksError> {
     let error =
         |line: usize, found: &str, expected| LandmarksError::Pts { path: path.to_owned(), line, found: excerpt(found), expected };

@@ -1,4 +1,4 @@
-//! Landmarks from the neutral to the apex frame, with the frames that are missing between.
+//! Landmarks from the neutral to the apex frame, with the missing frames in between.
 
 use nalgebra::Point2;
 
@@ -17,7 +17,7 @@ use super::{LandmarkTrack, LandmarksError};
 pub struct LandmarkFrame {
     /// Frame number.
     pub number: u32,
-    /// The landmarks in image pixels; `None` for a frame that was lost or is not there.
+    /// The landmarks in image pixels; `None` for a lost or missing frame.
     pub points: Option<Vec<Point2<f64>>>,
 }
 
@@ -39,14 +39,14 @@ pub struct LandmarkFrame {
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct LandmarkSequence {
-    /// Frames from neutral to apex, at equal distances of their numbers; descending where the apex was recorded first.
+    /// Frames from neutral to apex, with equally spaced numbers; descending if the apex was recorded first.
     pub frames: Vec<LandmarkFrame>,
 }
 
 impl LandmarkSequence {
-    /// What a person should know where there are images before its first or behind its last frame: that frame became the neutral one or the
-    /// apex, though the recording goes on. `images` are the numbers of the images, in any order; nothing is said of as many as there are
-    /// landmarks, which are numbered otherwise then.
+    /// Warnings about images before its first or after its last frame: that frame became the neutral one or the apex, although the
+    /// recording continues. `images` are the numbers of the images, in any order. There is no warning if there are as many images as
+    /// landmarks, since they are then numbered differently.
     pub(crate) fn ends_early(&self, images: &[u32]) -> Vec<String> {
         let (Some(neutral), Some(apex)) = (self.frames.first(), self.frames.last()) else { return Vec::new() };
         if images.len() <= self.frames.len() {
@@ -83,7 +83,7 @@ impl LandmarkTrack {
     /// The landmarks of the neutral frame: of `first`, by default of the first frame of the file.
     ///
     /// # Errors
-    /// [`LandmarksError`] when that frame is not there or the face was lost in it.
+    /// [`LandmarksError`] when that frame does not exist or the face was lost in it.
     pub(crate) fn neutral_frame(&self, first: Option<u32>) -> Result<&[Point2<f64>], LandmarksError> {
         let (found_first, found_last) = self.ends();
         if self.frames.is_empty() {
@@ -98,14 +98,14 @@ impl LandmarkTrack {
         self.frame(frame)
     }
 
-    /// The frames from `first` to `last`, both included; by default the first and the last of the file.
+    /// Returns the frames from `first` to `last`, both included; by default the first and the last of the file.
     ///
-    /// Frames are taken to be as far apart as the largest number that divides all distances between those there are; numbers that
-    /// this leaves out are missing frames (a neutral and an apex alone, 1 and 24, miss nothing; 1, 2 and 4 miss 3).
+    /// The spacing of frames is the greatest common divisor of the distances between the existing numbers. Numbers without landmarks at
+    /// this spacing are missing frames: 1, 2 and 4 lack 3, whereas a neutral and an apex alone, 1 and 24, lack nothing.
     ///
     /// # Errors
-    /// [`LandmarksError`] when every frame was lost, a frame asked for is not there, the face was lost in the neutral or the apex
-    /// frame, fewer than two frames are left, or fewer than half of the frames have landmarks.
+    /// [`LandmarksError`] when every frame was lost, a requested frame does not exist, the face was lost in the neutral or the apex frame,
+    /// fewer than two frames are left, or fewer than half of the frames have landmarks.
     pub fn sequence(&self, first: Option<u32>, last: Option<u32>) -> Result<LandmarkSequence, LandmarksError> {
         let path = || self.path.clone();
         let (found_first, found_last) = self.ends();
@@ -167,7 +167,7 @@ mod tests {
                  column `last_frame` to confirm it, or leave --prefer-landmarks out to track the images"
             ]
         );
-        // Back in time the apex is the lowest number.
+        // In reverse order the apex has the lowest number.
         let both = said(&[9, 8, 7, 6, 5, 4, 3], &all);
         assert!(both[0].starts_with("frame 10 has an image but no landmarks, so frame 9 became the neutral frame"), "{both:?}");
         assert!(both[1].starts_with("frames 1 to 2 have an image but no landmarks, so frame 3 became the apex"), "{both:?}");

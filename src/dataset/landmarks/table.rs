@@ -1,4 +1,4 @@
-//! Tables: a row per frame and face, columns by name.
+//! Reads tables: a row per frame and face, columns by name.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -13,17 +13,17 @@ use crate::{
     text::{excerpt, is_missing_word},
 };
 
-/// Opens a table, separated by commas or by semicolons.
+/// Opens a table separated by commas or semicolons.
 fn open(path: &Path) -> Result<CsvFile, InputError> {
     CsvFile::open(path)?.or_semicolons(&["frame", "x0", "y0", "x_0", "y_0"])
 }
 
-/// Whether a file is a table of landmarks: it has a column `frame` and the first point's.
+/// Whether a file is a table of landmarks: it has a column `frame` and columns of the first point.
 pub(super) fn is_landmarks(path: &Path) -> bool {
     form_of(path) == Form::Table && open(path).is_ok_and(|csv| !points(&csv).is_empty())
 }
 
-/// Columns of x and y of the points 0, 1, ... as far as they go: `x0,y0` or, as `OpenFace` names them, `x_0,y_0`.
+/// Columns of x and y of the consecutive points 0, 1, ...: `x0,y0` or, in `OpenFace`, `x_0,y_0`.
 fn points(csv: &CsvFile) -> Vec<(usize, usize)> {
     let place: BTreeMap<&str, usize> = csv.header().iter().enumerate().map(|(k, name)| (name.as_str(), k)).collect();
     let columns = |separator: &str| {
@@ -34,7 +34,7 @@ fn points(csv: &CsvFile) -> Vec<(usize, usize)> {
     if own.is_empty() { columns("_") } else { own }
 }
 
-/// Columns beside the points.
+/// Columns other than points.
 struct Columns {
     points: Vec<(usize, usize)>,
     confidence: Option<usize>,
@@ -45,7 +45,7 @@ struct Columns {
     size: Option<(usize, usize)>,
 }
 
-/// A row as it was read.
+/// A parsed row.
 struct Row {
     frame: u32,
     face: String,
@@ -55,7 +55,8 @@ struct Row {
     points: Option<Vec<Point2<f64>>>,
 }
 
-/// Reads a table into `track`: of several faces the one asked for, else the one that is found in most frames, of equals the largest.
+/// Reads a table into `track`. Of several faces it reads the requested one, else the one found in most frames, or the largest of several
+/// such.
 pub(super) fn read(path: &Path, face: Option<&str>, track: &mut LandmarkTrack) -> Result<(), LandmarksError> {
     let csv = open(path)?;
     let [frame] = csv.require(["frame"])?;
@@ -70,7 +71,7 @@ pub(super) fn read(path: &Path, face: Option<&str>, track: &mut LandmarkTrack) -
     let columns = Columns { points, confidence, success, face: face_id, timestamp, size };
     let mut rows = Vec::new();
     for row in csv.rows() {
-        // Between semicolons commas make no fields.
+        // With semicolons as separators, commas do not separate fields.
         let as_it_is = csv.separator() == b';';
         let row = row.map_err(|error| if as_it_is { error.into() } else { explained(error, "") })?;
         rows.push(read_row(&row, frame, &columns, track.least_confidence, path)?);
@@ -80,7 +81,7 @@ pub(super) fn read(path: &Path, face: Option<&str>, track: &mut LandmarkTrack) -
     let unnumbered = all_rows > 1 && rows.iter().all(|row| row.frame == 0);
     rows.into_iter().for_each(|row| faces.entry(row.face.clone()).or_default().push(row));
     if unnumbered && faces.len() < all_rows {
-        // OpenFace's FaceLandmarkImg writes 0 for every picture: they are frames in the order of the rows.
+        // OpenFace's FaceLandmarkImg writes 0 for every picture; rows are numbered in their order.
         faces.values_mut().for_each(|rows| (1..).zip(rows).for_each(|(number, row)| row.frame = number));
     }
     let ids: Vec<String> = faces.keys().cloned().collect();
@@ -97,14 +98,14 @@ pub(super) fn read(path: &Path, face: Option<&str>, track: &mut LandmarkTrack) -
     let own: BTreeSet<u32> = rows.iter().map(|row| row.frame).collect();
     take(rows, path, track)?;
     if !is_named {
-        // Programs call a face that they lose and find again another one: where only others are, it is lost.
+        // Programs give a face that they lose and find again a new id: in frames with other faces only, it is lost.
         track.lost.extend(all.difference(&own));
         track.lost.sort_unstable();
     }
     Ok(())
 }
 
-/// The rows of the face that is found in most frames, of equals the largest, of these the first.
+/// Rows of the face found in most frames, or of the largest of several such, or of the first.
 fn longest(faces: BTreeMap<String, Vec<Row>>) -> Vec<Row> {
     let worth = |rows: &[Row]| {
         let found = rows.iter().filter_map(|row| row.points.as_deref());
@@ -127,7 +128,7 @@ fn extent(points: &[Point2<f64>]) -> f64 {
     (high - low).norm()
 }
 
-/// Enters one face's rows.
+/// Adds the rows of one face.
 fn take(rows: Vec<Row>, path: &Path, track: &mut LandmarkTrack) -> Result<(), LandmarksError> {
     for Row { frame, points, time, .. } in rows {
         if track.frames.contains_key(&frame) || track.lost.contains(&frame) {
@@ -168,12 +169,12 @@ fn read_row(row: &CsvRow<'_>, frame: usize, columns: &Columns, least: f64, path:
     Ok(Row { frame, face, time, points: Some(points) })
 }
 
-/// Whether a row says that the face was not found.
+/// Whether a row states that the face was not found.
 fn is_lost(row: &CsvRow<'_>, columns: &Columns, least: f64) -> Result<bool, LandmarksError> {
     let given = |column: Option<usize>| column.filter(|&k| !is_missing(row.get(k)));
     let number = |k: usize| row.number(k).map_err(|error| explained(error, row.get(k)));
     if let Some(k) = given(columns.success) {
-        // As pandas writes it, too.
+        // Also in the spelling of pandas.
         let failed = match row.get(k).trim().to_lowercase().as_str() {
             "true" => false,
             "false" => true,
@@ -195,7 +196,7 @@ fn is_missing(field: &str) -> bool {
     field.is_empty() || is_missing_word(field)
 }
 
-/// An error of the table, with decimal commas named where they are the cause.
+/// An error of the table that mentions decimal commas if they are the cause.
 fn explained(error: InputError, field: &str) -> LandmarksError {
     let has_comma = field.contains(',') && field.replace(',', ".").parse::<f64>().is_ok();
     match (error.line, &error.kind) {

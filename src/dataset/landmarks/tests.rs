@@ -1,4 +1,4 @@
-//! Every form of landmark file, good and bad.
+//! Tests of every form of landmark file, valid and invalid.
 
 use super::*;
 use crate::wireframe::Tables;
@@ -267,7 +267,7 @@ fn tables_of_semicolons_may_have_decimal_commas() {
     assert!(semicolons.contains("\r\n2;0,5;2000;"));
     let track = csv(&semicolons).unwrap();
     assert_eq!((track.frame(2).unwrap()[0], track.frames), (Point2::new(0.5, 2000.0), csv(&commas).unwrap().frames));
-    // Such a table is found in a folder, too.
+    // Such a table is also found in a folder.
     let folder = text_folder(&[("a.csv", semicolons.clone()), ("marks.csv", "node;x;y\n1;2;3\n".to_owned())]);
     assert_eq!(read_landmarks(folder.path()).unwrap().frames.len(), 2);
     assert!(csv(&semicolons.replace("0,5", "")).unwrap().lost == [2]);
@@ -306,7 +306,7 @@ fn numbers(frames: &[u32], lost: &[u32], first: Option<u32>, last: Option<u32>) 
 #[test]
 fn missing_frames_are_filled_in_as_lost() {
     assert_eq!(numbers(&[1, 2, 4], &[], None, None).unwrap(), [(1, true), (2, true), (3, false), (4, true)]);
-    // A neutral and an apex alone miss nothing; neither do every tenth frame.
+    // A neutral and an apex alone lack nothing; neither does every tenth frame.
     assert_eq!(numbers(&[1, 24], &[], None, None).unwrap(), [(1, true), (24, true)]);
     assert_eq!(numbers(&[10, 20, 40], &[], None, None).unwrap().len(), 4);
     assert_eq!(numbers(&[1, 2, 3, 4], &[], Some(2), Some(3)).unwrap(), [(2, true), (3, true)]);

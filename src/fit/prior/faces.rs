@@ -1,4 +1,4 @@
-//! Neutral faces as landmarks or as nodes, from a CSV file or a dataset.
+//! Reads neutral faces, as landmarks or as nodes, from a CSV file or a dataset.
 
 use std::{
     collections::{BTreeMap, BTreeSet, btree_map::Entry},
@@ -13,16 +13,16 @@ use crate::{
     units::NodeId,
 };
 
-/// Columns that tell what a table is, and whether semicolons or commas separate it.
+/// Columns that identify the kind of a table, and whether semicolons or commas separate it.
 const KNOWN_COLUMNS: [&str; 12] =
     ["person", "subject", "frame", "image", "state", "node", "x", "y", "x0", "y0", "sequence", "emotion"];
 
-/// What is known of one neutral face.
+/// Points of one neutral face.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NeutralFace {
-    /// Who, for messages.
+    /// Name for messages.
     pub name: String,
-    /// Where its features are.
+    /// Points of the face.
     pub points: FacePoints,
 }
 
@@ -35,21 +35,21 @@ pub enum FacePoints {
     Nodes(Vec<(NodeId, Point2<f64>)>),
 }
 
-/// The faces of one file or dataset.
+/// Faces of one file or dataset.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NeutralFaces {
-    /// In the order of the file, or of the subjects.
+    /// Faces in the order of the file, or of the subjects.
     pub faces: Vec<NeutralFace>,
     /// Subjects of a dataset without a usable neutral frame, with the reason.
     pub skipped: Vec<(String, String)>,
-    /// BLAKE3 of what was read, in hexadecimal.
+    /// BLAKE3 of the faces' names and points, in hexadecimal.
     pub blake3: String,
-    /// Whether the names are those of persons, and not of frames or pictures: one name is one person then, wherever it stands.
+    /// Whether names identify persons, not frames or pictures. Then one name is one person in all inputs.
     pub of_persons: bool,
 }
 
-/// Checks that nobody is counted twice where faces of several inputs, each with its name, are put together: a person of one name, or,
-/// where names are not those of persons, a face whose points are all the same.
+/// Checks that no face occurs in two of several named inputs: no person of the same name, or, where names do not identify persons, no face
+/// with identical points.
 ///
 /// # Errors
 /// [`FacesError::InTwoInputs`] or [`FacesError::SameFace`] with the first such face.
@@ -68,7 +68,7 @@ pub fn check_faces_once(inputs: &[(String, &NeutralFaces)]) -> Result<(), FacesE
                 return Err(FacesError::SameFace { name, second, other: other.to_owned(), first: first.to_owned() });
             }
         }
-        // Only now: what stands twice in one input was judged when that was read.
+        // Added after the check: duplicates within one input were handled when it was read.
         for face in &read.faces {
             if read.of_persons {
                 persons.insert(key(face), input);
@@ -170,17 +170,17 @@ fn list(states: &BTreeSet<String>) -> String {
 
 /// Reads neutral faces.
 ///
-/// - A CSV file with the columns `x0,y0,...,x67,y67` and one of `person`, `subject` and `frame` to name the face; every row is one
-///   face. With a column `state`, only the rows of the state `state`.
-/// - A CSV file with the columns `node,x,y`, one of `person`, `subject` and `image`, and perhaps `face`, as `grimace locate` writes it:
+/// - A CSV file with the columns `x0,y0,...,x67,y67` and one of `person`, `subject` and `frame` to name the face; every row is one face. If
+///   there is a column `state`, only rows with the state `state` are used.
+/// - A CSV file with the columns `node,x,y`, one of `person`, `subject` and `image`, and optionally `face`, as `grimace locate` writes it;
 ///   every row is one node of a face.
 /// - A dataset (a folder, or its `manifest.csv`) with landmarks: the neutral frame of each subject's first sequence that has one. The
 ///   landmarks are those that drive a sequence ([`SequenceEntry::driving_landmarks`]); without images the neutral frame is their first.
 ///
-/// Columns may be separated by semicolons, and decimals have commas then.
+/// Columns may be separated by semicolons; then decimals have commas.
 ///
 /// # Errors
-/// `FacesError`. In a dataset a subject without landmarks is no error but skipped.
+/// `FacesError`. In a dataset, a subject without landmarks is skipped without error.
 pub fn read_neutral_faces(path: &Path, state: &str) -> Result<NeutralFaces, FacesError> {
     if path.is_dir() {
         return read_dataset(path);
@@ -293,7 +293,7 @@ fn neutral_face(entry: &SequenceEntry) -> Result<NeutralFace, String> {
     let driving = |prefer| entry.driving_landmarks(prefer).map_err(|e| e.to_string());
     let path = driving(true)?.ok_or("the manifest names no landmarks")?;
     let track = read_face(&path, LEAST_CONFIDENCE, entry.face_id()).map_err(|e| e.to_string())?;
-    // Landmarks that drive a sequence even where nobody prefers them are all there is of it.
+    // Landmarks that drive a sequence without being preferred are its only data.
     let neutral = if driving(false)?.is_some() {
         track.neutral_frame(entry.first_frame)
     } else {
@@ -303,7 +303,7 @@ fn neutral_face(entry: &SequenceEntry) -> Result<NeutralFace, String> {
     Ok(NeutralFace { name: entry.id.subject.clone(), points: FacePoints::Landmarks(landmarks) })
 }
 
-/// Faces with the hash of their names and numbers: the same faces have the same hash, wherever they were read from.
+/// Creates faces with the hash of their names and coordinates: equal faces have equal hashes, whatever the source.
 fn with_hash(faces: Vec<NeutralFace>, skipped: Vec<(String, String)>, of_persons: bool) -> NeutralFaces {
     let mut hasher = blake3::Hasher::new();
     for face in &faces {
@@ -314,7 +314,7 @@ fn with_hash(faces: Vec<NeutralFace>, skipped: Vec<(String, String)>, of_persons
     NeutralFaces { faces, skipped, blake3: hasher.finalize().to_hex().to_string(), of_persons }
 }
 
-/// What one face is known by without its name.
+/// Returns a hash that identifies a face without its name.
 fn hash_of_points(points: &FacePoints) -> [u8; 32] {
     let mut hasher = blake3::Hasher::new();
     add_points(&mut hasher, points);
@@ -377,7 +377,7 @@ mod tests {
         assert!(read("person,node,x,y\nA,70000,5,6\n").unwrap_err().contains("70000"));
     }
 
-    /// The faces of some files and folders, put together.
+    /// Checks the faces of several files and folders together.
     fn once(inputs: &[(&str, &Path)]) -> Result<(), String> {
         let read: Vec<_> =
             inputs.iter().map(|(name, path)| ((*name).to_owned(), read_neutral_faces(path, "neutral").unwrap())).collect();
@@ -389,7 +389,7 @@ mod tests {
         (0..68).map(|k| format!(",x{k},y{k}")).collect()
     }
 
-    /// A row whose points are `by` further on than those of `row(0)`.
+    /// A row whose points are shifted by `by` relative to those of `row(0)`.
     fn row(by: usize) -> String {
         (0..68).map(|k| format!(",{}.5,{}", k + by, 2 * k)).collect()
     }
@@ -420,7 +420,7 @@ mod tests {
         let data = folder.path().join("data");
         assert!(once(&[("c.csv", &c), ("data", &data)]).unwrap_err().starts_with("D is in c.csv and in data;"));
         once(&[("a.csv", &a), ("data", &data)]).unwrap();
-        // The number of a frame is no person's name; the same points are the same face.
+        // A frame number does not identify a person; identical points are the same face.
         let d = table("d.csv", "frame", &[("1", 7), ("2", 8)]);
         let e = table("e.csv", "frame", &[("1", 9), ("2", 10)]);
         let f = table("f.csv", "frame", &[("11", 8)]);

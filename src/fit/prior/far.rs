@@ -1,38 +1,37 @@
-//! Points of faces that lie where no face has them: a digit too many, or two columns exchanged.
+//! Finds implausible points of faces, such as a digit too many or two exchanged columns.
 //!
-//! Every face is laid on the median of all faces by a similarity that its wrong points do not touch, and how far its points lie from the
-//! median's is looked at.
+//! A robust similarity aligns every face with the median of all faces; then the distances of its points from the median's are checked.
 
 use nalgebra::Point2;
 
 use crate::{geometry::Similarity, units::NodeId};
 
-/// Fewest points that tell which of them is wrong.
+/// Fewest points with which a wrong point can be identified.
 const LEAST_POINTS: usize = 5;
 
-/// Fewest faces whose median says where a node is; Candide's own place serves where fewer know it.
+/// Fewest faces for a median position of a node; with fewer, Candide's position is used.
 const LEAST_FACES: usize = 3;
 
-/// Turns of median and alignment.
+/// Iterations of median and alignment.
 const TURNS: usize = 2;
 
-/// Points within so many times the median distance place a face.
+/// Limit of the distance, in median distances, of points used for the alignment.
 const PLACING: f64 = 3.0;
 
-/// The known points of a face, y up.
+/// Known points of a face, y up.
 pub(super) type Known = (Vec<NodeId>, Vec<Point2<f64>>);
 
-/// What lies too far off in one face.
+/// Implausible points of one face.
 pub(super) struct Far {
-    /// The point that lies furthest, by its place in the face's list.
+    /// Index of the point furthest away, in the face's list.
     pub point: usize,
-    /// How far it lies, in the unit of `start`.
+    /// Its distance, in the unit of `start`.
     pub distance: f64,
-    /// Points beyond the bound.
+    /// Number of points beyond the bound.
     pub count: usize,
 }
 
-/// For each face its points that lie further than `bound` from the median face; `start` has a place for every node.
+/// Returns for each face the points further than `bound` from the median face. `start` has a position for every node.
 pub(super) fn far_points(faces: &[Known], start: &[Point2<f64>], bound: f64) -> Vec<Option<Far>> {
     let mut median = start.to_vec();
     for _ in 0..TURNS {
@@ -55,7 +54,7 @@ pub(super) fn far_points(faces: &[Known], start: &[Point2<f64>], bound: f64) -> 
     let far = |(nodes, seen): &Known| {
         let target = of(&median, nodes);
         let distances = distances(&robust_similarity(seen, &target)?, seen, &target);
-        // What is no number is far, too.
+        // NaN counts as far.
         let is_far = |d: &f64| d.is_nan() || *d > bound;
         let (point, &distance) = distances.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1))?;
         is_far(&distance).then(|| Far { point, distance, count: distances.iter().filter(|d| is_far(d)).count() })
@@ -76,14 +75,14 @@ fn middle(values: &mut [f64]) -> f64 {
     values.get(values.len() / 2).copied().unwrap_or_default()
 }
 
-/// The similarity of two points that leaves the least median distance, then that of all points near it (least median of squares, Rousseeuw 1984).
-/// `None` where points are too few, or all at one place.
+/// Returns the similarity through two points that gives the smallest median distance, refined by all points near it (least median of
+/// squares, Rousseeuw 1984). `None` if there are too few points, or all coincide.
 fn robust_similarity(seen: &[Point2<f64>], target: &[Point2<f64>]) -> Option<Similarity> {
     let count = seen.len();
     if count < LEAST_POINTS {
         return None;
     }
-    // The two points of a pair lie in place by themselves; the list goes from part to part of a face, so that its half is far off.
+    // The two points of a pair fit by construction; the list goes from part to part of a face, so the point half a list away is far off.
     let median = |onto: &Similarity| {
         let mut all = distances(onto, seen, target);
         all.sort_by(f64::total_cmp);

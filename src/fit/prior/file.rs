@@ -1,4 +1,4 @@
-//! Prior files: JSON with the mean, the modes, and where they come from.
+//! Prior files: JSON with the mean, the modes, and their origin.
 
 use std::{
     io,
@@ -14,45 +14,45 @@ use crate::output::{OutputError, write_atomic};
 /// Version of the schema of a prior file.
 pub const PRIOR_SCHEMA: u32 = 1;
 
-/// Decimals of a length in a prior file: 1e-5 model units are 0.002 % of the eye distance.
+/// Rounding of a length in a prior file: 1e-5 model units are 0.002 % of the eye distance.
 const DECIMALS: f64 = 1e5;
 
 /// The unit of every length in the file.
 const UNITS: &str = "Candide-3 model unit in face space: x to the subject's left, y up, eye distance about 0.6";
 
-/// The priors that come with the program.
+/// The priors embedded in the program.
 const EMBEDDED: [&str; 2] =
     [include_str!("../../../candide/face_prior.json"), include_str!("../../../candide/face_prior_by_hand.json")];
 
-/// What a prior was learned from: one file or dataset.
+/// One file or dataset of the training data of a prior.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FaceSource {
     /// Name of the file or folder.
     pub name: String,
-    /// Faces taken from it.
+    /// Number of faces taken from it.
     pub faces: usize,
     /// BLAKE3 of the faces' names and landmarks.
     pub blake3: String,
 }
 
-/// Where a prior comes from.
+/// Origin of a prior.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PriorOrigin {
-    /// Program and version.
+    /// Program name and version.
     pub made_by: String,
     /// The command, with file names instead of paths.
     pub command: String,
     /// Number of faces.
     pub faces: usize,
-    /// The landmarks.
+    /// Files or datasets of the training data.
     pub sources: Vec<FaceSource>,
-    /// Who is to be credited for the faces, and the licence; empty where nobody said.
+    /// Credit and licence of the faces; empty if unknown.
     pub credit: String,
 }
 
 /// The content of a prior file.
 ///
-/// A prior's file says how many faces it was learned from.
+/// The example reads the number of faces in the training data.
 /// ```
 /// use grimace::fit::PriorFile;
 ///
@@ -63,18 +63,18 @@ pub struct PriorOrigin {
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PriorFile {
-    /// 1.
+    /// Always 1.
     pub schema_version: u32,
     /// Unit and axes of every length.
     pub units: String,
-    /// Where it comes from.
+    /// Origin of the prior.
     #[serde(flatten)]
     pub origin: PriorOrigin,
     /// Standard deviation of a mark, in x and in y.
     pub mark_deviation: f64,
-    /// Mean place of every node, in node order.
+    /// Mean position of every node, in node order.
     pub mean: Vec<[f64; 2]>,
-    /// Standard deviation in x and in y of what the modes leave, by node.
+    /// Standard deviation in x and in y of the residual that the modes leave, by node.
     pub residuals: Vec<f64>,
     /// Offset of every node at one standard deviation of each mode, the strongest mode first.
     pub modes: Vec<Vec<[f64; 2]>>,
@@ -128,11 +128,11 @@ pub enum PriorFileError {
 }
 
 impl PriorFile {
-    /// The file of a prior; lengths are rounded to 5 decimals, every mode scaled to one standard deviation.
+    /// Creates the file of a prior. Lengths are rounded to 5 decimals, every mode is scaled to one standard deviation.
     pub fn new(prior: &ShapePrior, origin: PriorOrigin) -> Self {
         let round = |v: f64| {
             let rounded = (v * DECIMALS).round() / DECIMALS;
-            // No -0 in the file.
+            // Avoids -0 in the file.
             if rounded == 0.0 { 0.0 } else { rounded }
         };
         let modes = prior.modes.iter().zip(&prior.deviations);
@@ -147,10 +147,10 @@ impl PriorFile {
         }
     }
 
-    /// The prior of a file.
+    /// Returns the prior of a file.
     ///
     /// # Errors
-    /// A sentence, when lists differ in length or numbers are not finite or negative where they must not be.
+    /// A message, if lists differ in length, or numbers are not finite or negative where they must not be.
     pub fn prior(&self) -> Result<ShapePrior, String> {
         let count = self.mean.len();
         if count == 0 {
@@ -182,13 +182,13 @@ impl PriorFile {
     }
 }
 
-/// The one field that every version of the schema has.
+/// The only field that all versions of the schema share.
 #[derive(Deserialize)]
 struct Version {
     schema_version: u32,
 }
 
-/// Reads a prior file; gives the prior and the BLAKE3 of the file, in hexadecimal.
+/// Reads a prior file. Returns the prior and the BLAKE3 of the file, in hexadecimal.
 ///
 /// ```
 /// use grimace::fit::read_prior;
@@ -203,7 +203,7 @@ struct Version {
 pub fn read_prior(path: &Path) -> Result<(ShapePrior, String), PriorFileError> {
     let at = || path.to_owned();
     let bytes = crate::input::read(path).map_err(|source| PriorFileError::Io { path: at(), source })?;
-    // The version first: a later schema need not have the fields of this one.
+    // The version first: later schemas may lack the fields of this one.
     let Version { schema_version } =
         serde_json::from_slice(&bytes).map_err(|source| PriorFileError::Json { path: at(), source })?;
     if schema_version != PRIOR_SCHEMA {
@@ -214,7 +214,7 @@ pub fn read_prior(path: &Path) -> Result<(ShapePrior, String), PriorFileError> {
     Ok((prior, blake3::hash(&bytes).to_hex().to_string()))
 }
 
-/// Writes a prior file: JSON, a line for every list of coordinates.
+/// Writes a prior file: JSON with one line per list of coordinates.
 ///
 /// # Errors
 /// [`OutputError`] when the file cannot be written.
@@ -241,7 +241,7 @@ pub fn write_prior(path: &Path, file: &PriorFile) -> Result<(), OutputError> {
     })
 }
 
-/// The priors that come with the program.
+/// Returns the priors embedded in the program.
 pub(super) fn embedded() -> [ShapePrior; 2] {
     EMBEDDED.map(|text| {
         let file: PriorFile = serde_json::from_str(text).unwrap_or_else(|error| unreachable!("embedded prior: {error}"));

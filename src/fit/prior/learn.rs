@@ -1,12 +1,11 @@
-//! Learning a shape prior from points of neutral faces.
+//! Learns a shape prior from points of neutral faces.
 //!
-//! 1. Every face is completed to all nodes: its known nodes (of landmarks those that stand for one node, confidence high and medium) place
-//!    Candide-3 with its shape units; iris boxes that are not known follow the similarity of the eye's lids; the springs carry all other
-//!    nodes, the known ones being hard positions.
-//!    A face of which a point lies implausibly far from where the median of the faces has it is refused (`far.rs`).
-//! 2. Every face is joined by its mirror image: the mean is symmetric, and left and right do not differ by chance.
+//! 1. Every face is completed to all nodes. Its known nodes (for landmarks: those that stand for one node, confidence high and medium)
+//!    place Candide-3 with its shape units; unknown iris boxes follow the similarity of the eye's lids; the springs carry all other nodes,
+//!    with the known ones as hard positions. A face with a point implausibly far from the median of the faces is refused (`far.rs`).
+//! 2. Every face is joined by its mirror image, so that the mean is symmetric and left and right do not differ by chance.
 //! 3. The faces are aligned by similarity on the landmarks of eyes and nose (generalized Procrustes), the mean on Candide-3.
-//! 4. The principal components of the live nodes are the modes; what they leave is the residual of each node.
+//! 4. The principal components of the live nodes are the modes; the remainder is the residual of each node.
 
 use std::collections::BTreeSet;
 
@@ -24,20 +23,20 @@ use crate::{
     wireframe::{Fapu, Region, Tables, Wireframe},
 };
 
-/// Modes kept where nothing else is asked for: 99 % of the variance of 90 faces.
+/// Default number of modes: 99 % of the variance of 90 faces.
 pub const DEFAULT_MODES: usize = 12;
 
-/// Fewest faces a prior is learned from.
+/// Smallest number of faces for a prior.
 pub const MINIMUM_FACES: usize = 10;
 
-/// Turns of alignment and mean; the mean of 90 faces is at rest after three.
+/// Iterations of alignment and mean; the mean of 90 faces has converged after three.
 const ALIGNMENT_TURNS: usize = 10;
 
-/// Furthest that a point may lie from where the median face has it, in distances of the eyes' middles. Of 90 neutral faces the furthest lies
-/// 0.30 off, a chin; of the same people smiling 0.28.
+/// Largest distance of a point from the median face's, in distances between the eyes' middles. Of 90 neutral faces the largest is 0.30, at
+/// a chin; of the same people smiling 0.28.
 const FURTHEST: f64 = 1.0;
 
-/// Of a face of which so many points lie beyond that, it is not a point that is wrong.
+/// Share of points beyond that limit above which the whole face is wrong, not a point.
 const MOST_FAR: f64 = 0.25;
 
 /// Largest distance of a node from the mirror image of its counterpart, model units.
@@ -130,10 +129,10 @@ pub enum LearnError {
     },
 }
 
-/// Learns a prior of `modes` modes from neutral faces (px, y down).
+/// Learns a prior with `modes` modes from neutral faces (px, y down).
 ///
 /// # Errors
-/// `LearnError` for fewer than 10 faces, more modes than faces allow, or a face that does not place the wireframe.
+/// `LearnError` for fewer than 10 faces, more modes than faces allow, or a face that does not determine a placement of the wireframe.
 pub fn learn_prior(
     wireframe: &Wireframe,
     tables: &Tables,
@@ -158,7 +157,7 @@ pub fn learn_prior(
         let error = far.map(|far| (far.count, completion.far_point(face, known, far.point, far.distance / eye_distance)));
         let shape = match error {
             Some((count, error)) if count as f64 <= MOST_FAR * known.0.len() as f64 => return Err(error),
-            // What is wrong with a whole face is known better there: it stands upside down, say.
+            // The completion gives a better message for a face that is wrong as a whole, for example upside down.
             Some((_, error)) => return Err(completion.complete(face, known).err().unwrap_or(error)),
             None => completion.complete(face, known)?,
         };
@@ -184,8 +183,8 @@ pub fn learn_prior(
     for &column in order.iter().take(modes) {
         let deviation = eigen.eigenvalues[column].max(0.0).sqrt();
         let vector = eigen.eigenvectors.column(column);
-        // An eigenvector has no sign of its own: the sum of its components, each times its place, is made positive. A rule on
-        // the largest component would be decided by rounding in a mirrored mode, where two components are equally large.
+        // The sign of an eigenvector is arbitrary: the sum of its components, each times its index, is made positive. A rule on the largest
+        // component would depend on rounding in a mirrored mode, where two components are equally large.
         let moment: f64 = vector.iter().enumerate().map(|(c, v)| c as f64 * v).sum();
         let sign = if moment < 0.0 { -deviation } else { deviation };
         let mut mode = vec![Vector2::zeros(); wireframe.node_count()];
@@ -199,7 +198,7 @@ pub fn learn_prior(
     wireframe.place_followers(&mut mean);
     let mut residuals = vec![0.0; wireframe.node_count()];
     for (i, node) in live.iter().enumerate() {
-        // Variance of x and y together, over two for one of them.
+        // Sum of the variances of x and y, halved for one of them.
         residuals[node.index()] = ((total[i] - held[i]).max(0.0) / 2.0).sqrt();
     }
     Ok(ShapePrior { mean, deviations: vec![1.0; modes], modes: prior_modes, residuals, mark_deviation: FACES_MARK_DEVIATION })
@@ -240,7 +239,7 @@ impl<'a> Completion<'a> {
         Self { wireframe, tables, springs: Springs::new(wireframe), candide: ShapePrior::candide(wireframe), frontal, eyes }
     }
 
-    /// Distance of the middles of the eyes of Candide-3.
+    /// Returns the distance between the middles of Candide-3's eyes.
     fn eye_distance(&self) -> f64 {
         let [left, right] = [0, 1].map(|eye: usize| {
             let lids = &self.eyes[eye].0;
@@ -249,7 +248,7 @@ impl<'a> Completion<'a> {
         (left - right).norm()
     }
 
-    /// That the `k`-th known point of a face lies too far off.
+    /// Returns the error that the `k`-th known point of a face is too far off.
     fn far_point(&self, face: &NeutralFace, (nodes, seen): &Known, k: usize, distance: f64) -> LearnError {
         let (node, place) = (nodes[k], seen[k]);
         let of_node = |row: &&crate::wireframe::LandmarkRow| matches!(row.nodes[..], [(single, _)] if single == node);
@@ -258,7 +257,7 @@ impl<'a> Completion<'a> {
         LearnError::FarPoint { name: face.name.clone(), point, x: place.x, y: -place.y, distance }
     }
 
-    /// The known nodes of a face and their places, y up.
+    /// Returns the known nodes of a face and their positions, y up.
     fn known(&self, face: &NeutralFace) -> Result<Known, LearnError> {
         let known: Vec<(NodeId, Point2<f64>)> = match &face.points {
             FacePoints::Landmarks(landmarks) => {
@@ -275,7 +274,7 @@ impl<'a> Completion<'a> {
         Ok(known.into_iter().map(|(node, p)| (node, Point2::new(p.x, -p.y))).unzip())
     }
 
-    /// All nodes of a face, in face space and roughly Candide's place and size.
+    /// Returns all nodes of a face, in face space, approximately at Candide's position and size.
     fn complete(&self, face: &NeutralFace, (nodes, seen): &Known) -> Result<Vec<Point2<f64>>, LearnError> {
         let placement = |source| LearnError::Placement { name: face.name.clone(), source };
         let found = self.candide.explain(nodes, seen).map_err(placement)?;
@@ -305,7 +304,7 @@ impl<'a> Completion<'a> {
     }
 }
 
-/// Nodes of landmarks that expressions move little: eyes and nose.
+/// Returns the nodes of landmarks that expressions hardly move: eyes and nose.
 pub(super) fn stable_nodes(tables: &Tables) -> Vec<NodeId> {
     let single = tables.landmarks.iter().filter_map(|row| match row.nodes[..] {
         [(node, _)] => Some(node),
@@ -314,7 +313,7 @@ pub(super) fn stable_nodes(tables: &Tables) -> Vec<NodeId> {
     single.filter(|&n| matches!(tables.region(n), Region::Eye | Region::Nose)).collect()
 }
 
-/// Aligns the shapes on their mean by the stable nodes; gives the mean, symmetric and aligned on Candide-3.
+/// Aligns the shapes with their mean by the stable nodes; returns the mean, symmetric and aligned with Candide-3.
 fn align(
     shapes: &mut [Vec<Point2<f64>>],
     wireframe: &Wireframe,
@@ -346,13 +345,13 @@ fn align(
     Ok(mean)
 }
 
-/// The face seen in a mirror, every node keeping its meaning.
+/// Returns the mirrored face, with every node keeping its meaning.
 fn mirrored(shape: &[Point2<f64>], mirror: &[usize]) -> Vec<Point2<f64>> {
     mirror.iter().map(|&k| Point2::new(-shape[k].x, shape[k].y)).collect()
 }
 
-/// The node on the other side for every node, itself on the midline. Where two lie at one place (the inner lips), the one whose
-/// neighbours are the mirror images of the node's own.
+/// Returns the mirror node of every node; a node on the midline is its own. If two candidates coincide (the inner lips), the one whose
+/// neighbours are the mirror images of the node's own is taken.
 pub(crate) fn mirror_nodes(wireframe: &Wireframe) -> Result<Vec<usize>, LearnError> {
     let vertices = wireframe.vertices();
     let live = wireframe.live_nodes();
@@ -413,7 +412,7 @@ mod tests {
         let edges: BTreeSet<_> = w.edges().iter().map(|(a, b)| (a.index(), b.index())).collect();
         let other = |&(a, b): &(usize, usize)| (mirror[a].min(mirror[b]), mirror[a].max(mirror[b]));
         let unmatched: Vec<_> = edges.iter().filter(|edge| !edges.contains(&other(edge))).collect();
-        // Only the diagonals of the two iris boxes lie alike on both sides.
+        // Only the diagonals of the two iris boxes correspond on both sides.
         assert_eq!(unmatched, [&(67, 72), &(70, 73)]);
         // The coincident inner lips keep upper and lower apart.
         assert_eq!([81, 83, 82, 84, 40, 87, 31].map(|k| mirror[k]), [82, 84, 81, 83, 40, 87, 64]);
@@ -467,7 +466,7 @@ mod tests {
             let FacePoints::Landmarks(landmarks) = &mut faces[7].points else { unreachable!() };
             to(&mut landmarks[k]);
         };
-        // A digit too many, in a corner of the mouth or of an eye, or so large that squares are no numbers.
+        // A digit too many, in a corner of the mouth or of an eye, or a coordinate so large that its square overflows.
         set(&mut wild, 48, |p| p.x = 5000.0);
         assert!(error(&wild, 3).starts_with("7: point 48 is at (5000.0, "), "{}", error(&wild, 3));
         for (k, to) in [(36, (|p| p.y = -1e4) as fn(&mut Point2<f64>)), (30, |p| p.x = 1e300)] {

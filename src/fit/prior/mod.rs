@@ -1,15 +1,14 @@
-//! Shape prior ahead of the springs: what neutral faces look like, beyond Candide-3's own neutral.
+//! Shape prior that is applied before the springs: a model of neutral faces beyond Candide-3's own neutral shape.
 //!
-//! A face of the prior is `mean + sum_j c_j mode_j + e` in face space, with independent `c_j ~ N(0, deviation_j^2)` and, at node k,
-//! an error `e ~ N(0, residual_k^2)` that the modes do not hold. A mark adds its own error of [`ShapePrior::mark_deviation`]. With the
-//! marks z, the similarity A from image to face space and the coefficients c follow from one linear system, the maximum a posteriori
-//!
+//! A face of the prior is `mean + sum_j c_j mode_j + e` in face space, with independent `c_j ~ N(0, deviation_j^2)` and, at node k, a
+//! residual `e ~ N(0, residual_k^2)` outside the modes. A mark adds its own error of [`ShapePrior::mark_deviation`]. With the marks z, the
+//! similarity A from image to face space and the coefficients c follow from one linear system, the maximum a posteriori
 //! ```text
 //! minimise |A z - mean - M c|^2_S + sum_j (c_j / deviation_j)^2        S: diagonal, residual_k^2 + mark_deviation^2
 //! ```
 //!
-//! A is linear in its four numbers, so that nothing is iterated. Where several priors compete, each face is weighted by how probable
-//! it makes the marks ([`Explanation::log_evidence`]).
+//! A is linear in its four parameters, so no iteration is needed. Competing priors are weighted by the probability of the marks
+//! ([`Explanation::log_evidence`]).
 
 mod faces;
 mod far;
@@ -29,18 +28,18 @@ pub use file::{FaceSource, PriorFile, PriorFileError, PriorOrigin, read_prior, w
 pub(crate) use learn::mirror_nodes;
 pub use learn::{DEFAULT_MODES, LearnError, learn_prior};
 
-/// Standard deviation of Candide's shape units among people; PITFALLS of the field put it near 0.3.
+/// Standard deviation of Candide's shape units among people; the literature puts it near 0.3.
 const SHAPE_UNIT_DEVIATION: f64 = 0.3;
 
-/// Standard deviation of a mark on a face that is Candide's but for its shape units, model units: a pixel on a face with 100 px
+/// Standard deviation of a mark on a face that differs from Candide's only by shape units, model units: one pixel on a face with 100 px
 /// between the pupils.
 const CANDIDE_MARK_DEVIATION: f64 = 0.006;
 
-/// Standard deviation of a mark on a real face, model units: 1.6 % of the eye distance. Points set by hand and points of a landmark
-/// network differ by 1.3 to 2.5 % at the corners of eyes and mouth.
+/// Standard deviation of a mark on a real face, model units: 1.6 % of the eye distance. Points set by hand and points of a landmark network
+/// differ by 1.3 to 2.5 % at the corners of eyes and mouth.
 const FACES_MARK_DEVIATION: f64 = 0.01;
 
-/// Least standard deviation of a mark, model units: no mark is exact.
+/// Smallest standard deviation of a mark, model units: no mark is exact.
 const LEAST_MARK_DEVIATION: f64 = 0.002;
 
 /// A linear model of neutral face shape, in face space and Candide's model units.
@@ -61,7 +60,7 @@ pub struct ShapePrior {
     pub modes: Vec<Vec<Vector2<f64>>>,
     /// Standard deviation of each mode's coefficient, > 0.
     pub deviations: Vec<f64>,
-    /// What the modes leave of each node's place: standard deviation in x and in y, >= 0.
+    /// Residual of each node's position that the modes leave: standard deviation in x and in y, >= 0.
     pub residuals: Vec<f64>,
     /// Standard deviation of a mark in x and in y, > 0.
     pub mark_deviation: f64,
@@ -72,17 +71,17 @@ pub struct ShapePrior {
 pub struct Explanation {
     /// All N nodes in face space.
     pub shape: Vec<Point2<f64>>,
-    /// Takes the shape to the space of the marks.
+    /// Maps the shape to the space of the marks.
     pub marks_from_face: Similarity,
-    /// Standard deviation of the place of every node in x and in y, in the unit of the marks: what they leave open.
+    /// Standard deviation of the position of every node in x and in y given the marks, in the unit of the marks.
     pub deviations: Vec<f64>,
-    /// Logarithm of the probability density of the marks under the prior at this placement, up to a constant that does not depend
-    /// on the prior.
+    /// Logarithm of the probability density of the marks under the prior at this placement, up to a constant that does not depend on the
+    /// prior.
     pub log_evidence: f64,
 }
 
 impl ShapePrior {
-    /// Candide's own neutral and its shape units, as far as a frontal view shows them.
+    /// Returns the prior of Candide's own neutral shape and its shape units, as far as a frontal view shows them.
     pub fn candide(wireframe: &Wireframe) -> Self {
         let mut modes = Vec::new();
         for unit in wireframe.shape_units() {
@@ -103,21 +102,21 @@ impl ShapePrior {
         }
     }
 
-    /// The priors learned from real faces that come with the program: from landmarks as networks set them (`candide/face_prior.json`) and
-    /// from points set by hand (`candide/face_prior_by_hand.json`), where their credit stands.
+    /// Returns the embedded priors learned from real faces: one from landmarks of networks (`candide/face_prior.json`), one from points set
+    /// by hand (`candide/face_prior_by_hand.json`). The files contain their credits.
     ///
-    /// Both are of the same people. What is called the end of a brow or the tip of a chin differs: a network's brows lie a tenth of the eye
-    /// distance higher. Which of the two marks mean, the marks tell.
+    /// Both are of the same people, but networks and people define features such as the end of a brow or the tip of a chin differently: a
+    /// network's brows lie a tenth of the eye distance higher. The marks decide which definition applies.
     pub fn faces() -> [Self; 2] {
         file::embedded()
     }
 
-    /// The most probable face for marks at `nodes` (at least three, all of them below the mean's length).
+    /// Returns the most probable face for marks at `nodes` (at least three, all of them below the mean's length).
     ///
-    /// `seen` are their places, y up, in any unit: the image with y turned over. Every mark has the error [`Self::mark_deviation`].
+    /// `seen` are their positions, y up, in any unit: the image with y flipped. Every mark has the error [`Self::mark_deviation`].
     ///
     /// # Errors
-    /// [`SimilarityError`] when the marks do not determine a placement.
+    /// [`SimilarityError`] if the marks do not determine a placement.
     ///
     /// # Panics
     /// If a node is not one of the prior's, or `nodes` and `seen` differ in length (a programmer's error).
@@ -125,8 +124,8 @@ impl ShapePrior {
         self.explain_by_errors(nodes, seen, &vec![None; nodes.len()])
     }
 
-    /// As [`Self::explain`], by marks of different errors: `deviations` are their standard deviations in x and in y, in the unit of
-    /// `seen`; `None` for a mark of [`Self::mark_deviation`].
+    /// Same as [`Self::explain`], for marks with individual errors: `deviations` are their standard deviations in x and in y, in the unit
+    /// of `seen`; `None` for a mark of [`Self::mark_deviation`].
     ///
     /// # Errors
     /// As [`Self::explain`].
@@ -142,7 +141,7 @@ impl ShapePrior {
         assert!(nodes.len() == seen.len() && nodes.len() == deviations.len(), "a place for every node");
         let rows = 2 * nodes.len();
         let mean: Vec<Point2<f64>> = nodes.iter().map(|n| self.mean[n.index()]).collect();
-        // Places near the mean, so that the linear system is well scaled whatever the image.
+        // Positions near the mean make the linear system well scaled for any image.
         let rough = Similarity::fit(seen, &mean, None)?;
         let near: Vec<Point2<f64>> = seen.iter().map(|p| rough.apply(p)).collect();
         let modes = DMatrix::from_fn(rows, self.modes.len(), |r, c| self.modes[c][nodes[r / 2].index()][r % 2]);
@@ -156,7 +155,7 @@ impl ShapePrior {
             covariance[(2 * i + 1, 2 * i + 1)] += noise;
         }
         let factor: Cholesky<f64, Dyn> = covariance.cholesky().ok_or(SimilarityError::Coincident)?;
-        // A p = (a x - b y + u, b x + a y + v), the unknowns being (a, b, u, v).
+        // A p = (a x - b y + u, b x + a y + v) with the unknowns (a, b, u, v).
         let design = DMatrix::from_fn(rows, 4, |r, c| {
             let p = near[r / 2];
             [[p.x, -p.y, 1.0, 0.0], [p.y, p.x, 0.0, 1.0]][r % 2][c]
@@ -181,7 +180,7 @@ impl ShapePrior {
         let marked = |k: usize| nodes.iter().zip(&own).find(|(node, _)| node.index() == k).map(|(_, own)| *own);
         let deviation = |(k, open): (usize, f64)| {
             let residual = self.residuals[k].powi(2);
-            // What the modes do not hold of a marked node's place, its mark tells.
+            // A node's mark reduces the residual that the modes leave.
             let left = marked(k).map_or(residual, |own| residual * own / (residual + own));
             (open + left).max(0.0).sqrt() / (fine.scale * rough.scale)
         };
@@ -193,8 +192,9 @@ impl ShapePrior {
         Ok(Explanation { shape, marks_from_face: rough.inverse().after(&fine.inverse()), deviations, log_evidence })
     }
 
-    /// Variance in x and in y, face space, of every node at `near` as far as coefficients and similarity leave it open: of both together
-    /// the marks are a linear measurement, `[modes, -design]`, of variance `noise` at each mark. Infinite where it does not determine them.
+    /// Returns the variance in x and in y, face space, of every node at `near`, given the uncertainty of coefficients and similarity. The
+    /// marks are a linear measurement of both, `[modes, -design]`, with variance `noise` at each mark. Infinite if they do not determine
+    /// them.
     fn left_open(&self, modes: &DMatrix<f64>, design: &DMatrix<f64>, noise: &[f64], near: &[Point2<f64>]) -> Vec<f64> {
         let count = self.modes.len();
         let size = count + 4;
@@ -219,7 +219,7 @@ impl ShapePrior {
     }
 }
 
-/// Shares of competing explanations: proportional to their evidence times their odds before the marks are seen, adding up to 1.
+/// Returns the weights of competing explanations: proportional to their evidence times their prior odds, with sum 1.
 pub(super) fn shares(explanations: &[Explanation], log_odds: &[f64]) -> Vec<f64> {
     let posterior: Vec<f64> = explanations.iter().zip(log_odds).map(|(e, odds)| e.log_evidence + odds).collect();
     let best = posterior.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -270,7 +270,7 @@ mod tests {
         assert!(evidence(&prior) > evidence(&stiff));
         let both = [&prior, &larger].map(|p| p.explain(&NODES, &seen).unwrap());
         assert_relative_eq!(shares(&both, &[0.0, 0.0])[0], 0.5, epsilon = 1e-9);
-        // e to 1 before the marks are seen.
+        // Prior odds of e to 1.
         assert_relative_eq!(shares(&both, &[1.0, 0.0])[0], 0.731_058_578_630, epsilon = 1e-9);
     }
 

@@ -1,4 +1,4 @@
-//! One photograph, many pictures: other sizes, turns, lights, backgrounds, clothes, hair, glasses, cameras.
+//! Renders many training pictures from one photograph: other sizes, rotations, lights, backgrounds, clothes, hair, glasses, cameras.
 
 use image::{GrayImage, ImageEncoder, codecs::jpeg::JpegEncoder};
 use rand::{RngExt, SeedableRng};
@@ -17,25 +17,25 @@ use crate::modules::locate::{
     shape::{Placement, Point, Shape},
 };
 
-/// A picture made of a photograph, and where the points are in it.
+/// A rendered picture with the positions of its points.
 #[derive(Clone, Debug)]
 pub struct Sample {
-    /// Which of the faces.
+    /// Index of the face.
     pub face: usize,
     /// Grey pixels.
     pub image: GrayImage,
     /// The points, px.
     pub truth: Shape,
-    /// How much of each point is covered, 0 to 1; empty where nothing is.
+    /// Covered share of each point, 0 to 1; empty if nothing is covered.
     pub covered: Vec<f32>,
 }
 
-/// Uniform between two numbers.
+/// Returns a uniform random number between two bounds.
 pub fn uniform(random: &mut ChaCha8Rng, low: f32, high: f32) -> f32 {
     low + (high - low) * random.random::<f32>()
 }
 
-/// Normal with a mean and a standard deviation.
+/// Returns a normal random number with a mean and a standard deviation.
 pub fn normal(random: &mut ChaCha8Rng, mean: f32, deviation: f32) -> f32 {
     let value: f32 = StandardNormal.sample(random);
     mean + deviation * value
@@ -45,14 +45,14 @@ fn chance(random: &mut ChaCha8Rng, share: f32) -> bool {
     random.random::<f32>() < share
 }
 
-/// The stream of one picture.
+/// Returns the random number stream of one picture.
 pub fn stream(seed: u64, purpose: u64, unit: u64) -> ChaCha8Rng {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(purpose << 48 | unit);
     random
 }
 
-/// A photograph ready to be sampled.
+/// A photograph prepared for sampling.
 #[derive(Debug)]
 pub struct Source {
     grey: Picture,
@@ -62,7 +62,7 @@ pub struct Source {
 }
 
 impl Source {
-    /// `None` for a photograph without pixels.
+    /// Returns `None` for a photograph without pixels.
     pub fn new(face: &TrainingFace) -> Option<Self> {
         let masks = face.masks();
         Some(Self {
@@ -74,12 +74,12 @@ impl Source {
     }
 }
 
-/// How far a face stands out towards the camera, rough, at a place relative to the middle of the face; eye distances.
+/// Returns the approximate depth of a face towards the camera at a position relative to the middle of the face; eye distances.
 fn depth(u: f32, v: f32) -> f32 {
     (-(u * u + v * v / 2.6)).exp() + 0.3 * (-(u * u / 0.04 + (v - 0.05) * (v - 0.05) / 0.0625)).exp()
 }
 
-/// The pose and shape change of one picture, about the middle of the face.
+/// Pose and shape change of one picture, about the middle of the face.
 struct Pose {
     yaw: f32,
     pitch: f32,
@@ -119,10 +119,10 @@ impl Pose {
     }
 }
 
-/// Step of the grid on which the change of pose is computed, px.
+/// Spacing of the grid on which the change of pose is computed, px.
 const GRID: usize = 6;
 
-/// Makes a picture; of a face that is covered in part where chance for that is given.
+/// Renders a picture; part of the face is covered if a random stream for covers is given.
 pub fn render(
     source: &Source,
     (face, mirrored): (usize, bool),
@@ -144,7 +144,7 @@ pub fn render(
         [q[0] * eyes + centre[0], q[1] * eyes + centre[1]]
     };
     let truth: Shape = relative.iter().map(|&p| place(p)).collect();
-    // Where each pixel comes from, relative to the middle of the face.
+    // Source position of each pixel, relative to the middle of the face.
     let (columns, rows) = (width / GRID + 2, height / GRID + 2);
     let knots: Vec<Point> = (0..columns * rows)
         .map(|k| {
@@ -189,12 +189,12 @@ pub fn render(
     Sample { face, image: camera(random, &canvas), truth, covered }
 }
 
-/// A point by its description; the middle of the face if there is none.
+/// Returns a point by its description; the middle of the face if there is none.
 fn named(relative: &[Point], description: &str) -> Point {
     points().iter().position(|p| p.description == description).and_then(|k| relative.get(k)).copied().unwrap_or_default()
 }
 
-/// Clothes, the shade of the neck, hair, and glasses.
+/// Adds clothes, shade on the neck, hair, and glasses.
 fn dress(random: &mut ChaCha8Rng, canvas: &mut Canvas, map: &[Point], inside: &[f32], relative: &[Point]) {
     let chin = named(relative, "lowest point of the chin");
     let brow = named(relative, "left brow: highest point")[1].min(named(relative, "right brow: highest point")[1]);
@@ -260,7 +260,7 @@ fn dress(random: &mut ChaCha8Rng, canvas: &mut Canvas, map: &[Point], inside: &[
     }
 }
 
-/// Gamma, light from a side, contrast and brightness.
+/// Changes gamma, side light, contrast and brightness.
 fn light(random: &mut ChaCha8Rng, canvas: &mut Canvas, place: impl Fn(f32, f32) -> Point) {
     let gamma = normal(random, 0.0, 0.3).exp();
     let angle = uniform(random, 0.0, std::f32::consts::TAU);
@@ -278,7 +278,7 @@ fn light(random: &mut ChaCha8Rng, canvas: &mut Canvas, place: impl Fn(f32, f32) 
     canvas.values.iter_mut().for_each(|v| *v = (*v - mean) * contrast + mean * brightness);
 }
 
-/// Blur, noise, rounding, compression.
+/// Adds blur, noise, rounding and compression.
 fn camera(random: &mut ChaCha8Rng, canvas: &Canvas) -> GrayImage {
     let blur = uniform(random, 0.0, 1.4);
     let mut image = canvas.image();
@@ -303,7 +303,7 @@ fn compressed(image: &GrayImage, quality: u8) -> Option<GrayImage> {
     Some(image::load_from_memory(&bytes).ok()?.to_luma8())
 }
 
-/// A picture with a face that must not be taken for one: upside down, on its side, its light reversed, or its parts in disorder.
+/// Returns a picture with a face that must be rejected: upside down, on its side, inverted, or with its parts in disorder.
 pub fn spoilt(sample: &Sample, random: &mut ChaCha8Rng) -> GrayImage {
     use image::imageops;
     let image = &sample.image;
@@ -317,7 +317,7 @@ pub fn spoilt(sample: &Sample, random: &mut ChaCha8Rng) -> GrayImage {
             negative
         }
         _ => {
-            // The face is painted over but for a piece.
+            // The face is painted over except for a piece.
             let outline = Placement::fit(&[[-0.5, 0.0], [0.5, 0.0]], &[sample.truth[PUPILS[1]], sample.truth[PUPILS[0]]]);
             let (left, top) = (uniform(random, -0.9, 0.3), uniform(random, -0.7, 0.9));
             let piece = [[left, top], [left + 0.6, top], [left + 0.6, top + 0.6], [left, top + 0.6]].map(|p| outline.apply(p));

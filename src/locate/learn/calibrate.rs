@@ -1,4 +1,4 @@
-//! Learning what errors to expect, from readings of people who did not serve for the stages that read them.
+//! Learns expected errors from readings of people outside the training data of the stages that read them.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -9,40 +9,40 @@ use crate::modules::locate::{
     points,
 };
 
-/// A face that was read twice, with the truth beside it.
+/// A face with two readings and the true positions.
 #[derive(Clone, Debug)]
 pub struct JudgedReading {
-    /// As it is, and in the mirror.
+    /// Readings of the picture and of its mirror image.
     pub readings: [Reading; 2],
-    /// How far the two are apart at each point, eye distances.
+    /// Distance between the two readings at each point, eye distances.
     pub apart: Vec<f32>,
-    /// Eye distance that was read, px.
+    /// Eye distance of the readings, px.
     pub eye_distance: f32,
-    /// How far each point of the mean of both is off, over the true eye distance.
+    /// Error of each point of the mean of both readings, over the true eye distance.
     pub errors: Vec<f32>,
 }
 
-/// Least error that is told apart, over the eye distance.
+/// Smallest error that is distinguished, over the eye distance.
 const FLOOR: f32 = 0.001;
 
-/// Knots of the calibration.
+/// Number of knots of the calibration.
 const KNOTS: usize = 9;
 
-/// The upper one of the middle values; 0 of none.
+/// Returns the upper median; 0 for no values.
 pub fn median(values: &mut [f32]) -> f32 {
     values.sort_by(f32::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
-/// Learns the model: slopes by least squares of logarithms, common to all points; the intercept of each point and then the calibration by
-/// medians, so that half of the errors are above and half below what is expected.
+/// Learns the model. Slopes are fitted by least squares of logarithms, common to all points; the intercept of each point and then the
+/// calibration by medians, so that the expected error is a median.
 pub fn learn_errors(judged: &[JudgedReading]) -> ErrorModel {
     let count = points().len();
     let row = |reading: &JudgedReading, k: usize| {
         signs(k, &reading.apart, [&reading.readings[0], &reading.readings[1]], reading.eye_distance)
     };
     let log = |error: f32| (error + FLOOR).ln();
-    // Means of each point are taken out, then one regression for all.
+    // The means of each point are removed, then one regression is fitted to all points.
     let mut gram = DMatrix::<f64>::identity(SIGNS, SIGNS);
     let mut right = DVector::<f64>::zeros(SIGNS);
     let share = 1.0 / judged.len().max(1) as f64;
@@ -73,7 +73,7 @@ pub fn learn_errors(judged: &[JudgedReading]) -> ErrorModel {
         let mut sums: Vec<f32> = part.iter().map(|p| p.0).collect();
         let mut errors: Vec<f32> = part.iter().map(|p| p.1).collect();
         let knot = [median(&mut sums), median(&mut errors)];
-        // What is expected rises with the sum.
+        // The expected error does not decrease with the sum.
         let floor = model.knots.last().map_or(f32::MIN, |k| k[1]);
         model.knots.push([knot[0], knot[1].max(floor)]);
     }

@@ -1,4 +1,4 @@
-//! Things that cover a part of a face: masks, hands, scarves, dark glasses, hair, and light or blur that leaves nothing to see.
+//! Simulates covered parts of a face: masks, hands, scarves, dark glasses, hair, and light or blur that hides everything.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -12,12 +12,13 @@ use crate::modules::locate::{
     shape::{Point, distance},
 };
 
-/// Half the width of a cover's border, over the eye distance.
+/// Half width of a cover's border, over the eye distance.
 const BORDER: f32 = 0.02;
-/// Around a point so much counts as the point, over the eye distance.
+/// Radius around a point that counts as its surroundings, over the eye distance.
 const AROUND: f32 = 0.09;
 
-/// Where a cover is. Places are relative to the middle of the face, in eye distances; all is turned about `middle`.
+/// Position and outline of a cover. Positions are relative to the middle of the face, in eye distances; the outline is rotated about
+/// `middle`.
 struct Cover {
     middle: Point,
     angle: f32,
@@ -25,13 +26,13 @@ struct Cover {
 }
 
 enum Outline {
-    /// Half width, half height, and how square it is: 2 is an ellipse.
+    /// Half width, half height, and exponent of a superellipse: 2 is an ellipse.
     Box { half: Point, power: f32 },
-    /// What lies further down than the middle, bent, and no further to the side and further down than this.
+    /// Everything below the middle along a bent edge, limited to the side and downward.
     Below { bend: f32, side: f32, depth: f32 },
-    /// Fingers beside each other: how many, how wide, how long, and how far the back of the hand reaches.
+    /// Parallel fingers: number, width, length, and extent of the back of the hand.
     Hand { fingers: usize, width: f32, length: f32, back: f32 },
-    /// Both lenses and what joins them.
+    /// Both lenses and the bridge.
     Glasses { half: Point, power: f32, bridge: f32 },
 }
 
@@ -100,24 +101,24 @@ impl Cover {
         }
     }
 
-    /// How much of a place is covered, 0 to 1.
+    /// Returns the covered share of a position, 0 to 1.
     fn share(&self, p: Point) -> f32 {
         let (x, y) = (p[0] - self.middle[0], p[1] - self.middle[1]);
         let (u, v) = (x * self.angle.cos() + y * self.angle.sin(), y * self.angle.cos() - x * self.angle.sin());
         let power = |u: f32, v: f32, power: f32| (u.abs().powf(power) + v.abs().powf(power)).powf(1.0 / power);
-        // How far outside the place is, about eye distances.
+        // Distance of the position outside the outline, approximately in eye distances.
         let outside = match self.outline {
             Outline::Box { half, power: n } => (power(u / half[0], v / half[1], n) - 1.0) * half[0].min(half[1]),
             Outline::Below { bend, side, depth } => {
                 let start = bend * u * u - v;
-                // Narrower further down, as a face.
+                // Narrower further down, as a face is.
                 let narrow = side * (1.0 - 0.35 * (v / depth).clamp(0.0, 1.0).powi(2));
                 start.max(v - depth).max(u.abs() - narrow)
             }
             Outline::Hand { fingers, width, length, back } => {
                 let of_finger = |k: usize| {
                     let across = u - (k as f32 - 0.5 * (fingers - 1) as f32) * 2.05 * width;
-                    // Each ends where it wants to.
+                    // Fingers have different lengths.
                     let end = length * (1.0 - 0.12 * ((k as f32 * 2.4).sin() + 1.0));
                     let along = v.clamp(-end, 0.0);
                     across.hypot(v - along) - width
@@ -134,7 +135,7 @@ impl Cover {
         (0.5 - 0.5 * outside / BORDER).clamp(0.0, 1.0)
     }
 
-    /// How much of what is around a place is covered, 0 to 1.
+    /// Returns the covered share of the surroundings of a position, 0 to 1.
     fn share_around(&self, p: Point) -> f32 {
         let ring = (0..8).map(|k| {
             let angle = k as f32 * std::f32::consts::FRAC_PI_4;
@@ -149,9 +150,9 @@ impl Cover {
     }
 }
 
-/// Covers a part of a face. `map` says where each pixel lies relative to the middle of the face, `inside` (0 to 255) whether that is skin of the
-/// face, `relative` where the face's points are, `levels` the heights of the upper end of the brows, of the mouth and of the chin. Returns how much
-/// of each point is covered, 0 to 1.
+/// Covers a part of a face. Returns the covered share of each point, 0 to 1. `map`: position of each pixel relative to the middle of the
+/// face; `inside`: whether it is skin of the face (0 to 255); `relative`: positions of the face's points; `levels`: heights of the upper
+/// end of the brows, of the mouth and of the chin.
 pub fn cover(
     random: &mut ChaCha8Rng,
     canvas: &mut Canvas,
@@ -168,7 +169,7 @@ pub fn cover(
     relative.iter().map(|&p| cover.share_around(p)).collect()
 }
 
-/// What a cover looks like: grey values of the whole picture.
+/// Returns the texture of a cover: grey values of the whole picture.
 fn filling(random: &mut ChaCha8Rng, canvas: &Canvas, map: &[Point], inside: &[f32]) -> Vec<f32> {
     let (width, height) = (canvas.width, canvas.height);
     let slope = |random: &mut ChaCha8Rng, strength: f32| {
@@ -186,7 +187,7 @@ fn filling(random: &mut ChaCha8Rng, canvas: &Canvas, map: &[Point], inside: &[f3
         _ => 1.0,
     };
     match random.random_range(0..10) {
-        // Cloth or paper of one grey, folded or not.
+        // Cloth or paper of one grey value, with or without folds.
         0..=2 => {
             let (grey, light) = (uniform(random, 5.0, 250.0), slope(random, 0.3));
             let (folds, period) = (normal(random, 0.0, 10.0).abs(), uniform(random, 0.06, 0.4));
@@ -203,7 +204,7 @@ fn filling(random: &mut ChaCha8Rng, canvas: &Canvas, map: &[Point], inside: &[f3
             let strength = uniform(random, 0.0, 0.12);
             map.iter().zip(&clouds.values).map(|(&p, c)| grey * light(p) + strength * (c - mean)).collect()
         }
-        // Anything that may be behind a face may be before it.
+        // Any background texture may also be in front of a face.
         5 | 6 => {
             let cloth = background(random, width, height);
             let light = slope(random, 0.2);
@@ -220,7 +221,7 @@ fn filling(random: &mut ChaCha8Rng, canvas: &Canvas, map: &[Point], inside: &[f3
             };
             map.iter().map(|&p| grey * light(p) + depth * knit(p)).collect()
         }
-        // Light or shade in which nothing is left.
+        // Light or shade without any detail.
         8 => {
             let level = if random.random_range(0..2) == 0 { 0.0 } else { 255.0 };
             vec![level; map.len()]

@@ -1,4 +1,4 @@
-//! Learning the template that proposes faces, and the verifier that accepts them.
+//! Learns the template that proposes faces and the verifier that accepts them.
 
 use nalgebra::DMatrix;
 use rand::RngExt;
@@ -17,22 +17,22 @@ use crate::modules::locate::{
     template::{self, CELL, COLUMNS, CORNER, EYE_DISTANCE, Grid, ROWS, Search, Template, alike, candidates},
 };
 
-/// Pictures without faces, and pictures with faces or spoilt ones, that false alarms are gathered from.
+/// Numbers of scenes from which false alarms are collected: without faces, and with faces or distorted faces.
 const FACELESS: usize = 260;
 const WITH_FACES: usize = 360;
 
-/// Rounds of gathering false alarms.
+/// Rounds of collecting false alarms.
 const ROUNDS: usize = 3;
 
-/// Pictures that no face may be found in, or only at its place.
+/// A picture in which no face may be found, or only one at a known position.
 #[derive(Debug)]
 pub struct Scene {
     picture: Picture,
-    /// Where the face is, if there is one that counts.
+    /// Position of the face, if it counts as one.
     face: Option<Placement>,
 }
 
-/// Draws the scenes.
+/// Generates the scenes.
 pub fn scenes(samples: &[Sample], mean: &[Point], seed: u64) -> Vec<Scene> {
     let plain = (0..FACELESS).into_par_iter().filter_map(|k| {
         let mut random = stream(seed, 3, k as u64);
@@ -52,9 +52,9 @@ pub fn scenes(samples: &[Sample], mean: &[Point], seed: u64) -> Vec<Scene> {
     plain.chain(with_faces).collect()
 }
 
-/// The window of a template laid on at a place, exactly.
+/// Returns the exact window of a template at a placement.
 fn window(picture: &Picture, placement: Placement) -> Vec<f32> {
-    // A cell more on each side: the neighbourhood counts.
+    // One more cell on each side, for the normalization by neighbours.
     let (columns, rows) = (COLUMNS + 2, ROWS + 2);
     let f = placement.scale() / EYE_DISTANCE;
     let corner = [CORNER[0] * EYE_DISTANCE - CELL as f32 + 0.5, CORNER[1] * EYE_DISTANCE - CELL as f32 + 0.5];
@@ -64,7 +64,7 @@ fn window(picture: &Picture, placement: Placement) -> Vec<f32> {
 
 fn template_from(faces: &[Vec<f32>], others: &[Vec<f32>]) -> Template {
     let (n, m) = (faces.len(), others.len());
-    // Both kinds weigh the same.
+    // Both classes have the same total weight.
     let (share, other_share) = ((0.5 / n as f32).sqrt(), (0.5 / m as f32).sqrt());
     let mean: Vec<f32> = (0..template::LENGTH)
         .map(|k| 0.5 * (faces.iter().map(|w| w[k]).sum::<f32>() / n as f32 + others.iter().map(|w| w[k]).sum::<f32>() / m as f32))
@@ -84,7 +84,7 @@ fn search(picture: &Picture) -> Search {
     Search { eye_distance: (24.0, (0.5 * shorter).max(24.0)), angle: 0.0, most: 10 }
 }
 
-/// False alarms of a template: places that are not the face of the scene.
+/// Returns false alarms of a template: positions that are not the face of the scene.
 fn false_alarms(scene: &Scene, template: &Template) -> Vec<Placement> {
     let picture = &scene.picture;
     let found = candidates(picture.view(false), (picture.width(), picture.height()), template, &search(picture));
@@ -96,18 +96,18 @@ fn false_alarms(scene: &Scene, template: &Template) -> Vec<Placement> {
     found.into_iter().map(|c| c.placement).filter(|&p| !near(p)).collect()
 }
 
-/// What was learned, and how it does.
+/// The learned template with its performance.
 #[derive(Clone, Debug)]
 pub struct LearnedTemplate {
     /// The template.
     pub template: Template,
-    /// Scenes and places in them where it sees faces and there are none.
+    /// False alarms: index of the scene, and placement.
     pub alarms: Vec<(usize, Placement)>,
-    /// Share of the scenes with a face in which it is among the candidates.
+    /// Share of the scenes with a face in which the face is among the candidates.
     pub found: f64,
 }
 
-/// Learns the template in rounds, each with the false alarms of the last.
+/// Learns the template in rounds; each uses the false alarms of the previous one.
 pub fn learn_template(samples: &[Sample], scenes: &[Scene], mean: &[Point], seed: u64) -> LearnedTemplate {
     let step = (samples.len() / 1500).max(1);
     let chosen: Vec<&Sample> = samples.iter().step_by(step).collect();
@@ -127,7 +127,7 @@ pub fn learn_template(samples: &[Sample], scenes: &[Scene], mean: &[Point], seed
         })
         .flatten()
         .collect();
-    // First anything that is not a face.
+    // The first negatives are arbitrary windows without a face.
     let mut others: Vec<Vec<f32>> = scenes
         .par_iter()
         .enumerate()
@@ -167,22 +167,22 @@ pub fn learn_template(samples: &[Sample], scenes: &[Scene], mean: &[Point], seed
     LearnedTemplate { template, alarms, found }
 }
 
-/// What was learned, and how it does on people and scenes left out.
+/// The learned verifier with its performance on people and scenes left out.
 #[derive(Clone, Debug)]
 pub struct LearnedVerifier {
-    /// Weights and constant: 0 is the limit.
+    /// Weights and constant; the threshold is 0.
     pub verifier: (Vec<f32>, f32),
-    /// Scores of faces, none of whose people served for them, rising.
+    /// Scores of faces, each from a verifier trained without that person, ascending.
     pub faces: Vec<f32>,
-    /// Scores of false alarms, rising.
+    /// Scores of false alarms, ascending.
     pub others: Vec<f32>,
 }
 
-/// Most faces and false alarms that serve.
+/// Largest numbers of faces and false alarms used.
 const MOST_FACES: usize = 1500;
 const MOST_ALARMS: usize = 2600;
 
-/// Learns the verifier. `read`: what the last joint stage reads, numbers x samples; `person` of each sample.
+/// Learns the verifier. `read`: features of the last joint stage, features x samples; `person` of each sample.
 pub fn learn_verifier(
     read: &DMatrix<f32>,
     person: &[usize],
@@ -224,7 +224,7 @@ pub fn learn_verifier(
         scores
     };
     let (faces, others) = (sorted(0..n), sorted(n..n + m));
-    // The limit lies between the two, nearer to the false alarms when they are far apart.
+    // The threshold lies between the two classes, nearer to the false alarms when they are far apart.
     let at = |scores: &[f32], share: f64| scores.get(((scores.len() as f64 - 1.0) * share) as usize).copied().unwrap_or(0.0);
     let (low, high) = (at(&faces, 0.003), at(&others, 0.995));
     let limit = if low > high { 0.4 * low + 0.6 * high } else { 0.5 * (low + high) };
@@ -234,7 +234,7 @@ pub fn learn_verifier(
     LearnedVerifier { verifier: (weights, bias), faces: shifted(faces), others: shifted(others) }
 }
 
-/// The place of a template's window, for tests.
+/// Returns the window of a template, for tests.
 #[cfg(test)]
 pub fn window_at(picture: &Picture, placement: Placement) -> Vec<f32> {
     window(picture, placement)
@@ -252,7 +252,7 @@ mod tests {
         let whole = Placement { a: 1.0, b: 0.0, x: 0.0, y: 0.0 };
         let grid = Grid::new(&picture.view(false).warp(whole, 160, 160), 160, 160);
         let cut = window_at(&picture, placement_of(5, 6, whole));
-        // The gradient of the outermost pixels differs, and with it what their cells are normalized by.
+        // The gradient of the outermost pixels differs, and so does the normalization of their cells.
         let far = cut.iter().zip(grid.window(5, 6)).filter(|(a, b)| (*a - b).abs() > 0.1).count();
         assert!(far < cut.len() / 20, "{far} of {}", cut.len());
     }

@@ -1,4 +1,4 @@
-//! Faces to learn from: photographs with the 189 hand-set points of the Face Research Lab London Set.
+//! Training faces: photographs with the 189 hand-set points of the Face Research Lab London Set.
 
 mod smiles;
 
@@ -19,13 +19,13 @@ use crate::{
     units::NodeId,
 };
 
-/// Points of a face in the file.
+/// Number of points of a face in the file.
 pub const POINTS: usize = 189;
 
-/// First and one past the last point of the outline of the face, the chin first.
+/// Range of the indices of the outline of the face, starting at the chin.
 const OUTLINE: std::ops::Range<usize> = 125..145;
 
-/// Largest side of a photograph, px.
+/// Largest side of a photograph that is read, px.
 const LARGEST: u32 = 4000;
 
 /// Faces that do not read.
@@ -85,7 +85,7 @@ pub enum FacesError {
 /// One person's photograph.
 #[derive(Clone, Debug)]
 pub struct TrainingFace {
-    /// Who.
+    /// Name of the person.
     pub person: String,
     /// Grey pixels.
     pub grey: image::GrayImage,
@@ -95,8 +95,7 @@ pub struct TrainingFace {
     outline: Vec<Point>,
 }
 
-/// A person of [`TrainingFaces::faces`] with another expression: all points are those of the neutral face, but for those of
-/// the lips.
+/// A person of [`TrainingFaces::faces`] with another expression. All points are those of the neutral face except those of the lips.
 #[derive(Clone, Debug)]
 pub struct Smile {
     /// Index of the person among the faces.
@@ -105,10 +104,10 @@ pub struct Smile {
     pub face: TrainingFace,
 }
 
-/// What of a photograph is face, and what is behind the person.
+/// Masks of a photograph: the face, and the background.
 #[derive(Clone, Debug)]
 pub struct Masks {
-    /// 255 where the background is, 0 on the person.
+    /// 255 in the background, 0 on the person.
     pub background: image::GrayImage,
     /// 255 inside the outline of the face.
     pub inside: image::GrayImage,
@@ -117,40 +116,40 @@ pub struct Masks {
 impl TrainingFace {
     fn new(person: String, picture: RgbImage, outline: &[Point], shape: Shape) -> Self {
         let (width, height) = picture.dimensions();
-        // The weights of BT.601, as OpenCV's.
+        // Weights of BT.601, as in OpenCV.
         let luma =
             |p: &image::Rgb<u8>| ((u32::from(p[0]) * 299 + u32::from(p[1]) * 587 + u32::from(p[2]) * 114 + 500) / 1000) as u8;
         let grey = image::GrayImage::from_fn(width, height, |x, y| image::Luma([luma(picture.get_pixel(x, y))]));
         Self { person, grey, shape, picture, outline: outline.to_vec() }
     }
 
-    /// The points that are nodes, px.
+    /// Returns the points that are nodes, px.
     pub fn nodes(&self) -> Vec<(NodeId, Point2<f64>)> {
         let named = points().iter().zip(&self.shape);
         named.filter_map(|(point, at)| Some((point.node?, Point2::from(at.map(f64::from))))).collect()
     }
 
-    /// Distance of the pupils, px.
+    /// Returns the distance between the pupils, px.
     pub fn eye_distance(&self) -> f64 {
         let [left, right] = PUPILS.map(|k| Point2::from(self.shape[k].map(f64::from)));
         (left - right).norm()
     }
 
-    /// The same in another size: the pupils are `eye_distance` px apart.
+    /// Returns the face resized so that the pupils are `eye_distance` px apart.
     pub fn resized(&self, eye_distance: f64) -> Self {
         let factor = eye_distance / self.eye_distance();
         let (width, height) = self.picture.dimensions();
         let [new_width, new_height] = [width, height].map(|side| (f64::from(side) * factor).round().max(1.0) as u32);
         let picture = image::imageops::resize(&self.picture, new_width, new_height, image::imageops::FilterType::Triangle);
         let [x, y] = [(new_width, width), (new_height, height)].map(|(new, old)| new as f32 / old as f32);
-        // Pixels are squares, with their coordinates in the middle.
+        // Pixel coordinates refer to the centres of pixels.
         let place = |points: &[Point]| -> Vec<Point> {
             points.iter().map(|p| [(p[0] + 0.5) * x - 0.5, (p[1] + 0.5) * y - 0.5]).collect()
         };
         Self::new(self.person.clone(), picture, &place(&self.outline), place(&self.shape))
     }
 
-    /// Its masks, softened by a pixel.
+    /// Returns the masks, blurred by one pixel.
     pub fn masks(&self) -> Masks {
         let (width, height) = self.picture.dimensions();
         let is_inside = |x: u32, y: u32| within(&self.outline, x as f32, y as f32);
@@ -160,20 +159,20 @@ impl TrainingFace {
     }
 }
 
-/// The faces and what they were read from.
+/// Training faces with the hash of their files.
 #[derive(Clone, Debug)]
 pub struct TrainingFaces {
-    /// In the order of the table.
+    /// Faces in the order of the table.
     pub faces: Vec<TrainingFace>,
-    /// The same people smiling, as far as they are there and were asked for.
+    /// Smiles of the same people, if available and requested.
     pub smiles: Vec<Smile>,
     /// BLAKE3 of the tables and all photographs used, in hexadecimal.
     pub blake3: String,
 }
 
 impl TrainingFaces {
-    /// With those of these people who smile in `FOLDER/smiling/PERSON.jpg`: whom `FOLDER/landmarks68.csv`
-    /// (`person,state,x0,y0,...,x67,y67`, iBUG's order, px) has both `neutral` and `smiling`. Without that table nobody does.
+    /// Adds smiles of these people from `FOLDER/smiling/PERSON.jpg`. `FOLDER/landmarks68.csv` (`person,state,x0,y0,...,x67,y67`, iBUG's
+    /// order, px) must list a person as both `neutral` and `smiling`. Without that table there are no smiles.
     ///
     /// # Errors
     /// `FacesError`.
@@ -227,7 +226,7 @@ pub fn read_faces(folder: &Path, leave_out: &BTreeSet<String>) -> Result<Trainin
     Ok(TrainingFaces { faces, smiles: Vec::new(), blake3: hasher.finalize().to_hex().to_string() })
 }
 
-/// A photograph and its points are among what was learned from.
+/// Adds a photograph and its points to the hash.
 fn add(hasher: &mut blake3::Hasher, picture: &[u8], numbers: &[f64]) {
     hasher.update(&blake3::hash(picture).as_bytes()[..]);
     numbers.iter().for_each(|n| {
@@ -252,13 +251,13 @@ fn read_picture(path: &Path) -> Result<(RgbImage, Vec<u8>), FacesError> {
     Ok((picture, bytes))
 }
 
-/// Whether a place is inside a closed outline (even-odd rule).
+/// Whether a position is inside a closed outline (even-odd rule).
 pub fn within(outline: &[Point], x: f32, y: f32) -> bool {
     let edges = outline.iter().zip(outline.iter().cycle().skip(1));
     edges.filter(|(p, q)| (p[1] > y) != (q[1] > y) && x < p[0] + (y - p[1]) / (q[1] - p[1]) * (q[0] - p[0])).count() % 2 == 1
 }
 
-/// The even background that reaches the upper border and the upper half of the sides, flooded from there.
+/// Returns the mask of the uniform background, flood-filled from the upper border and the upper half of the sides.
 fn background_of(picture: &RgbImage, inside: &image::GrayImage) -> image::GrayImage {
     let (width, height) = picture.dimensions();
     let smooth = image::imageops::fast_blur(picture, 1.5);

@@ -1,4 +1,5 @@
-//! Learning which points are hidden, and what errors to expect of these, from pictures of people who did not serve for the stages that read them.
+//! Learns to detect hidden points, and their expected errors, from pictures of people outside the training data of the stages that read
+//! them.
 
 use nalgebra::DMatrix;
 use rayon::prelude::*;
@@ -19,50 +20,51 @@ use crate::modules::locate::{
     shape::distance,
 };
 
-/// Pictures made of each photograph and of its mirror image: neutral faces and smiles of which all is to be seen, and the same with something over a part.
+/// Pictures per photograph and per mirror image, of neutral faces and of smiles: without a cover, and (`COVERED`) with a covered part.
 const OPEN: [usize; 2] = [3, 2];
 const COVERED: [usize; 2] = [8, 2];
 
-/// A point is hidden from this share of its surroundings on, and seen up to that; points between serve for neither.
+/// Covered share of a point's surroundings from which it counts as hidden, and (`SEEN_TO`) up to which it counts as visible. Points between
+/// the two are not used.
 const HIDDEN_FROM: f32 = 0.7;
 const SEEN_TO: f32 = 0.1;
 
 const PENALTY: f32 = 30.0;
 const MIX_PENALTY: f32 = 300.0;
 
-/// Faces read worse than this, over the eye distance on the mean, are not where they were looked for: they say nothing of parts.
+/// Mean error over the eye distance above which a face was not found; such faces are not used for the limits of parts.
 const MISREAD: f32 = 0.08;
-/// So many of the parts that are to be seen may be taken for covered;
+/// Largest share of visible parts that may be reported as covered.
 const FALSE_ALARMS: f32 = 0.002;
-/// and of none that is more seen than this it is said.
+/// Upper bound of the limit below which a part is reported as covered.
 const MOST_LIMIT: f32 = -0.35;
 
-/// How the stage does on people left out in turn.
+/// Performance of the stage on people left out in turn.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CoverSummary {
-    /// Pictures with and without something over a part.
+    /// Number of pictures with and without a covered part.
     pub pictures: [usize; 2],
-    /// Per part: share of the covered ones that are said to be, and of those of faces of which all is to be seen.
+    /// For each part: share of covered parts that are detected, and share of uncovered faces for which the part is reported.
     pub parts: Vec<(FacePart, f64, f64)>,
-    /// Mean error of hidden points: expected and real, percent of the eye distance.
+    /// Mean error of hidden points: expected and actual, percent of the eye distance.
     pub errors: [f64; 2],
 }
 
-/// A picture as both readings saw it.
+/// A picture with both readings.
 struct Looked {
     fold: usize,
-    /// Nothing is over it.
+    /// Whether nothing is covered.
     open: bool,
-    /// Share of each point's surroundings that is covered.
+    /// Covered share of each point's surroundings.
     covered: Vec<f32>,
-    /// What each local stage read, in each view and in its own order.
+    /// Features of each local stage, in each view and in the order of that view.
     looks: [Vec<Vec<f32>>; 2],
-    /// Error of each point, over the true eye distance, and what was expected of it.
+    /// Error of each point, over the true eye distance, and its expected error.
     errors: Vec<f32>,
     expected: Vec<f32>,
 }
 
-/// Learns the stage. `models`: that of everybody, whose expected errors are learned, then those without each fold.
+/// Learns the stage. `models`: the model of all people, whose expected errors are learned, then the models without each fold.
 pub fn learn_covers(models: &[Model], sources: &[Source], smiles: &[Smile], seed: u64) -> Option<(CoverStage, CoverSummary)> {
     let (smilers, smiling): (Vec<usize>, Vec<Source>) =
         smiles.iter().filter_map(|s| Some((s.person, Source::new(&s.face)?))).unzip();
@@ -100,7 +102,7 @@ pub fn learn_covers(models: &[Model], sources: &[Source], smiles: &[Smile], seed
             )
         })
         .collect();
-    // Of both views, in the order of the picture as it is.
+    // Mean of both views, in the order of the unmirrored picture.
     let said = |k: usize, i: usize| 0.5 * (own[k].said[i] + own[points()[k].mirror].said[looked.len() + i]);
     let all = DMatrix::from_fn(count, looked.len(), said);
     let mixed: Vec<Separated> = (0..count)
@@ -108,7 +110,7 @@ pub fn learn_covers(models: &[Model], sources: &[Source], smiles: &[Smile], seed
         .map(|k| separate(all.clone(), &looked.iter().map(|l| l.covered[k]).collect::<Vec<_>>(), &fold, MIX_PENALTY))
         .collect();
     let seen: Vec<Vec<f32>> = (0..looked.len()).map(|i| mixed.iter().map(|m| m.said[i]).collect()).collect();
-    // The numbers of a stage stand together, as they are read.
+    // Reordered so that the weights of one stage are contiguous, as they are read.
     let mut weights = Vec::new();
     let mut begin = 0;
     for length in &lengths {
@@ -127,7 +129,7 @@ pub fn learn_covers(models: &[Model], sources: &[Source], smiles: &[Smile], seed
     Some((stage, summary))
 }
 
-/// Reads a picture twice, by the model that its person did not serve for.
+/// Reads a picture twice, with the model trained without its person.
 fn look(models: &[Model], sample: &Sample, (seed, unit): (u64, u64)) -> Option<Looked> {
     let fold = sample.face % FOLDS;
     let (everybodys, model) = (models.first()?, models.get(1 + fold)?);
@@ -151,19 +153,19 @@ fn look(models: &[Model], sample: &Sample, (seed, unit): (u64, u64)) -> Option<L
     })
 }
 
-/// A linear function that tells seen points from hidden ones.
+/// A linear function that separates visible from hidden points.
 struct Separated {
     weights: Vec<f32>,
     base: f32,
-    /// What it says of each sample, learned without the sample's fold.
+    /// Its value for each sample, learned without the sample's fold.
     said: Vec<f32>,
 }
 
-/// `read`: numbers x samples. Seen and hidden ones weigh the same altogether.
+/// Learns the function. `read`: features x samples. Both classes have the same total weight.
 fn separate(mut read: DMatrix<f32>, covered: &[f32], fold: &[usize], penalty: f32) -> Separated {
     let (seen, hidden) = (covered.iter().filter(|c| **c < SEEN_TO).count(), covered.iter().filter(|c| **c > HIDDEN_FROM).count());
     let half = (seen + hidden) as f32 / 2.0;
-    // Weight and aim of a sample.
+    // Weight and target of a sample.
     let of = |c: f32| match c {
         c if c < SEEN_TO => (half / seen.max(1) as f32, 1.0),
         c if c > HIDDEN_FROM => (half / hidden.max(1) as f32, -1.0),
@@ -187,7 +189,7 @@ fn separate(mut read: DMatrix<f32>, covered: &[f32], fold: &[usize], penalty: f3
     Separated { weights, base, said }
 }
 
-/// Median error of each point and its mirror image where they are hidden.
+/// Returns the median error of each point together with its mirror image where they are hidden.
 fn hidden_errors(looked: &[Looked]) -> Vec<f32> {
     let of = |k: usize| looked.iter().filter(move |l| l.covered[k] > HIDDEN_FROM).map(move |l| l.errors[k]);
     points()
@@ -201,7 +203,7 @@ fn is_misread(l: &Looked) -> bool {
     l.errors.iter().sum::<f32>() > MISREAD * l.errors.len() as f32
 }
 
-/// Below which of its numbers a part is covered; left and right alike.
+/// Returns for each part the value below which it is covered, the same for left and right.
 fn limits(looked: &[Looked], seen: &[Vec<f32>]) -> Vec<f32> {
     let of = |part: FacePart| {
         let open = looked.iter().zip(seen).filter(|(l, _)| l.open && !is_misread(l));
@@ -247,7 +249,7 @@ mod tests {
 
     #[test]
     fn what_tells_seen_from_hidden_is_found_and_the_rest_left_out() {
-        // The first number is 2 where a point is seen and 0 where it is hidden, the second is the same everywhere, the third alternates.
+        // The first number is 2 where a point is visible and 0 where it is hidden, the second is constant, the third alternates.
         let covered: Vec<f32> = (0..60).map(|i| [0.0, 0.0, 0.0, 1.0, 0.4][i % 5]).collect();
         let read = DMatrix::from_fn(3, 60, |r, i| match r {
             0 if covered[i] > HIDDEN_FROM => 0.0,
@@ -257,7 +259,7 @@ mod tests {
         });
         let fold: Vec<usize> = (0..60).map(|i| i / 5 % FOLDS).collect();
         let found = separate(read, &covered, &fold, 1e-3);
-        // From 0 to 2 goes from -1 to 1.
+        // The range from 0 to 2 maps to -1 to 1.
         approx::assert_relative_eq!(found.weights[0], 1.0, epsilon = 1e-3);
         approx::assert_relative_eq!(found.base + 2.0 * found.weights[0], 1.0, epsilon = 1e-3);
         assert!(found.weights[1].abs() < 1e-3 && found.weights[2].abs() < 1e-3, "{:?}", found.weights);

@@ -1,4 +1,4 @@
-//! Learning when lips are parted, and where their edges are, from what the stages before say of people who did not serve for them.
+//! Learns to detect parted lips and to locate their edges, from readings of people outside the training data of the earlier stages.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -19,46 +19,47 @@ use crate::modules::locate::{
     shape::{Shape, distance},
 };
 
-/// From which distance over the eye distance lips are parted for certain, and up to which they are closed: landmarks are off by so much.
+/// Lip distance, over the eye distance, from which lips are certainly parted, and up to which they are closed: the landmarks' error lies
+/// between.
 const CERTAIN: (f32, f32) = (0.045, 0.0055);
 
-/// Share of pictures of closed mouths that may be taken for open ones.
+/// Largest share of pictures of closed mouths that may be detected as open.
 const FALSE_ALARMS: f64 = 0.001;
 
-/// Other people and cameras are said to be this much further open.
+/// Factor on the threshold, a margin for other people and cameras.
 const MARGIN: f32 = 1.15;
 
-/// Mean distance of the points, over the eye distance, from which a face was not read at all.
+/// Mean error of the points, over the eye distance, above which a face was not found.
 const MISREAD: f32 = 0.07;
 
-/// Fewest pictures of parted lips to learn from.
+/// Smallest number of pictures of parted lips for training.
 const LEAST: usize = 40;
 
 const PENALTIES: [f32; 4] = [100.0, 1000.0, 10_000.0, 100_000.0];
 
-/// How well parted lips are told from closed ones, on people left out in turn.
+/// Detection of parted lips on people left out in turn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LipSummary {
-    /// Pictures of lips that are parted for certain, and of closed ones.
+    /// Number of pictures of certainly parted lips, and of closed ones.
     pub pictures: (usize, usize),
-    /// Shares of them that are said to be parted.
+    /// Shares of both that are detected as parted.
     pub said: (f64, f64),
-    /// Median distance of the edges of parted lips from the truth along the lines, percent of the eye distance: as the other stages place them, and
-    /// then.
+    /// Median distance of the edges of parted lips from the truth along the lines, percent of the eye distance: before and after this
+    /// stage.
     pub errors: (f64, f64),
 }
 
-/// A mouth that was read.
+/// A mouth with its readings.
 struct Mouth {
     fold: usize,
     shape: Shape,
     truth: Shape,
-    /// As it is, and in the mirror.
+    /// Values read in the picture and in its mirror image.
     read: [Vec<f32>; 2],
     wanted: [f32; PREDICTED],
 }
 
-/// Learns the stage; `models` are those without each fold. `None` where hardly any lips are parted.
+/// Learns the stage; `models` are those without each fold. Returns `None` if there are too few parted lips.
 pub fn learn_lips(models: &[Model], samples: &[Sample], seed: u64) -> Option<(LipStage, LipSummary)> {
     let mouths: Vec<Mouth> = samples
         .par_iter()
@@ -92,9 +93,9 @@ pub fn learn_lips(models: &[Model], samples: &[Sample], seed: u64) -> Option<(Li
     let place = ((1.0 - FALSE_ALARMS) * of_closed.len() as f64) as usize;
     let parted_from = of_closed.get(place.min(of_closed.len() - 1)).map_or(CERTAIN.0, |most| (MARGIN * most).max(CERTAIN.0));
 
-    // The lines of the subject's left half are those of the right half in the mirror.
+    // The mirror image of a line of the subject's left half is that of the right half.
     let edges = regression(&parted, |m| &m.wanted[1..], |k| EDGES * (LINES.len() - 1 - k / EDGES) + k % EDGES);
-    // All rows are of what is read less one offset; that of the edges goes into their constants.
+    // All rows share one offset of the values read; the difference goes into the constants of the edges.
     let shift = DVector::from_iterator(LENGTH, gap.offset.iter().zip(&edges.offset).map(|(all, own)| all - own));
     let bases: Vec<f32> = (edges.weights.transpose() * shift).iter().zip(&edges.base).map(|(s, b)| s + b).collect();
     let weights = gap.weights.iter().chain(edges.weights.iter()).copied().collect();
@@ -121,19 +122,20 @@ pub fn learn_lips(models: &[Model], samples: &[Sample], seed: u64) -> Option<(Li
     Some((stage, summary))
 }
 
-/// What is regressed from what was read, and how it does.
+/// A regression with its predictions.
 struct Regression {
-    /// Means of what is read.
+    /// Means of the values read.
     offset: Vec<f32>,
-    /// Numbers read x numbers predicted.
+    /// Number of values read x number of values predicted.
     weights: DMatrix<f32>,
-    /// Means of what is predicted.
+    /// Means of the predicted values.
     base: Vec<f32>,
-    /// For each mouth by the regression without its fold, as the mean of what it and its mirror image give; mouths x numbers predicted.
+    /// Prediction for each mouth by the regression without its fold, the mean over the mouth and its mirror image; mouths x values
+    /// predicted.
     said: DMatrix<f32>,
 }
 
-/// `mirrored` is which number in the mirror a number is.
+/// Fits a regression. `mirrored` maps the index of a predicted value to that in the mirror image.
 fn regression(mouths: &[&Mouth], wanted: impl Fn(&Mouth) -> &[f32], mirrored: impl Fn(usize) -> usize) -> Regression {
     let reads =
         |side: usize| DMatrix::from_iterator(LENGTH, mouths.len(), mouths.iter().flat_map(|m| m.read[side].iter().copied()));
@@ -155,7 +157,7 @@ fn regression(mouths: &[&Mouth], wanted: impl Fn(&Mouth) -> &[f32], mirrored: im
     Regression { offset, weights: folded.all, base, said }
 }
 
-/// How far the edges are off along their lines before and after, over the eye distance.
+/// Returns the distances of the edges from the truth along their lines before and after, over the eye distance.
 fn edge_errors(mouth: &Mouth, said: impl Iterator<Item = f32>) -> Vec<(f32, f32)> {
     let unit = pupils_apart(&mouth.truth);
     let as_found = wanted(&mouth.shape, &mouth.shape);
@@ -167,7 +169,7 @@ fn edge_errors(mouth: &Mouth, said: impl Iterator<Item = f32>) -> Vec<(f32, f32)
     numbers.collect()
 }
 
-/// Mean distance of points over the true eye distance.
+/// Returns the mean distance of points over the true eye distance.
 fn mean_distance(shape: &Shape, truth: &Shape) -> f32 {
     let sum: f32 = shape.iter().zip(truth).map(|(&p, &q)| distance(p, q)).sum();
     sum / (shape.len().max(1) as f32 * pupils_apart(truth))

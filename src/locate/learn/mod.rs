@@ -1,4 +1,4 @@
-//! Learning the locator: each stage from what the stages before it say of people who did not serve for them.
+//! Learns the locator. Each stage is trained on the results of the previous stages for people outside their training data.
 
 mod augment;
 mod calibrate;
@@ -39,14 +39,14 @@ use hidden::learn_covers;
 use lips::learn_lips;
 use ridge::{FOLDS, Folded, among_numbers, among_samples, centre_rows, each_point};
 
-/// Fewest people to learn from.
+/// Smallest number of people for training.
 pub const LEAST_PEOPLE: usize = 20;
 
-/// What joint stages read, and how many numbers are kept between reading and step.
+/// Patches of the joint stages, and their ranks.
 const JOINT: [(Patch, usize); 2] =
     [(Patch { size: 24.0, cell: 0.26, side: 4, blur: 3 }, 24), (Patch { size: 36.0, cell: 0.18, side: 4, blur: 3 }, 32)];
 
-/// What local stages read.
+/// Patches of the local stages.
 const LOCAL: [&[Patch]; 2] = [
     &[Patch { size: 48.0, cell: 0.13, side: 4, blur: 3 }, Patch { size: 64.0, cell: 0.07, side: 4, blur: 2 }],
     &[Patch { size: 64.0, cell: 0.085, side: 4, blur: 2 }, Patch { size: 80.0, cell: 0.05, side: 4, blur: 2 }],
@@ -56,17 +56,17 @@ const JOINT_PENALTIES: [f32; 3] = [10.0, 50.0, 250.0];
 const LOCAL_PENALTIES: [f32; 3] = [3.0, 30.0, 300.0];
 const MIX_PENALTIES: [f32; 3] = [0.03, 0.3, 3.0];
 
-/// Points that only local stages look around: their surroundings are read for a neighbour already.
+/// Points that joint stages do not read around: a neighbouring point covers the same surroundings.
 const WITHOUT_FEATURES: [&str; 2] = ["iris", "pupil"];
 
-/// How the locator is learned.
+/// Options of learning the locator.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LearnOptions {
-    /// Seed of all chance.
+    /// Seed of all random numbers.
     pub seed: u64,
-    /// Pictures made of each photograph and of its mirror image.
+    /// Pictures per photograph and per mirror image.
     pub pictures: usize,
-    /// People who do not serve.
+    /// People excluded from training.
     pub leave_out: BTreeSet<String>,
 }
 
@@ -76,19 +76,17 @@ impl Default for LearnOptions {
     }
 }
 
-/// A locator and how it does.
+/// A learned locator with its accuracy.
 #[derive(Clone, Debug)]
 pub struct Learned {
-    /// The model, from everybody.
+    /// The model, trained on all people.
     pub model: Model,
     /// Errors on people left out in turn.
     pub summary: LearnSummary,
 }
 
-/// Learns a locator. `progress` is told the part of the work that begins, and the number of parts.
-///
-/// # Errors
-/// [`FacesError::TooFew`] is for [`read_faces`] to find; nothing here fails.
+/// Learns a locator. `progress` is called with the name of each part of the work that begins. There must be at least as many people as
+/// [`read_faces`] requires (`FacesError::TooFew`).
 pub fn learn_locator(people: &TrainingFaces, options: &LearnOptions, progress: &dyn Fn(&str)) -> Learned {
     let faces = &people.faces;
     progress("making pictures");
@@ -109,7 +107,7 @@ pub fn learn_locator(people: &TrainingFaces, options: &LearnOptions, progress: &
         lips: None,
         covers: None,
     };
-    // The model of everybody, then those without each fold.
+    // The model of all people, then those without each fold.
     let mut models = vec![empty; FOLDS + 1];
     let mut shapes: Vec<Shape> =
         samples.iter().enumerate().map(|(i, s)| start(&mean, &s.truth, &mut stream(options.seed, 2, i as u64))).collect();
@@ -196,7 +194,7 @@ pub fn learn_locator(people: &TrainingFaces, options: &LearnOptions, progress: &
     Learned { model, summary }
 }
 
-/// Pictures for the lips: of the neutral faces, and as many of the smiles.
+/// Returns pictures for the lips: of the neutral faces, and as many of the smiles.
 fn mouth_pictures(sources: &[Source], smiles: &[Smile], options: &LearnOptions) -> Vec<Sample> {
     if smiles.is_empty() {
         return Vec::new();
@@ -209,12 +207,12 @@ fn mouth_pictures(sources: &[Source], smiles: &[Smile], options: &LearnOptions) 
     samples
 }
 
-/// Pictures of all faces and their mirror images.
+/// Returns pictures of all faces and their mirror images.
 fn pictures(sources: &[Source], count: usize, seed: u64, purpose: u64) -> Vec<Sample> {
     pictures_covered(sources, count, seed, purpose, false)
 }
 
-/// [`pictures`], with something over a part of each face where `is_covered` says so.
+/// Same as [`pictures`]; covers part of each face if `is_covered`.
 fn pictures_covered(sources: &[Source], count: usize, seed: u64, purpose: u64, is_covered: bool) -> Vec<Sample> {
     let units: Vec<(usize, bool, usize)> = (0..sources.len())
         .flat_map(|face| [false, true].into_iter().flat_map(move |mirrored| (0..count).map(move |k| (face, mirrored, k))))
@@ -223,14 +221,14 @@ fn pictures_covered(sources: &[Source], count: usize, seed: u64, purpose: u64, i
         .par_iter()
         .map(|&(face, mirrored, k)| {
             let unit = (face as u64) << 24 | u64::from(mirrored) << 23 | k as u64;
-            // What covers a face has chances of its own, behind those of all pictures.
+            // Covers have their own random stream, so that the pictures stay the same.
             let mut covers = is_covered.then(|| stream(seed, purpose + 100, unit));
             render(&sources[face], (face, mirrored), &mut stream(seed, purpose, unit), covers.as_mut())
         })
         .collect()
 }
 
-/// The mean of all faces and their mirror images, pupils at (-0.5, 0) and (0.5, 0).
+/// Returns the mean of all faces and their mirror images, with pupils at (-0.5, 0) and (0.5, 0).
 fn mean_face(faces: &[TrainingFace]) -> Shape {
     let upright = |shape: &[Point]| -> Shape {
         let placement = Placement::fit(&[[0.5, 0.0], [-0.5, 0.0]], &[shape[PUPILS[0]], shape[PUPILS[1]]]);
@@ -260,14 +258,14 @@ fn mean_face(faces: &[TrainingFace]) -> Shape {
     mean
 }
 
-/// A start as bad as what the template gives, now and then worse.
+/// Returns a start about as inaccurate as the template's proposals, sometimes more.
 fn start(mean: &[Point], truth: &[Point], random: &mut rand_chacha::ChaCha8Rng) -> Shape {
     use rand::RngExt;
     let at = Placement::fit(mean, truth);
     let worse = if random.random::<f32>() < 0.15 { 2.0 } else { 1.0 };
     let size = at.scale() * (worse * normal(random, 0.0, 0.07)).exp();
     let middle = [at.x + worse * normal(random, 0.0, 0.07) * at.scale(), at.y + worse * normal(random, 0.0, 0.07) * at.scale()];
-    // The template does not see the turn of a head.
+    // The template does not detect the rotation of a head.
     let angle = if random.random::<f32>() < 0.6 { 0.0 } else { at.b.atan2(at.a) + worse * normal(random, 0.0, 0.05) };
     let placement = Placement::new(middle, size, angle);
     mean.iter().map(|&p| placement.apply(p)).collect()
@@ -278,7 +276,7 @@ fn read_all(samples: &[Sample], placed: &[Placed], read: impl Fn(super::View<'_>
     pairs.map(|(s, p)| Picture::new(&s.image).map(|picture| read(picture.view(false), p)).unwrap_or_default()).collect()
 }
 
-/// Numbers x samples.
+/// Builds a matrix, numbers x samples.
 fn matrix(columns: Vec<Vec<f32>>) -> DMatrix<f32> {
     let (rows, count) = (columns.first().map_or(0, Vec::len), columns.len());
     let mut values = Vec::with_capacity(rows * count);
@@ -286,7 +284,7 @@ fn matrix(columns: Vec<Vec<f32>>) -> DMatrix<f32> {
     DMatrix::from_vec(rows, count, values)
 }
 
-/// The canonical steps that would lead to the truth, samples x numbers, their mean taken away, and that mean.
+/// Returns the canonical steps to the truth, samples x numbers, minus their mean, and that mean.
 fn wanted(samples: &[Sample], placed: &[Placed]) -> (DMatrix<f32>, Vec<f32>) {
     let rows = samples.iter().zip(placed).map(|(sample, p)| {
         let pairs = sample.truth.iter().zip(&p.points);
@@ -302,13 +300,13 @@ fn wanted(samples: &[Sample], placed: &[Placed]) -> (DMatrix<f32>, Vec<f32>) {
     (steps.transpose(), base)
 }
 
-/// Shapes after the predicted steps.
+/// Returns the shapes after the predicted steps.
 fn moved(placed: &[Placed], predicted: &DMatrix<f32>, base: &[f32]) -> Vec<Shape> {
     let step = |i: usize| predicted.row(i).iter().zip(base).map(|(v, b)| v + b).collect::<Vec<f32>>();
     placed.iter().enumerate().map(|(i, p)| p.moved(&step(i))).collect()
 }
 
-/// A joint stage of the rank that predicts best: the directions in which the predictions vary most are kept.
+/// Returns a joint stage of the best rank: the directions in which the predictions vary most are kept.
 fn joint_stage(
     patch: Patch,
     weights: &DMatrix<f32>,
@@ -334,13 +332,13 @@ fn joint_stage(
     }
 }
 
-/// Both readings of a face, each from a start as bad as the template's.
+/// Returns both readings of a face, each from a start as inaccurate as the template's.
 fn read_twice(model: &Model, picture: &Picture, sample: &Sample, random: &mut rand_chacha::ChaCha8Rng) -> (Reading, Reading) {
     let plain = model.reading(picture.view(false), start(&model.mean, &sample.truth, random));
     (plain, model.mirrored_reading(picture, &start(&model.mean, &sample.truth, random)))
 }
 
-/// Reads a face as the locator does, from a start as bad as the template's, by a model that its person did not serve for.
+/// Reads a face as the locator does, from a start as inaccurate as the template's, with a model trained without its person.
 fn judge(model: &Model, sample: &Sample, random: &mut rand_chacha::ChaCha8Rng) -> Option<JudgedReading> {
     let (plain, mirrored) = read_twice(model, &Picture::new(&sample.image)?, sample, random);
     let shape = mean_shape(&plain, &mirrored);

@@ -1,26 +1,26 @@
-//! Ridge regression with people left out in turn.
+//! Ridge regression with cross-validation by people.
 
 use nalgebra::{Cholesky, DMatrix, Dyn};
 use rayon::prelude::*;
 
-/// Groups of people that are left out in turn.
+/// Number of groups of people that are left out in turn.
 pub const FOLDS: usize = 5;
 
-/// Regressions from the same numbers: one on everybody, one without each fold, and what each sample is predicted by the regression
-/// without its own fold.
+/// Regressions on the same features: one on all people, one without each fold, and the prediction for each sample by the regression without
+/// its fold.
 #[derive(Debug)]
 pub struct Folded {
-    /// Numbers read x numbers predicted.
+    /// Features x predicted values.
     pub all: DMatrix<f32>,
     /// Without each fold.
     pub without: Vec<DMatrix<f32>>,
-    /// Samples x numbers predicted.
+    /// Samples x predicted values.
     pub predicted: DMatrix<f32>,
 }
 
 fn solve(mut gram: DMatrix<f32>, right: &DMatrix<f32>, lambda: f32) -> DMatrix<f32> {
     (0..gram.nrows()).for_each(|k| gram[(k, k)] += lambda);
-    // A Gram matrix with a ridge is positive definite; were rounding to break that, the prediction is the mean.
+    // A Gram matrix with a ridge is positive definite; if rounding breaks that, the mean is predicted.
     Cholesky::<f32, Dyn>::new(gram).map_or_else(|| DMatrix::zeros(right.nrows(), right.ncols()), |c| c.solve(right))
 }
 
@@ -28,8 +28,8 @@ fn members(fold: &[usize], f: Option<usize>) -> (Vec<usize>, Vec<usize>) {
     (0..fold.len()).partition(|&i| Some(fold[i]) != f)
 }
 
-/// Many numbers read, fewer samples: the regression is solved among the samples. `read`: numbers x samples, their mean 0; `wanted`:
-/// samples x numbers, mean 0; `fold` of each sample.
+/// Ridge regression for more features than samples, solved in the sample space. `read`: features x samples, with mean 0; `wanted`: samples
+/// x values, with mean 0; `fold` of each sample.
 pub fn among_samples(read: &DMatrix<f32>, wanted: &DMatrix<f32>, fold: &[usize], lambdas: &[f32]) -> Folded {
     let gram = read.transpose() * read;
     let part = |rows: &[usize], columns: &[usize]| gram.select_rows(rows).select_columns(columns);
@@ -60,7 +60,7 @@ fn lowest(lambdas: &[f32], error: impl Fn(f32) -> f32) -> f32 {
     scored.min_by(|p, q| p.1.total_cmp(&q.1)).map_or(1.0, |(l, _)| l)
 }
 
-/// Few numbers read, many samples: the regression is solved among the numbers.
+/// Ridge regression for fewer features than samples, solved in the feature space.
 pub fn among_numbers(read: &DMatrix<f32>, wanted: &DMatrix<f32>, fold: &[usize], lambdas: &[f32]) -> Folded {
     let parts: Vec<_> = (0..FOLDS)
         .map(|f| {
@@ -93,8 +93,8 @@ pub fn among_numbers(read: &DMatrix<f32>, wanted: &DMatrix<f32>, fold: &[usize],
     Folded { all: solve(gram, &right, lambda), without, predicted }
 }
 
-/// As [`among_numbers`] for each point by itself: `read` holds the numbers of the points one after the other, `length` each; two numbers
-/// of `wanted` belong to each point.
+/// Same as [`among_numbers`], separately for each point. `read` holds the features of the points one after the other, `length` each; two
+/// columns of `wanted` belong to each point.
 pub fn each_point(read: &DMatrix<f32>, wanted: &DMatrix<f32>, length: usize, fold: &[usize], lambdas: &[f32]) -> Vec<Folded> {
     (0..wanted.ncols() / 2)
         .into_par_iter()
@@ -104,7 +104,7 @@ pub fn each_point(read: &DMatrix<f32>, wanted: &DMatrix<f32>, length: usize, fol
         .collect()
 }
 
-/// Takes the mean of each row away and returns it.
+/// Subtracts the mean of each row and returns the means.
 pub fn centre_rows(matrix: &mut DMatrix<f32>) -> Vec<f32> {
     let count = matrix.ncols().max(1) as f64;
     let mut sums = vec![0.0_f64; matrix.nrows()];
@@ -124,7 +124,7 @@ mod tests {
 
     #[test]
     fn both_ways_give_the_same_and_leave_the_fold_out() {
-        // wanted = 2 a - b, exactly: found by both, and predicted for samples that did not serve.
+        // wanted = 2 a - b, exactly: found by both, and predicted for samples outside the training data.
         let numbers: Vec<f32> = (0..40).map(|k| ((k * 37 % 23) as f32 - 11.0) / 5.0).collect();
         let mut read = DMatrix::from_vec(2, 20, numbers);
         centre_rows(&mut read);

@@ -1,28 +1,28 @@
-//! Pictures without a face: what lies behind faces, and what must not be taken for one.
+//! Pictures without a face: backgrounds, and negative examples.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use super::augment::{normal, uniform};
 
-/// Grey values, row by row, in 0 to 255 or a little beyond.
+/// Grey values, row by row, 0 to 255 or slightly beyond.
 #[derive(Clone, Debug)]
 pub struct Canvas {
-    /// Columns.
+    /// Number of columns.
     pub width: usize,
-    /// Rows.
+    /// Number of rows.
     pub height: usize,
     /// Grey values.
     pub values: Vec<f32>,
 }
 
 impl Canvas {
-    /// One grey.
+    /// Creates a canvas of one grey value.
     pub fn new(width: usize, height: usize, grey: f32) -> Self {
         Self { width, height, values: vec![grey; width * height] }
     }
 
-    /// As 8-bit picture.
+    /// Returns the canvas as an 8-bit picture.
     pub fn image(&self) -> image::GrayImage {
         let pixel = |x: u32, y: u32| self.values[y as usize * self.width + x as usize].clamp(0.0, 255.0).round() as u8;
         image::GrayImage::from_fn(self.width as u32, self.height as u32, |x, y| image::Luma([pixel(x, y)]))
@@ -35,7 +35,7 @@ impl Canvas {
     }
 }
 
-/// Random numbers on a coarse grid, smooth between, added to a canvas.
+/// Adds smooth noise: random numbers on a coarse grid, interpolated.
 fn add_clouds(random: &mut ChaCha8Rng, canvas: &mut Canvas, across: usize, strength: f32) {
     let knots: Vec<f32> = (0..(across + 1) * (across + 1)).map(|_| normal(random, 0.0, strength)).collect();
     let (sx, sy) = (across as f32 / canvas.width as f32, across as f32 / canvas.height as f32);
@@ -50,7 +50,7 @@ fn add_clouds(random: &mut ChaCha8Rng, canvas: &mut Canvas, across: usize, stren
     });
 }
 
-/// An ellipse or a box, turned, of one grey.
+/// Adds a rotated ellipse or box of one grey value.
 fn add_shape(random: &mut ChaCha8Rng, canvas: &mut Canvas) {
     let side = canvas.width.min(canvas.height) as f32;
     let (cx, cy) = (uniform(random, 0.0, canvas.width as f32), uniform(random, 0.0, canvas.height as f32));
@@ -76,7 +76,7 @@ fn add_stripes(random: &mut ChaCha8Rng, canvas: &mut Canvas) {
     });
 }
 
-/// Marks as of letters: short strokes in lines.
+/// Adds letter-like marks: short strokes in lines.
 fn add_strokes(random: &mut ChaCha8Rng, canvas: &mut Canvas) {
     let (height, grey) = (uniform(random, 6.0, 30.0), uniform(random, 0.0, 255.0));
     let lines = (canvas.height as f32 / (height * 1.7)) as usize;
@@ -95,7 +95,7 @@ fn add_strokes(random: &mut ChaCha8Rng, canvas: &mut Canvas) {
     }
 }
 
-/// What may be behind a face.
+/// Returns a random background.
 pub fn background(random: &mut ChaCha8Rng, width: usize, height: usize) -> Canvas {
     let grey = uniform(random, 0.0, 255.0);
     let mut canvas = Canvas::new(width, height, grey);
@@ -114,7 +114,7 @@ pub fn background(random: &mut ChaCha8Rng, width: usize, height: usize) -> Canva
     canvas
 }
 
-/// A picture without a face: clouds, shapes, stripes and letters over each other.
+/// Returns a picture without a face: overlapping clouds, shapes, stripes and letters.
 pub fn faceless(random: &mut ChaCha8Rng, width: usize, height: usize) -> Canvas {
     let mut canvas = background(random, width, height);
     for _ in 0..random.random_range(1..5) {

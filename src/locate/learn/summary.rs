@@ -1,4 +1,4 @@
-//! The accuracy of a locator that was just learned, on people left out in turn.
+//! Accuracy of a newly learned locator on people left out in turn.
 
 use std::collections::BTreeMap;
 
@@ -8,36 +8,36 @@ use crate::modules::locate::{expect::signs, model::ErrorModel, points};
 /// Errors of one part of the face, percent of the eye distance.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GroupErrors {
-    /// The part, as in the table of points.
+    /// Part of the face, as in the table of points.
     pub group: String,
-    /// Mean.
+    /// Mean error.
     pub mean: f64,
-    /// 95 % of the faces are better.
+    /// 95th percentile over the faces.
     pub percentile_95: f64,
-    /// The worst face.
+    /// Error of the worst face.
     pub worst: f64,
 }
 
-/// How a locator does on people left out in turn.
+/// Accuracy of a locator on people left out in turn.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LearnSummary {
-    /// People.
+    /// Number of people.
     pub people: usize,
-    /// Pictures of them that were read.
+    /// Number of their pictures that were read.
     pub pictures: usize,
-    /// By part of the face; the last is all points.
+    /// Errors by part of the face; the last entry is all points.
     pub groups: Vec<GroupErrors>,
-    /// Per fifth of the points by expected error, from small to large: expected and real median, percent of the eye distance.
+    /// For each fifth of the points by expected error, ascending: median expected and actual error, percent of the eye distance.
     pub quintiles: Vec<[f64; 2]>,
     /// Share of pictures in which the template proposes the face.
     pub proposed: f64,
     /// Share of faces that the verifier accepts.
     pub accepted: f64,
-    /// Share of false alarms that it accepts.
+    /// Share of false alarms that the verifier accepts.
     pub false_alarms: f64,
-    /// Parted lips; none where there were no photographs of such.
+    /// Results for parted lips; `None` without photographs of parted lips.
     pub lips: Option<LipSummary>,
-    /// Covered parts.
+    /// Results for covered parts.
     pub covers: Option<CoverSummary>,
 }
 

@@ -1,6 +1,6 @@
-//! glTF 2.0: morph targets with names, in and out.
+//! glTF 2.0: reads and writes meshes with named morph targets.
 //!
-//! Names of morph targets stand in `extras.targetNames` of the mesh, as Blender, three.js and other programs have agreed.
+//! The names of morph targets are in `extras.targetNames` of the mesh, the convention of Blender, three.js and other programs.
 
 mod read;
 mod write;
@@ -46,7 +46,7 @@ mod tests {
     #[test]
     fn what_is_written_reads_back_dense_and_sparse() {
         let read = read(&glb()).unwrap();
-        // Where its node puts it: in metres, a tenth as large.
+        // Transformed by its node: in metres, a tenth of the size.
         assert_eq!(read.mesh.positions(), [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.1, 0.1, 0.025], [0.0, 0.1, -0.2]]);
         assert_eq!(read.mesh.triangles(), mesh().triangles());
         assert_eq!(read.names, ["smile \"wide\"", "jawOpen"]);
@@ -68,14 +68,16 @@ mod tests {
         let reader = primitive.reader(|b| Some(&buffers[b.index()]));
         let morphs: Vec<Vec<[f32; 3]>> = reader.read_morph_targets().map(|(p, _, _)| p.unwrap().collect()).collect();
         assert_eq!(morphs[1][1], [0.0, -1.0, 0.0]);
-        // Half of sRGB is 21.6 % of the light. The front is at 90 degrees of the way around, the heights -0.. are those of the square.
+        // Half of sRGB is 21.6 % of the light. The front is at 90 degrees of the circumference, the heights are those of the
+        // square.
         let colours: Vec<[f32; 4]> = reader.read_colors(0).unwrap().into_rgba_f32().collect();
         assert!(colours.iter().all(|c| c[0] == 0.0 && c[1] == 1.0 && (c[2] - 0.216).abs() < 1e-3 && c[3] == 1.0));
         let places: Vec<[f32; 2]> = reader.read_tex_coords(0).unwrap().into_f32().collect();
         assert_eq!(places.iter().map(|p| p[1]).collect::<Vec<_>>(), [1.0, 1.0, 0.0, 0.0]);
-        // Vertex 2 is at x = 0.5 and z = 1.125 from the middle of the box: atan(0.5/1.125) = 23.96 degrees = 0.0666 turns.
+        // Vertex 2 is at x = 0.5 and z = 1.125 from the middle of the bounding box: atan(0.5/1.125) = 23.96 degrees = 0.0666
+        // turns.
         assert!((places[2][0] - 0.5666).abs() < 1e-3);
-        // Normals of the moved face minus those of the neutral one, of length 1 together.
+        // The neutral normals have length 1.
         let normals: Vec<[f32; 3]> = reader.read_normals().unwrap().collect();
         assert!(normals.iter().all(|n| (n.iter().map(|c| c * c).sum::<f32>() - 1.0).abs() < 1e-6));
     }
@@ -108,7 +110,7 @@ mod tests {
         let material = |k: usize| primitives[k].material();
         assert_eq!([0, 1].map(|k| material(k).name().unwrap().to_owned()), ["skin", "eyes"]);
         assert_eq!([0, 1].map(|k| material(k).pbr_metallic_roughness().base_color_texture().is_some()), [true, false]);
-        // Colours of vertices are where the picture is not.
+        // Surfaces without the texture have vertex colours.
         let colours = |k: usize| primitives[k].reader(|b| Some(&buffers[b.index()])).read_colors(0).is_some();
         assert_eq!([0, 1].map(colours), [false, true]);
         let at: Vec<[f32; 2]> =
@@ -118,7 +120,7 @@ mod tests {
         assert_eq!((read.mesh, read.targets), (mesh, vec![moves.to_vec()]));
     }
 
-    /// The file with its JSON changed.
+    /// Returns the file with its JSON changed.
     fn edited(change: impl FnOnce(&mut serde_json::Value)) -> Vec<u8> {
         let whole = glb();
         let length = u32::from_le_bytes(whole[12..16].try_into().unwrap()) as usize;
@@ -149,7 +151,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("avatar.glb");
         fs::write(&path, bytes).unwrap();
-        // Two targets are more than one, unless the one is what is wanted.
+        // A mesh with two targets is preferred to one with a single target, unless that target is wanted.
         let face = read_gltf(&path, None, |_| false).unwrap();
         assert_eq!((face.names.len(), &face.others[..]), (2, &["EyeLeft (1 targets)".to_owned()][..]));
         assert_eq!(read_gltf(&path, None, |name| name == "look").unwrap().names, ["look"]);
@@ -201,7 +203,7 @@ mod tests {
     #[test]
     fn lies_about_sizes_are_errors() {
         let text = |from: &str, to: &str| {
-            // Same length, so that the chunk's length stays true.
+            // The replacement has the same length, so that the chunk's length stays correct.
             assert_eq!(from.len(), to.len());
             let whole = glb();
             let place = whole.windows(from.len()).position(|w| w == from.as_bytes()).unwrap();

@@ -1,4 +1,4 @@
-//! A mesh with morph targets of a glTF or GLB file.
+//! Reads a mesh with morph targets from a glTF or GLB file.
 
 use std::{
     collections::BTreeMap,
@@ -24,28 +24,29 @@ use crate::{
 /// A neutral mesh and its morph targets.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GltfMorphs {
-    /// The neutral mesh; several primitives are joined in order.
+    /// The neutral mesh; several primitives are concatenated.
     pub mesh: TriangleMesh,
-    /// Names of the targets; `target_0`, `target_1`, ... where the file has none.
+    /// Names of the targets; `target_0`, `target_1`, ... if the file has none.
     pub names: Vec<String>,
-    /// Displacements of every vertex, target by target.
+    /// Displacements of every vertex for each target.
     pub targets: Vec<Vec<[f32; 3]>>,
-    /// The file's other meshes with morph targets, each with their number.
+    /// Other meshes of the file that have morph targets, with the number of targets.
     pub others: Vec<String>,
 }
 
-/// Reads a mesh with morph targets: the one of this name, or the one that has most targets that count for `wanted`, of equals the one with
-/// most targets, the first of these. Transforms of the first node that holds it are applied, but for a mesh with a skin, as glTF has it;
-/// normals and skins are not.
+/// Reads a mesh with morph targets: the mesh called `name`, or by default the one with the most targets accepted by `wanted`.
+///
+/// Ties are broken by the number of targets, then by order in the file. The transforms of the first node with the mesh are
+/// applied, except to a mesh with a skin, as glTF requires. Normals and skins are not read.
 ///
 /// # Errors
-/// [`MeshFileError`] for what is no glTF, has no morph targets, no such mesh, is compressed, or refers to data that is not there.
+/// [`MeshFileError`] for a file that is no glTF, has no morph targets or no such mesh, is compressed, or refers to missing data.
 pub fn read_gltf(path: &Path, name: Option<&str>, wanted: impl Fn(&str) -> bool) -> Result<GltfMorphs, MeshFileError> {
     let bytes = crate::input::read(path).map_err(MeshFileError::io(path))?;
     caught(|| parse(path, &bytes, name, &wanted)).unwrap_or_else(|reason| Err(MeshFileError::format(path, reason)))
 }
 
-/// The files beside a .gltf file that its buffers are in; none of what does not read.
+/// Lists the separate files with the buffers of a .gltf file; empty for a file that cannot be read.
 pub fn buffer_files(path: &Path) -> Vec<PathBuf> {
     let Ok(bytes) = crate::input::read(path) else { return Vec::new() };
     let root: serde_json::Value = serde_json::from_slice(&bytes).unwrap_or_default();
@@ -54,13 +55,13 @@ pub fn buffer_files(path: &Path) -> Vec<PathBuf> {
     uris.filter_map(|uri| Some(buffer_file(path, &percent_decoded(uri)?))).collect()
 }
 
-/// The file of a buffer's decoded address.
+/// Returns the file of a buffer from its decoded URI.
 fn buffer_file(path: &Path, decoded: &str) -> PathBuf {
     let plain = decoded.strip_prefix("file://").or_else(|| decoded.strip_prefix("file:")).unwrap_or(decoded);
     path.parent().unwrap_or(Path::new("")).join(plain)
 }
 
-/// Extensions that store a mesh in another way than is read here.
+/// Extensions with encodings of meshes that are not supported.
 const COMPRESSED: [&str; 4] =
     ["EXT_meshopt_compression", "KHR_meshopt_compression", "KHR_draco_mesh_compression", "KHR_mesh_quantization"];
 
@@ -83,9 +84,9 @@ fn parse(path: &Path, bytes: &[u8], name: Option<&str>, wanted: &dyn Fn(&str) ->
             compressed.join(" and ")
         )));
     }
-    // Pictures are not looked at, however they are stored.
+    // Textures are not read, so their encoding does not matter.
     root.extensions_required.retain(|name| !name.contains("texture"));
-    // The crate's validation takes the accessors of positions as given.
+    // The crate's validation does not check the accessors of positions.
     let positions =
         root.meshes.iter().flat_map(|m| &m.primitives).filter_map(|p| p.attributes.get(&Checked::Valid(Semantic::Positions)));
     if let Some(missing) = positions.map(json::Index::value).find(|&index| index >= root.accessors.len()) {
@@ -95,7 +96,7 @@ fn parse(path: &Path, bytes: &[u8], name: Option<&str>, wanted: &dyn Fn(&str) ->
     let buffers = load_buffers(&document, blob, path)?;
     let (mesh, others) = choose(&document, name, wanted).map_err(error)?;
     let (mut positions, mut triangles, mut targets) = (Vec::new(), Vec::new(), Vec::<Vec<[f32; 3]>>::new());
-    // Primitives of several materials may share their vertices; each such set is read once.
+    // Primitives of several materials may share their vertices; each shared set is read once.
     let mut firsts = BTreeMap::new();
     for primitive in mesh.primitives() {
         let vertices: Vec<Option<usize>> = [primitive.get(&Semantic::Positions).map(|a| a.index())]
@@ -109,7 +110,7 @@ fn parse(path: &Path, bytes: &[u8], name: Option<&str>, wanted: &dyn Fn(&str) ->
     if let Some(placed) = placement(&document, mesh.index()).map_err(error)? {
         positions.iter_mut().for_each(|p| *p = placed.transform_point(&Point3::from(*p).cast()).cast::<f32>().coords.into());
         let linear = placed.matrix().fixed_view::<3, 3>(0, 0).into_owned();
-        // A mirror turns the triangles over.
+        // A mirroring transform reverses the triangles.
         if linear.determinant() < 0.0 {
             triangles.iter_mut().for_each(|corners| corners.swap(1, 2));
         }
@@ -124,7 +125,7 @@ fn parse(path: &Path, bytes: &[u8], name: Option<&str>, wanted: &dyn Fn(&str) ->
     Ok(GltfMorphs { mesh, names, targets, others })
 }
 
-/// Where the first node that holds a mesh puts it in the scene; `None` where nothing moves it.
+/// Transform of the first node that holds a mesh; `None` for the identity.
 fn placement(document: &Document, mesh: usize) -> Result<Option<Affine3<f64>>, String> {
     let Some(node) = document.nodes().find(|node| node.mesh().is_some_and(|m| m.index() == mesh)) else { return Ok(None) };
     if node.skin().is_some() {
@@ -155,7 +156,8 @@ fn placement(document: &Document, mesh: usize) -> Result<Option<Affine3<f64>>, S
     Ok(Some(Affine3::from_matrix_unchecked(whole)))
 }
 
-/// The mesh of a name, or the one with most targets that are wanted; and what is said of the other meshes with targets.
+/// Chooses the mesh with this name, or the one with the most wanted targets; also returns descriptions of the other meshes with
+/// targets.
 fn choose<'d>(
     document: &'d Document,
     name: Option<&str>,
@@ -176,7 +178,7 @@ fn choose<'d>(
             let count = targets_of(mesh);
             (target_names(mesh, count).iter().filter(|name| wanted(name)).count(), count)
         };
-        // Of equals the first.
+        // The first of equal ones.
         let best = (0..morphed.len()).rev().max_by_key(|&k| worth(&morphed[k]));
         best.ok_or_else(|| "no mesh with morph targets".to_owned())?
     };
@@ -193,7 +195,7 @@ fn load_buffers(document: &Document, mut blob: Option<Vec<u8>>, path: &Path) -> 
         {
             let decoded =
                 percent_decoded(uri).ok_or_else(|| error(format!("the buffer's address `{}` is not UTF-8", excerpt(uri))))?;
-            // The crate opens whatever is there, and reads a pipe or a device without end.
+            // The crate opens any kind of file, and would read a pipe or a device endlessly.
             let file = buffer_file(path, &decoded);
             let length = crate::input::open_file(&file).and_then(|file| file.metadata()).map(|m| m.len());
             let length =
@@ -217,7 +219,7 @@ fn load_buffers(document: &Document, mut blob: Option<Vec<u8>>, path: &Path) -> 
     Ok(buffers)
 }
 
-/// An address without its percent signs; `None` when what they stand for is not UTF-8.
+/// Decodes the percent escapes of a URI; `None` when the result is not UTF-8.
 fn percent_decoded(uri: &str) -> Option<String> {
     let mut bytes = Vec::with_capacity(uri.len());
     let mut rest = uri.as_bytes();
@@ -293,7 +295,7 @@ fn read_primitive(
     Ok(())
 }
 
-/// The bytes of `count` items of `size` bytes in a view, each by its place.
+/// Iterates over the bytes of `count` items of `size` bytes in a view.
 fn items<'b>(
     view: &buffer::View,
     offset: usize,
@@ -313,7 +315,7 @@ fn items<'b>(
     Ok((0..count).map(move |k| &bytes[offset + k * stride..offset + k * stride + size]))
 }
 
-/// A float VEC3 accessor, with its sparse part.
+/// Reads a float VEC3 accessor, including its sparse part.
 fn vectors(accessor: &Accessor, buffers: &[buffer::Data]) -> Result<Vec<[f32; 3]>, String> {
     if accessor.data_type() != DataType::F32 || accessor.dimensions() != Dimensions::Vec3 {
         let (found, kind) = (accessor.dimensions(), accessor.data_type());
@@ -324,7 +326,7 @@ fn vectors(accessor: &Accessor, buffers: &[buffer::Data]) -> Result<Vec<[f32; 3]
     let limit: usize = buffers.iter().map(|b| b.len()).sum();
     let mut values = match accessor.view() {
         Some(view) => items(&view, accessor.offset(), accessor.count(), 12, buffers)?.map(vector).collect(),
-        // Zeros take no bytes in the file: a count that the file could not hold otherwise is a lie.
+        // Zeros take no bytes in the file: a count that the file could not hold otherwise is refused.
         None if accessor.count() > limit => {
             return Err(format!("accessor {} counts {} values", accessor.index(), accessor.count()));
         }

@@ -1,4 +1,4 @@
-//! A mesh with morph targets and an animation of their weights as one GLB file.
+//! Writes a mesh with morph targets and animations of their weights as a GLB file.
 
 use std::{
     borrow::Cow,
@@ -19,36 +19,36 @@ use gltf::json::{
 
 use crate::mesh::{TriangleMesh, add, colour::linear, sub, vertex_normals};
 
-/// A morph target to write.
+/// A morph target to be written.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GltfTarget {
     /// Its name.
     pub name: String,
-    /// The vertices it moves, ascending, when it leaves many at rest: only these are written (a sparse accessor).
+    /// The vertices it moves, ascending, if most do not move: only these are written (a sparse accessor). `None` writes all.
     pub vertices: Option<Vec<u32>>,
 }
 
-/// Weights over time.
+/// An animation: weights of the targets over time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GltfAnimation {
     /// Its name.
     pub name: String,
     /// Time of every key frame, s, ascending.
     pub times_s: Vec<f32>,
-    /// Weights of all targets, key frame by key frame.
+    /// Weights of all targets for each key frame.
     pub weights: Vec<f32>,
 }
 
-/// How a mesh looks.
+/// Appearance of a mesh.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct GltfLook<'a> {
-    /// Colours of the vertices, sRGB; without them everything is of the colour of skin.
+    /// Colours of the vertices, sRGB; `None` gives everything the colour of skin.
     pub paint: Option<&'a [[u8; 3]]>,
-    /// Its triangles by material; without any, all are `skin`.
+    /// Its triangles by material; if empty, all are `skin`.
     pub surfaces: Vec<GltfSurface>,
-    /// What surfaces with a texture wear.
+    /// Texture of the textured surfaces.
     pub texture: Option<GltfTexture<'a>>,
-    /// Whose work it is, with the licence; nothing where empty.
+    /// Authors and licence; not written if empty.
     pub copyright: &'a str,
 }
 
@@ -59,36 +59,37 @@ pub struct GltfSurface {
     pub name: &'static str,
     /// The triangles.
     pub triangles: Vec<[u32; 3]>,
-    /// How rough it is: 0 mirrors, 1 is dull.
+    /// Roughness: 0 is a mirror, 1 is matt.
     pub roughness: f32,
-    /// Whether it has the texture instead of the colours of the vertices.
+    /// Whether it uses the texture instead of the vertex colours.
     pub textured: bool,
 }
 
-/// A picture on the mesh.
+/// A texture of the mesh.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GltfTexture<'a> {
-    /// A JPEG file.
+    /// The picture as a JPEG file.
     pub jpeg: Vec<u8>,
     /// Texture coordinates of all vertices, v downwards.
     pub places: &'a [[f32; 2]],
 }
 
-/// Colour of the skin, linear RGBA; a face without texture should not look like paper.
+/// Colour of skin, linear RGBA, for a mesh without colours or texture.
 const SKIN: [f32; 4] = [0.74, 0.52, 0.42, 1.0];
 const ROUGHNESS: f32 = 0.65;
 const GLB_MAGIC: u32 = 0x4654_6C67;
 const CHUNK_JSON: u32 = 0x4E4F_534A;
 const CHUNK_BIN: u32 = 0x004E_4942;
 
-/// Writes a mesh, its morph targets (positions and normals) and animations of their weights as binary glTF. `metres` are those of one unit
-/// of the mesh, in which glTF counts; `None` where they are not known.
+/// Writes a mesh, its morph targets (positions and normals) and animations of their weights as binary glTF.
 ///
-/// Texture coordinates are those of the look's texture, or unwrap the neutral mesh around its upright axis, with the seam at the back.
-/// Materials share the vertices and the targets.
+/// `metres` is the length of the mesh's unit in metres, the unit of glTF; `None` if unknown. Texture coordinates are those of the
+/// look's texture, or an unwrapping of the neutral mesh around its upright axis with the seam at the back. Materials share the
+/// vertices and the targets.
 ///
-/// `displacements(k)` are those of target k, of every vertex. They are asked for twice and never kept: beside the mesh, one target
-/// at a time is in memory. Without targets there is nothing to animate, and no animation is written: glTF has no empty ones.
+/// `displacements(k)` returns the displacements of every vertex in target k. It is called twice for each target, and the results
+/// are not kept: apart from the mesh, one target at a time is in memory. Without targets no animation is written, because glTF
+/// does not allow empty ones.
 ///
 /// # Errors
 /// When `out` cannot be written to, or the file would exceed the 4 GiB of the format.
@@ -116,7 +117,7 @@ pub fn write_glb<'a>(
     for word in [bin_length as u32, CHUNK_BIN] {
         out.write_all(&word.to_le_bytes())?;
     }
-    // The order of the views in `document`.
+    // The same order as the views in `document`.
     let normals = vertex_normals(mesh.positions(), mesh.triangles());
     write_vectors(out, mesh.positions())?;
     write_vectors(out, &normals)?;
@@ -162,7 +163,7 @@ pub fn write_glb<'a>(
     Ok(())
 }
 
-/// Texture coordinates around the upright axis, 0 to 1: a half in front, v downwards.
+/// Texture coordinates around the upright axis, 0 to 1, v downwards; the front is at one half.
 fn unwrapped(mesh: &TriangleMesh) -> Vec<[f32; 2]> {
     let [low, high] = mesh.bounds();
     let middle = |k: usize| f32::midpoint(low[k], high[k]);
@@ -195,7 +196,7 @@ fn normal_changes(mesh: &TriangleMesh, normals: &[[f32; 3]], moves: &[[f32; 3]])
     vertex_normals(&moved, mesh.triangles()).iter().zip(normals).map(|(&n, &m)| sub(n, m)).collect()
 }
 
-/// The document under construction: views follow each other in one buffer.
+/// The document under construction: its views are consecutive in one buffer.
 struct Builder {
     root: Root,
     length: u64,
@@ -248,7 +249,7 @@ impl Builder {
         }
     }
 
-    /// A texture of a JPEG file of so many bytes.
+    /// Adds a texture from a JPEG file of this length, bytes.
     fn picture(&mut self, length: usize) -> Index<Texture> {
         let view = self.view(length as u64, None);
         self.length = self.length.next_multiple_of(4);
@@ -263,7 +264,7 @@ impl Builder {
         self.root.push(Texture { name: None, sampler: None, source, extensions: None, extras: None })
     }
 
-    /// Zeros but at some vertices; the view with their numbers is shared.
+    /// Adds vectors that are zero except at some vertices; the view with the vertex indices is shared.
     fn sparse_vectors(
         &mut self,
         count: usize,
@@ -355,7 +356,7 @@ fn document<'a>(
         [Some((Semantic::Positions, positions)), Some((Semantic::Normals, normals)), Some((Semantic::TexCoords(0), places))];
     let primitive = |(surface, indices): (&GltfSurface, Index<Accessor>)| {
         let picture = picture.filter(|_| surface.textured);
-        // A viewer would multiply the colours of the vertices with the texture.
+        // A viewer would multiply the vertex colours by the texture.
         let paint = colours.filter(|_| picture.is_none());
         let attributes = base.iter().cloned().chain([paint.map(|colours| (Semantic::Colors(0), colours))]).flatten();
         Primitive {
@@ -395,7 +396,7 @@ fn document<'a>(
     Ok((root, length))
 }
 
-/// The material of a surface that wears a picture, or has colours at its vertices, or neither.
+/// Returns the material of a surface with a texture, with vertex colours, or with neither.
 fn material(surface: &GltfSurface, picture: Option<Index<Texture>>, is_painted: bool) -> Material {
     Material {
         name: Some(surface.name.to_owned()),

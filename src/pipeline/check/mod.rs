@@ -1,8 +1,7 @@
-//! What `run` would meet in a dataset, up to where it would track: every sequence is prepared by the functions that prepare it for a run, and what is
-//! wrong with it is said in their words.
+//! `check`: reports problems that `run` would meet in a dataset, without tracking.
 //!
-//! Of pictures the neutral frame and the apex are decoded, of a video its neutral frame. A sequence that landmarks drive has none, and is
-//! gone through as a run does it.
+//! Every sequence is prepared by the same functions as in a run, so that messages are the same. Of an image sequence the neutral frame and
+//! the apex are decoded, of a video the neutral frame. A sequence driven by landmarks is processed completely.
 
 mod sequence;
 
@@ -34,10 +33,10 @@ use crate::{
     units::SequenceId,
 };
 
-/// Sequences that a note names.
+/// Most sequences that a note names.
 const NAMED: usize = 6;
 
-/// Sequences and people of an emotion, those that would fail left out.
+/// Counts of an emotion, without the sequences that would fail.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CheckedEmotion {
     /// The label.
@@ -50,41 +49,43 @@ pub struct CheckedEmotion {
     pub failing: usize,
 }
 
-/// A column of the manifest that one may group by.
+/// A manifest column that can serve for grouping.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CheckedColumn {
     /// Its name.
     pub name: String,
-    /// Its groups with the number of their people over all emotions, by alphabet, those without a value left out; or why nobody can group by it.
+    /// Its groups with their number of people over all emotions, in alphabetical order, without missing values; or the reason why it cannot
+    /// group.
     pub groups: Result<Vec<(String, usize)>, GroupError>,
-    /// Whether there are two groups of as many people as a test takes, within one emotion.
+    /// Whether some emotion has two groups that are large enough for a test.
     pub is_testable: bool,
-    /// Numbers that are measures, such as ages, and hardly names of groups.
+    /// Whether its values are measurements, such as ages, rather than names of groups.
     pub is_measure: bool,
 }
 
-/// What a run over a dataset would meet.
+/// Result of checking a dataset.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DatasetCheck {
     /// By id.
     pub sequences: Vec<CheckedSequence>,
-    /// People of all sequences whose rows read.
+    /// People in all rows that could be read.
     pub people: usize,
-    /// In the order of the tables.
+    /// Emotions in the order of the tables.
     pub emotions: Vec<CheckedEmotion>,
     /// By name.
     pub columns: Vec<CheckedColumn>,
-    /// Left out on purpose, with the reason.
+    /// Sequences left out on purpose, with the reason.
     pub skipped: Vec<(String, String)>,
-    /// What a person should know of the dataset as a whole.
+    /// Notes on the dataset as a whole.
     pub notes: Vec<String>,
 }
 
-/// Prepares every sequence of a dataset as a run does, and tracks none. `results` is a folder of results whose corrections by hand are checked, too.
-/// `event` is called from many threads.
+/// Prepares every sequence of a dataset as a run does, without tracking.
+///
+/// `results` is a results folder whose manual corrections are checked, too. `event` is called from many threads.
 ///
 /// # Errors
-/// [`RunError`] when the dataset does not open, is empty, or cannot be grouped as the options say.
+/// [`RunError`] when the dataset cannot be opened, is empty, or cannot be grouped as the options require.
 pub fn check_dataset(
     dataset: &Path,
     bench: &Workbench,
@@ -119,7 +120,7 @@ pub fn check_dataset(
     }
     let damaged: Vec<CheckedSequence> = opened.failures.iter().map(CheckedSequence::damaged).collect();
     let all = || sequences.iter().chain(&damaged).map(|s| s.id.to_string());
-    // Of the sequences of a recording nobody knows the names yet.
+    // The sequences of whole recordings have no names yet.
     notes.extend(results.filter(|_| whole.is_empty()).and_then(|out| unused_corrections(out, &all().collect())));
     let people = labels.iter().map(|(id, ..)| id.subject.as_str()).collect::<BTreeSet<_>>().len();
     let columns = columns_of(&labels);
@@ -129,7 +130,7 @@ pub fn check_dataset(
     Ok(DatasetCheck { sequences, people, emotions, columns, skipped, notes })
 }
 
-/// Sequences and people of every emotion.
+/// Counts sequences and people of every emotion.
 fn emotions_of(all: &[SequenceLabels<'_>], usable: &[SequenceLabels<'_>]) -> Result<Vec<CheckedEmotion>, GroupError> {
     let usable: BTreeMap<String, Vec<&SequenceLabels<'_>>> =
         group_sequences(usable, |labels| *labels, &[])?.into_iter().map(|(label, of)| (label.emotion, of)).collect();
@@ -144,13 +145,13 @@ fn people_of(sequences: &[&SequenceLabels<'_>]) -> usize {
     sequences.iter().map(|(id, ..)| id.subject.as_str()).collect::<BTreeSet<_>>().len()
 }
 
-/// The columns of the manifest that are a person's own, with their groups over all emotions.
+/// Manifest columns that belong to a person, with their groups over all emotions.
 fn columns_of(all: &[SequenceLabels<'_>]) -> Vec<CheckedColumn> {
     let has_meaning = |name: &&String| is_publish_column(name) || [SEGMENT_COLUMN, FACE_COLUMN].contains(&name.as_str());
     let names: BTreeSet<&String> = all.iter().flat_map(|(.., metadata)| metadata.keys()).filter(|n| !has_meaning(n)).collect();
     let column = |name: &String| {
         let by = std::slice::from_ref(name);
-        // The groups of the sequences of one emotion, or of all, with their people.
+        // Groups with their people, among the sequences of one emotion or of all.
         let groups = |emotion: Option<&str>| {
             let chosen: Vec<SequenceLabels<'_>> =
                 all.iter().filter(|(_, own, _)| emotion.is_none_or(|e| e == *own)).copied().collect();
@@ -166,8 +167,8 @@ fn columns_of(all: &[SequenceLabels<'_>]) -> Vec<CheckedColumn> {
     names.into_iter().map(column).collect()
 }
 
-/// What a run over the `usable` sequences would say of classes and labels. Of `whole` recordings nobody knows how many sequences they make: their
-/// classes are passed over.
+/// Notes of a run over the `usable` sequences on classes and labels. Classes with `whole` recordings are skipped: the number of their
+/// sequences is not known yet.
 fn notes(
     usable: &[SequenceLabels<'_>],
     all: &[SequenceLabels<'_>],
@@ -189,7 +190,7 @@ fn notes(
     notes.extend(no_numbers_said(all, &bench.options.covariates));
     let shown: Vec<(&str, &str)> = usable.iter().map(|&(id, emotion, _)| (id.subject.as_str(), emotion)).collect();
     let (shown, left_out) = shown_by_several(shown, |&shown| shown);
-    // One emotion alone is nothing to recognize, and nobody expects it.
+    // Recognition needs at least two emotions; with one, no note about it is useful.
     let several = usable.iter().map(|(_, emotion, _)| emotion).collect::<BTreeSet<_>>().len() > 1;
     if several && whole.is_empty() {
         notes.extend(labels_to_learn(shown.into_iter()).err().map(|why| format!("no recognition.csv: {why}")));

@@ -1,4 +1,4 @@
-//! One sequence, prepared by the functions that prepare it for a run.
+//! Checks one sequence with the functions that prepare it for a run.
 
 use std::path::Path;
 
@@ -19,46 +19,47 @@ use crate::{
     units::SequenceId,
 };
 
-/// What is known of a sequence before it is tracked.
+/// Properties of a sequence before tracking.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CheckedSequence {
     /// Subject and sequence.
     pub id: SequenceId,
-    /// Emotion label; empty for a row that is damaged.
+    /// Emotion label; empty for a damaged row.
     pub emotion: String,
-    /// What drives it: `images`, `video`, `landmarks`, or `recording` for a whole one that is yet to be cut; empty where that is not known.
+    /// What drives it: `images`, `video`, `landmarks`, or `recording` for an unsegmented recording; empty if unknown.
     pub source: &'static str,
-    /// Frames from neutral to apex; of a video as its header states them. `None` where that is not known.
+    /// Frames from neutral to apex; for a video, the number in its header. `None` if unknown.
     pub frames: Option<usize>,
     /// Size of the neutral frame, px.
     pub size: Option<ImageSize>,
-    /// Which marks serve: `file`, `landmarks`, `found`, or `none`; empty for a row that is damaged, and where they are yet to be found in a recording.
+    /// Source of the marks: `file`, `landmarks`, `found`, or `none`; empty for a damaged row, and for a recording whose marks are yet to be
+    /// found.
     pub marks: &'static str,
-    /// How many there are.
+    /// Number of marks.
     pub marked: Option<usize>,
     /// Eye distance of the fitted neutral face, px.
     pub eye_distance: Option<f64>,
-    /// Median expected error of marks that were found, over the eye distance.
+    /// Median expected error of found marks divided by the eye distance.
     pub face_error: Option<f64>,
-    /// Median over the live nodes of how far they are expected to sit from their place on the neutral face, px.
+    /// Median over the live nodes of their expected error on the neutral face, px.
     pub placement_error: Option<f64>,
-    /// Why it would fail, and at which stage.
+    /// Stage and reason of the failure, if it would fail.
     pub failure: Option<(Stage, String)>,
-    /// The failure is not the sequence's fault, and would end a run.
+    /// Whether the failure is not the sequence's fault and would end a run.
     pub ends_run: bool,
-    /// Why it deserves a look, a sentence each, as in the verdicts of a run.
+    /// Reasons to review it, one sentence each, as in the verdicts of a run.
     pub reasons: Vec<String>,
-    /// What a run would say of it besides, a sentence each.
+    /// Other messages of a run about it, one sentence each.
     pub notes: Vec<String>,
 }
 
-/// What drives a row that is a whole recording.
+/// Source of a row that is a whole recording.
 const RECORDING: &str = "recording";
-/// What drives a sequence that has no images, or is not to be driven by them.
+/// Source of a sequence that landmarks drive.
 const LANDMARKS: &str = "landmarks";
 
 impl CheckedSequence {
-    /// Whether it would fail, deserves a look, or is good.
+    /// Verdict: it would fail, needs a review, or is good.
     pub fn verdict(&self) -> &'static str {
         match (&self.failure, self.reasons.is_empty()) {
             (Some(_), _) => "fails",
@@ -67,7 +68,7 @@ impl CheckedSequence {
         }
     }
 
-    /// Whether it is a whole recording, of which a run makes any number of sequences.
+    /// Whether it is a whole recording, which a run cuts into any number of sequences.
     pub fn is_recording(&self) -> bool {
         self.source == RECORDING
     }
@@ -75,7 +76,7 @@ impl CheckedSequence {
     pub(super) fn of(entry: &SequenceEntry, bench: &Workbench, results: Option<&Path>) -> Self {
         let may_find = bench.options.marks == LandmarkSelection::Auto;
         let marks = match entry.correspondence_source() {
-            // Those that are named count; what lies elsewhere is not looked at.
+            // Only named files count; other places are not searched.
             _ if is_recording(entry) => entry.correspondences_path.as_ref().map_or("", |_| "file"),
             Ok(CorrespondenceSource::File(_)) => "file",
             Ok(CorrespondenceSource::Landmarks(_)) => "landmarks",
@@ -85,7 +86,7 @@ impl CheckedSequence {
         let mut checked = Self { emotion: entry.emotion.clone(), marks, ..Self::named(entry.id.clone()) };
         if let Err(SequenceFailure { stage, reason, fatal }) = checked.prepare(entry, bench, results) {
             (checked.failure, checked.ends_run) = (Some((stage, reason)), fatal);
-            // What can be told all the same.
+            // Fields that are known despite the failure.
             if let (Ok(frames), "") = (entry.frames(), checked.source) {
                 checked.list(&frames, None);
                 checked.size = read_first_frame(&frames).ok().filter(|_| stage == Stage::Fit).map(|frame| frame.size());
@@ -118,7 +119,7 @@ impl CheckedSequence {
         Self { failure: row.source.err().map(|failure| (failure.stage, failure.reason)), ..Self::named(row.id) }
     }
 
-    /// Enters what the list of its frames says; `stated` is how many a video says it has.
+    /// Sets the fields that follow from the frame list. `stated` is the number of frames in a video's header.
     fn list(&mut self, frames: &FrameSource, stated: Option<usize>) {
         (self.source, self.frames) = match frames {
             FrameSource::Images(files) => ("images", Some(files.len())),
@@ -130,7 +131,7 @@ impl CheckedSequence {
         };
     }
 
-    /// All that a run does with the sequence before it tracks it.
+    /// Performs all steps of a run that precede tracking.
     fn prepare(&mut self, entry: &SequenceEntry, bench: &Workbench, results: Option<&Path>) -> Result<(), SequenceFailure> {
         if is_recording(entry) {
             return self.prepare_recording(entry, bench);
@@ -156,7 +157,7 @@ impl CheckedSequence {
         Ok(())
     }
 
-    /// A whole recording: its row is looked at, its first frame, and how many it has.
+    /// Checks the row, first frame and length of a whole recording.
     fn prepare_recording(&mut self, entry: &SequenceEntry, bench: &Workbench) -> Result<(), SequenceFailure> {
         self.source = RECORDING;
         let fails =
@@ -178,8 +179,8 @@ impl CheckedSequence {
         Ok(())
     }
 
-    /// Decodes the neutral frame, fits the wireframe in it, and decodes the apex of pictures; what would be said of the track that begins there, and
-    /// further notes.
+    /// Decodes the neutral frame, fits the wireframe, and decodes the apex of an image sequence. Returns the track's reasons for review,
+    /// and further notes.
     fn prepare_images(
         &mut self,
         source: &SequenceSource,
@@ -189,7 +190,7 @@ impl CheckedSequence {
         self.list(&source.frames, None);
         self.marked = Some(source.marks.len());
         let opened = match &source.frames {
-            // Of a video that is read backwards all up to its last frame would be decoded.
+            // Reading a video backwards would decode everything up to its last frame.
             FrameSource::Video { path, first, last: Some(last) } if first.is_some_and(|first| first > *last) => {
                 SequenceReader::open(&FrameSource::Video { path: path.clone(), first: *first, last: None })
             }
@@ -215,7 +216,7 @@ impl CheckedSequence {
         Ok((summary, unread_beside(&source.frames).into_iter().collect()))
     }
 
-    /// Lets landmarks drive the wireframe, as a run does it; what is said of the track, and further notes.
+    /// Drives the wireframe by landmarks as a run does. Returns the track's reasons for review, and further notes.
     fn follow_landmarks(
         &mut self,
         source: &LandmarkSource,
@@ -231,7 +232,7 @@ impl CheckedSequence {
     }
 }
 
-/// What is to be said where a frame is asked for that a video does not have, as far as its header states how many it has.
+/// Message for a requested frame that lies beyond the length in the video's header.
 fn beyond_said(frames: &FrameSource, stated: usize) -> Option<String> {
     let &FrameSource::Video { first, last, .. } = frames else { return None };
     let (column, frame) = [("last_frame", last), ("first_frame", first)]

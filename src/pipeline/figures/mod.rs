@@ -1,4 +1,4 @@
-//! The figures of a finished run, as files: made from its results alone, so that what is published is what stands there.
+//! Makes figures of a finished run, as files, from its results files alone.
 
 mod read;
 
@@ -51,7 +51,7 @@ pub enum FiguresError {
         path: PathBuf,
         /// Its nodes.
         found: usize,
-        /// Those of the wireframe.
+        /// Nodes of the wireframe.
         expected: usize,
     },
     /// A model does not read.
@@ -65,14 +65,14 @@ pub enum FiguresError {
     Output(#[from] OutputError),
 }
 
-/// A figure and what stands under it.
+/// A figure with its caption data.
 #[derive(Debug)]
 pub struct Figure {
     /// File name without extension.
     pub name: String,
     /// The drawing.
     pub drawing: Drawing,
-    /// What is seen, and of whom.
+    /// Its content and the people it shows.
     pub about: FigureAbout,
 }
 
@@ -81,7 +81,7 @@ pub struct Figure {
 pub struct FigureAbout {
     /// Name of the files, without extension.
     pub figure: String,
-    /// What kind of figure it is.
+    /// Kind of figure.
     pub kind: &'static str,
     /// Emotion; empty for all.
     pub emotion: String,
@@ -93,19 +93,19 @@ pub struct FigureAbout {
     pub people: usize,
     /// Share of models trimmed.
     pub alpha: f64,
-    /// How the representative was found.
+    /// Method of computing the representative.
     pub method: String,
     /// The caption.
     pub caption: String,
 }
 
-/// Most courses of FAPs in one figure.
+/// Most FAP curves in one figure.
 const MOST_BANDS: usize = 6;
 
-/// All figures of the results in a folder, and what is left out for want of a file.
+/// Makes all figures of the results in a folder. Also returns messages about figures left out because a file is missing.
 ///
 /// # Errors
-/// [`FiguresError`] when there are no results, or a file of them does not read.
+/// [`FiguresError`] when there are no results, or a file of them cannot be read.
 pub fn figures_of(out: &Path, bench: &Workbench) -> Result<(Vec<Figure>, Vec<String>), FiguresError> {
     let results = Results::read(out, bench)?;
     let lines = Lines::new(&bench.wireframe);
@@ -171,19 +171,19 @@ fn people(class: &Class) -> String {
 }
 
 impl Class {
-    /// Emotion and group in words.
+    /// Text for emotion and group.
     fn label(&self) -> String {
         let group = group_values(&self.about.group);
         if group.is_empty() { self.about.emotion.clone() } else { format!("{}, {group}", self.about.emotion) }
     }
 
-    /// What the representative is.
+    /// Description of the representative.
     fn who(&self) -> String {
         let n = count(self.about.sequences.len(), "sequence", "sequences");
         format!("the representative of {} ({n} of {}; {})", self.label(), people(self), self.method_text())
     }
 
-    /// Whether trimming, though asked for, dropped nothing.
+    /// Whether trimming was requested but dropped nothing.
     fn drops_none(&self) -> bool {
         let dropped_none = !self.fields.is_empty() && self.fields.values().flatten().all(|(_, dropped)| !dropped);
         self.about.alpha > 0.0 && dropped_none
@@ -197,7 +197,7 @@ impl Class {
         })
     }
 
-    /// What is trimmed, where there are enough to trim any.
+    /// Text about trimming, if there are enough models to trim any.
     fn trimmed_text(&self) -> String {
         let a = &self.about;
         if a.alpha > 0.0 {
@@ -211,7 +211,7 @@ impl Class {
         }
     }
 
-    /// How the representative was found, of which so much was trimmed.
+    /// Text about the method of the representative and the given trimming.
     fn method_with(&self, trimmed: &str) -> String {
         let a = &self.about;
         let run = if self.method.is_empty() { String::new() } else { format!(", method {}", self.method) };
@@ -243,7 +243,7 @@ impl Class {
     }
 }
 
-/// How the representatives were found: where only some of the classes are large enough to be trimmed, the others are named.
+/// Text about the method of all representatives. If only some classes are large enough for trimming, it names the others.
 fn method_of_all(classes: &[Class]) -> String {
     let first = &classes[0];
     let untrimmed: Vec<String> = classes.iter().filter(|c| c.drops_none()).map(Class::label).collect();
@@ -259,7 +259,7 @@ fn method_of_all(classes: &[Class]) -> String {
     first.method_with(&of_them)
 }
 
-/// All representatives at the apex.
+/// Figure of all representatives at the apex.
 fn overview(results: &Results, lines: &Lines) -> Figure {
     let models: Vec<(String, &Model)> = results.classes.iter().map(|c| (c.label(), &c.model)).collect();
     let drawing = figures::representatives(&models, lines);
@@ -316,7 +316,7 @@ fn distances_caption(class: &Class) -> String {
     )
 }
 
-/// Two groups, where their representatives are there.
+/// Figure of the difference between two groups, if both representatives exist.
 fn difference(pair: &read::Pair, results: &Results, bench: &Workbench, lines: &Lines) -> Option<Figure> {
     let of = |group: &str| {
         results
@@ -371,7 +371,7 @@ fn difference(pair: &read::Pair, results: &Results, bench: &Workbench, lines: &L
     Some(figure)
 }
 
-/// Names of the files of the captions.
+/// Names of the caption files.
 const CAPTIONS: [&str; 2] = ["captions.csv", "captions.md"];
 
 /// Names of the files that [`write_figures`] writes.

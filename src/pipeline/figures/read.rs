@@ -1,4 +1,4 @@
-//! The results of a run, read back from its files.
+//! Reads the results of a run back from its files.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -19,7 +19,7 @@ use crate::{
     units::NodeId,
 };
 
-/// The JSON beside a representative, as far as figures need it.
+/// The fields of a representative's JSON that figures need.
 #[derive(Debug, Deserialize)]
 pub struct ClassJson {
     pub emotion: String,
@@ -36,35 +36,35 @@ pub struct ClassJson {
     pub node_dispersion: Vec<f64>,
 }
 
-/// A representative and what belongs to it.
+/// A representative with its data.
 pub struct Class {
     pub stem: String,
     pub about: ClassJson,
     pub model: Model,
-    /// Name of the run's method; empty where none is told.
+    /// Name of the run's method; empty if unknown.
     pub method: String,
-    /// Courses of its sequences, of those whose features are there, each with its person.
+    /// Curves of its sequences that have features, each with its person.
     pub courses: Vec<(String, Course)>,
-    /// Courses of FAPs, those that move most first; of whole emotions only.
+    /// Curves of FAPs, the largest motion first; of whole emotions only.
     pub bands: Vec<BandFigure>,
-    /// By displacement field: the distance of every model to the others, and whether it was dropped.
+    /// For each displacement field, every model's distance to the others and whether it was dropped.
     pub fields: BTreeMap<u32, Vec<(f64, bool)>>,
-    /// The models at -2, 0 and 2 standard deviations along the first component.
+    /// Models at -2, 0 and 2 standard deviations along the first component.
     pub variation: Option<[Model; 3]>,
 }
 
-/// Two groups that were compared.
+/// Two compared groups.
 pub struct Pair {
     pub emotion: String,
     pub groups: [String; 2],
-    /// p of either test after Holm; `None` where there was no test.
+    /// p of either test after Holm's correction; `None` without a test.
     pub p: Option<f64>,
     pub effect: Option<f64>,
     /// Energy distance and p of every node.
     pub nodes: BTreeMap<NodeId, (f64, f64)>,
 }
 
-/// Everything that figures are made of.
+/// Input data of all figures.
 pub struct Results {
     /// At least one.
     pub classes: Vec<Class>,
@@ -72,22 +72,22 @@ pub struct Results {
     pub significance: f64,
     /// People of all classes.
     pub people: usize,
-    /// Sequences of all classes, and how many of them have no features.
+    /// Number of sequences in all classes, and of those without features.
     without_features: [usize; 2],
-    /// Whether a run into the folder has not come to its end.
+    /// Whether the last run into the folder was interrupted.
     unfinished: bool,
-    /// Tables that are not there, each with what it holds for figures.
+    /// Missing tables, each with the content that figures lack.
     missing: Vec<(&'static str, &'static str)>,
 }
 
-/// Tables that figures are made of, and what cannot be shown without.
+/// Tables used by figures, each with the content that is missing without it.
 const TABLES: [(&str, &str); 2] = [
     ("trimming.csv", "the figures do not show trimmed sequences and the distances between the others"),
     ("bands.csv", "the figures of FAPs over time are left out"),
 ];
 
 impl Results {
-    /// What is not shown, and for want of which file.
+    /// Messages about content left out, with the missing file.
     pub fn left_out(&self) -> Vec<String> {
         let mut said = Vec::new();
         if self.unfinished {
@@ -157,13 +157,13 @@ impl Results {
                 model,
             });
         }
-        // Whole emotions first, then groups, as the report has them.
+        // Whole emotions first, then groups, as in the report.
         classes.sort_by(|a, b| {
             let key = |c: &Class| (c.about.emotion.clone(), c.about.group.clone());
             key(a).cmp(&key(b))
         });
         let people = classes.iter().flat_map(|c| &c.about.sequences).map(of).collect::<BTreeSet<String>>().len();
-        // A journal that is left behind a whole run says nothing that its record does not.
+        // A journal left beside the record of a complete run has no further information.
         let unfinished = out.join(JOURNAL).exists() && run.as_ref().is_none_or(|run| !run.complete);
         let significance = run.map_or_else(CompareOptions::default, |r| r.options.groups.compare).significance;
         let without_features = [with_features.len(), with_features.values().filter(|there| !**there).count()];
@@ -172,7 +172,7 @@ impl Results {
     }
 }
 
-/// The subject of every sequence by its id, as far as tables tell.
+/// Subject of every sequence by id, if tables contain it.
 fn subjects(out: &Path) -> Result<BTreeMap<String, String>, FiguresError> {
     let mut subjects = BTreeMap::new();
     for name in ["trimming.csv", "verdicts.csv"] {
@@ -198,7 +198,7 @@ fn stems(folder: &Path) -> Vec<String> {
     csv.filter_map(|p| Some(p.file_stem()?.to_str()?.to_owned())).collect::<BTreeSet<_>>().into_iter().collect()
 }
 
-/// What the JSON beside a representative says.
+/// Reads the JSON beside a representative.
 fn about(path: &Path) -> Result<ClassJson, FiguresError> {
     let failed = |reason: String| FiguresError::About { path: path.to_owned(), reason };
     let bytes = crate::input::read(path).map_err(|e| failed(format!("cannot be read: {e}")))?;
@@ -208,7 +208,7 @@ fn about(path: &Path) -> Result<ClassJson, FiguresError> {
     })
 }
 
-/// By emotion and group and displacement field: distances and whether they were dropped.
+/// By emotion, group and displacement field: distances, and whether models were dropped.
 type Trimming = BTreeMap<(String, Vec<String>), BTreeMap<u32, Vec<(f64, bool)>>>;
 
 fn trimming(out: &Path) -> Result<Trimming, FiguresError> {
@@ -221,7 +221,7 @@ fn trimming(out: &Path) -> Result<Trimming, FiguresError> {
     let [emotion, frame, distance, dropped, subject] = csv.require(["emotion", "frame", "distance", "dropped", "subject"])?;
     for row in csv.rows() {
         let row = row?;
-        // What follows the subject are the columns grouped by; empty values are of whole emotions.
+        // The columns after the subject are those grouped by; empty values denote whole emotions.
         let group: Vec<String> =
             (subject + 1..csv.header().len()).map(|k| row.get(k).to_owned()).filter(|v| !v.is_empty()).collect();
         let point = (row.number(distance)?, row.get(dropped) == "true");
@@ -235,7 +235,7 @@ fn trimming(out: &Path) -> Result<Trimming, FiguresError> {
     Ok(trimming)
 }
 
-/// The courses of FAPs by emotion, those that move most first.
+/// Reads the FAP curves of every emotion, the largest motion first.
 fn bands(out: &Path) -> Result<BTreeMap<String, Vec<BandFigure>>, FiguresError> {
     let path = out.join("bands.csv");
     if !path.exists() {
@@ -271,7 +271,7 @@ fn bands(out: &Path) -> Result<BTreeMap<String, Vec<BandFigure>>, FiguresError> 
     Ok(by_emotion.into_iter().map(|(emotion, all)| (emotion, sorted(all))).collect())
 }
 
-/// The course of a sequence from its features; `None` for less than two frames.
+/// Reads a sequence's curve from its features; `None` for fewer than two frames.
 fn course(path: &Path) -> Result<Option<Course>, FiguresError> {
     let csv = CsvFile::open(path)?;
     let [frame, yaw, pitch, roll] = csv.require(["frame", "pose_yaw", "pose_pitch", "pose_roll"])?;
@@ -338,7 +338,7 @@ fn pairs(out: &Path) -> Result<Vec<Pair>, FiguresError> {
             nodes: nodes.remove(&key).unwrap_or_default(),
         });
     }
-    // Those without a test have nothing to show.
+    // Pairs without a test have no figure.
     pairs.retain(|pair| pair.p.is_some());
     Ok(pairs)
 }

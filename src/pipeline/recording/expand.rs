@@ -1,4 +1,4 @@
-//! Rows of a manifest that are whole recordings, replaced by the sequences found in them.
+//! Replaces manifest rows of whole recordings by the sequences found in them.
 
 use std::{
     collections::{BTreeMap, btree_map::Entry},
@@ -19,15 +19,15 @@ use crate::{
     units::SequenceId,
 };
 
-/// Folder of what is found in recordings, in the folder of a run.
+/// Folder of the sequences found in recordings, inside the folder of a run.
 pub(in super::super) const SEGMENTS_FOLDER: &str = "segments";
 
-/// Whether a row is a recording that is to be cut.
+/// Whether a row is a recording to be segmented.
 pub(in super::super) fn is_recording(entry: &SequenceEntry) -> bool {
     entry.metadata.get(SEGMENT_COLUMN).is_some_and(|value| value.trim().eq_ignore_ascii_case("auto"))
 }
 
-/// Replaces every recording of a dataset by its sequences. What was found in it before is used again where nothing changed.
+/// Replaces every recording of a dataset by its sequences. Earlier results are reused if nothing changed.
 pub(in super::super) fn expand(
     dataset: &mut Dataset,
     out: &Path,
@@ -55,14 +55,14 @@ pub(in super::super) fn expand(
     Ok(())
 }
 
-/// A recording that gives no sequences.
+/// Failure of a recording without sequences.
 pub(in super::super) fn failed(entry: &SequenceEntry, reason: String) -> FailedEntry {
     let SequenceId { subject, sequence } = entry.id.clone();
     FailedEntry { subject, sequence, error: DatasetError::Recording { path: entry.frames_path.clone(), reason } }
 }
 
-/// Takes out sequences whose files would be those of an earlier one: rows may be called as parts of a recording are, and several datasets have
-/// the same names. `reason` says what is wrong with a double, by itself and the one that stays.
+/// Removes sequences whose file names equal those of an earlier one. This happens when a row has the name of a recording's part, or when
+/// datasets share names. `reason` makes the message from the double and the sequence that stays.
 pub(in super::super) fn take_doubles(
     sequences: &mut Vec<SequenceEntry>,
     reason: impl Fn(&SequenceEntry, &SequenceEntry) -> String,
@@ -82,12 +82,12 @@ pub(in super::super) fn take_doubles(
     doubles
 }
 
-/// What was found in a recording; one in which nothing was found is a failure as a bad sequence is, with its notes for a reason.
+/// Returns an error for a recording without sequences, with its notes as the reason.
 fn with_segments(files: RecordingFiles) -> Result<RecordingFiles, RecordingError> {
     if files.segments.is_empty() { Err(RecordingError::Nothing { reasons: files.notes }) } else { Ok(files) }
 }
 
-/// The recording that a row is.
+/// The recording of a row.
 ///
 /// # Errors
 /// [`RecordingError::Row`].
@@ -114,7 +114,7 @@ pub(in super::super) fn recording_of(entry: &SequenceEntry, bench: &Workbench) -
     Ok(Recording { stem: entry.id.sequence.clone(), frames, fps: entry.fps, marks })
 }
 
-/// Why nothing can be found in a recording of so few frames; `stated` is the rate that a video states, frames per second.
+/// Message that a recording has too few frames for segmentation. `stated` is the frame rate in a video's header, frames per second.
 pub(in super::super) fn too_few_frames(recording: &Recording, frames: usize, stated: Option<f64>) -> Option<RecordingError> {
     let fps = recording.fps.or(stated).unwrap_or(USUAL_FPS);
     let named = match &recording.frames {
@@ -145,7 +145,7 @@ fn segmented(
     write_recording(folder, (&recording, &found), &options, bench, shows, &tick)
 }
 
-/// A sequence of a recording, as if it stood in the manifest.
+/// The manifest entry of a sequence found in a recording.
 fn sequence(entry: &SequenceEntry, segment: &Segment, folder: &Path) -> SequenceEntry {
     let marks = folder.join(format!("{}.csv", segment.name));
     SequenceEntry {

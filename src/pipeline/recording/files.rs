@@ -1,4 +1,4 @@
-//! The files of a recording that was cut: tables, marks, pictures, and the table of segments, which is a manifest.
+//! Files of a segmented recording: tables, marks, pictures, and the table of segments, which is a manifest.
 
 use std::{
     collections::BTreeMap,
@@ -29,41 +29,41 @@ const PICTURE_HEIGHT: u32 = 320;
 pub const SEGMENT_COLUMNS: [&str; 9] =
     ["subject", "sequence", "emotion", "frames", "first_frame", "last_frame", "correspondences", "fps", "confidence"];
 
-/// What was found in a recording, as it stands in `STEM.json`.
+/// Record of a segmented recording, stored as `STEM.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RecordingFiles {
     schema_version: u32,
     made_by: String,
     units: BTreeMap<String, String>,
-    /// BLAKE3 of all it was made from.
+    /// BLAKE3 of all inputs.
     inputs_blake3: String,
-    /// Frames per second; in the mean where `uneven`.
+    /// Frames per second; the mean if `uneven`.
     pub fps: f64,
-    /// Frames are not even in time: each has its own.
+    /// Whether frame intervals vary, so that each frame has its own time.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub uneven: bool,
-    /// Frames in all, and those with a tracked face.
+    /// Number of all frames and of those with a tracked face.
     pub frames: [usize; 2],
     /// The sequences.
     pub segments: Vec<Segment>,
-    /// What a person should know.
+    /// Notes to the user.
     pub notes: Vec<String>,
-    /// BLAKE3 of the files beside it.
+    /// BLAKE3 of the other files.
     files: BTreeMap<String, String>,
 }
 
-/// What a table of segments says of every sequence of a recording.
+/// Columns of a table of segments that are equal for all sequences of a recording.
 #[derive(Clone, Debug)]
 pub struct ManifestColumns {
-    /// Who.
+    /// The subject.
     pub subject: String,
     /// Label.
     pub emotion: String,
-    /// The recording, as the table names it.
+    /// The recording, as named in the table.
     pub frames: String,
 }
 
-/// BLAKE3 of everything that the segments of a recording depend on; `content` is that of its files.
+/// BLAKE3 of everything that the segments of a recording depend on. `content` is the hash of its files.
 fn inputs_of(recording: &Recording, content: &str, options: &SegmentOptions, bench: &Workbench) -> String {
     let mut hasher = blake3::Hasher::new();
     let mut part = |bytes: &[u8]| {
@@ -89,13 +89,13 @@ fn inputs_of(recording: &Recording, content: &str, options: &SegmentOptions, ben
     hasher.finalize().to_hex().to_string()
 }
 
-/// The record of a recording in a folder, if there is one that reads. One of a later version is refused.
+/// Reads the record of a recording from a folder, if a readable one exists. A record of a later version is an error.
 fn record_of(folder: &Path, stem: &str) -> Result<Option<RecordingFiles>, RecordingError> {
     let path = folder.join(format!("{stem}.json"));
     record_at(&path, SCHEMA).map_err(|source| RecordingError::Newer { path, source })
 }
 
-/// What became of a file since it was written.
+/// State of a file since it was written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Since {
     Unchanged,
@@ -116,16 +116,15 @@ impl RecordingFiles {
         is_inside(name) && Path::new(name).extension().is_some_and(|e| e == "png")
     }
 
-    /// Whether a file holds the marks of a sequence, which a person may correct.
+    /// Whether a file holds the marks of a sequence. Users may correct such files.
     fn is_marks(&self, name: &str) -> bool {
         self.segments.iter().any(|segment| name.strip_suffix(".csv") == Some(&segment.name))
     }
 
-    /// Whether it can be used again: pictures are there where they are wanted, and all files are as they were written but for marks that
-    /// somebody corrected.
+    /// Whether the record can be reused: wanted pictures exist, and all files are unchanged except corrected marks.
     fn is_whole(&self, folder: &Path, pictures: bool) -> bool {
         let lacks_pictures = pictures && !self.segments.is_empty() && !self.files.keys().any(|name| Self::is_picture(name));
-        // Pictures can only be made with everything else: corrected marks are worth more.
+        // Pictures cannot be made without replacing the marks, and corrected marks are more valuable.
         let marks = self.files.iter().filter(|(name, _)| self.is_marks(name));
         let is_corrected = marks.clone().any(|(name, hash)| since(folder, name, hash) == Since::Edited);
         let stands = |(name, hash): (&String, &String)| match since(folder, name, hash) {
@@ -137,11 +136,11 @@ impl RecordingFiles {
     }
 }
 
-/// [`RecordingFiles`] of an earlier time that were made from the same, with all their files as they were written, but for marks that
-/// somebody corrected: these stay. Where no `pictures` are to be shown (any more), those that are there are taken away.
+/// Returns the earlier [`RecordingFiles`] if they have the same inputs and all files are unchanged, except marks that the user corrected,
+/// which stay. Without `pictures`, existing pictures are removed.
 ///
 /// # Errors
-/// [`RecordingError`] when the recording does not read, or a picture cannot be taken away.
+/// [`RecordingError`] when the recording cannot be read or a picture cannot be removed.
 pub fn reuse_recording(
     folder: &Path,
     recording: &Recording,
@@ -157,8 +156,7 @@ pub fn reuse_recording(
     if pictures { Ok(Some(files)) } else { withdraw_pictures(folder, &recording.stem, files).map(Some) }
 }
 
-/// Removes the pictures of a recording whose person may not be shown any more, as far as they are as they were written, from the folder and
-/// from its record.
+/// Removes the unchanged pictures of a recording from the folder and from its record, when its person may no longer be shown.
 fn withdraw_pictures(folder: &Path, stem: &str, mut files: RecordingFiles) -> Result<RecordingFiles, RecordingError> {
     let pictures: Vec<String> = files.files.keys().filter(|name| RecordingFiles::is_picture(name)).cloned().collect();
     if pictures.is_empty() {
@@ -176,8 +174,7 @@ fn withdraw_pictures(folder: &Path, stem: &str, mut files: RecordingFiles) -> Re
     Ok(files)
 }
 
-/// Makes room for a recording that is cut anew: what was written before is removed, and marks that somebody corrected get another name. What
-/// is to be said of these.
+/// Prepares a new segmentation: removes earlier files, and renames corrected marks. Returns messages about these.
 fn make_room(folder: &Path, stem: &str) -> Result<Vec<String>, RecordingError> {
     let mut notes = Vec::new();
     let Some(old) = record_of(folder, stem)? else { return Ok(notes) };
@@ -198,7 +195,7 @@ fn make_room(folder: &Path, stem: &str) -> Result<Vec<String>, RecordingError> {
             Since::Edited | Since::Gone => {}
         }
     }
-    // What is written now, and not to its end, is nobody's correction.
+    // An incomplete file of this run must not count as a user's correction later.
     let record = folder.join(format!("{stem}.json"));
     std::fs::remove_file(&record).map_err(OutputError::at(&record))?;
     Ok(notes)
@@ -207,7 +204,7 @@ fn make_room(folder: &Path, stem: &str) -> Result<Vec<String>, RecordingError> {
 /// BLAKE3 of everything that the segments of a recording depend on.
 ///
 /// # Errors
-/// [`RecordingError`] when the recording does not read.
+/// [`RecordingError`] when the recording cannot be read.
 pub fn recording_inputs_blake3(
     recording: &Recording,
     options: &SegmentOptions,
@@ -217,11 +214,11 @@ pub fn recording_inputs_blake3(
     Ok(inputs_of(recording, &content, options, bench))
 }
 
-/// Writes what was found in a recording into a folder: `STEM_frames.csv`, `STEM-01.csv` (marks) and `STEM-01.png` of every segment, and
-/// `STEM.json`, the last. Without `pictures` no face is written.
+/// Writes a segmented recording into a folder: `STEM_frames.csv`, then `STEM-01.csv` (marks) and `STEM-01.png` of every segment, and
+/// `STEM.json` last. Without `pictures`, no face is written.
 ///
 /// # Errors
-/// [`RecordingError`] when a file cannot be written or the recording does not read again.
+/// [`RecordingError`] when a file cannot be written or the recording cannot be read again.
 pub fn write_recording(
     folder: &Path,
     (recording, found): (&Recording, &SegmentedRecording),
@@ -329,7 +326,7 @@ fn frames_table(found: &SegmentedRecording) -> (Vec<String>, Vec<Vec<String>>) {
     (header.collect(), found.frames.iter().map(row).collect())
 }
 
-/// The neutral and the apex frame of every segment with the wireframe on them, beside each other.
+/// Pictures of every segment: neutral and apex frame side by side, with the wireframe.
 fn segment_pictures(
     recording: &Recording,
     found: &SegmentedRecording,
@@ -365,18 +362,18 @@ fn segment_pictures(
 /// A row of a table of segments.
 #[derive(Clone, Debug)]
 pub struct SegmentRow<'a> {
-    /// What the table says of its recording, but for what a person wrote of the segment.
+    /// Columns of its recording. The user's own entries for the segment follow in `more`.
     pub of: ManifestColumns,
-    /// Fields of the columns that a person added.
+    /// Fields of the columns that the user added.
     pub more: Vec<String>,
-    /// Frames per second; `None` where frames are not even, and their times stand in the video.
+    /// Frames per second; `None` if frame intervals vary and the times are in the video.
     pub fps: Option<f64>,
     /// The segment.
     pub segment: &'a Segment,
 }
 
-/// Writes a table of segments: a manifest with a confidence, and the columns `more` behind it. `folder` holds the marks, as the table names
-/// it.
+/// Writes a table of segments: a manifest with a confidence, followed by the columns `more`. `folder` holds the marks, as named in the
+/// table.
 ///
 /// # Errors
 /// [`OutputError`] when it cannot be written.
@@ -428,11 +425,11 @@ mod tests {
         let said = make_room(folder.path(), "talk").unwrap_err().to_string();
         assert!(said.contains("talk.json: schema version 9; this program reads 2"), "{said}");
         assert!(at("talk.json").is_file() && at("talk-01.csv").is_file());
-        // One of this version makes room.
+        // A record of the present version is replaced.
         output::write_json(&at("talk.json"), &record(SCHEMA)).unwrap();
         assert!(make_room(folder.path(), "talk").is_ok_and(|notes| notes.is_empty()));
         assert!(!at("talk.json").exists() && !at("talk-01.csv").exists());
-        // One that does not read is of nothing that is finished.
+        // An unreadable record means that nothing was completed.
         std::fs::write(at("talk.json"), "{\"schema_version\": 2,").unwrap();
         assert!(make_room(folder.path(), "talk").is_ok_and(|notes| notes.is_empty()));
         assert!(make_room(folder.path(), "walk").is_ok());

@@ -1,4 +1,4 @@
-//! A film over a whole recording: the wireframe, the head's axes, the strongest action units, phase and activity.
+//! Makes a film of a whole recording with the wireframe, the head's axes, the strongest action units, phase and activity.
 
 use std::{collections::HashMap, path::Path};
 
@@ -14,11 +14,11 @@ use crate::{
     sequence::{ColourReader, write_video},
 };
 
-/// Height of the band under the picture, px.
+/// Height of the band below the picture, px.
 const BAND: u32 = 112;
-/// Action units that are shown.
+/// Number of action units shown.
 const UNITS: usize = 6;
-/// Seconds that the course of the activity reaches back.
+/// Length of the activity curve in seconds.
 const COURSE: f64 = 6.0;
 /// Width of the text at the left of the band, px.
 const TEXT: u32 = 200;
@@ -26,7 +26,7 @@ const PAPER: Rgb<u8> = Rgb([250, 250, 248]);
 const BAR: Rgb<u8> = Rgb([0, 114, 178]);
 const EMPTY: Rgb<u8> = Rgb([226, 226, 222]);
 
-/// Colours of the phases in the course, those of Okabe and Ito.
+/// Colours of the phases in the curve, from the palette of Okabe and Ito.
 fn colour(phase: Phase) -> Rgb<u8> {
     Rgb(match phase {
         Phase::Rest => [0, 158, 115],
@@ -37,10 +37,10 @@ fn colour(phase: Phase) -> Rgb<u8> {
     })
 }
 
-/// Writes a film, MP4 or `WebM` by the extension of the path, of a recording that was cut.
+/// Writes a film of a segmented recording, MP4 or `WebM` by the extension of the path.
 ///
 /// # Errors
-/// [`RecordingError`] when the recording does not read, or there is no encoder for the format.
+/// [`RecordingError`] when the recording cannot be read, or no encoder for the format is available.
 pub fn write_recording_film(
     path: &Path,
     (recording, found): (&Recording, &SegmentedRecording),
@@ -90,7 +90,7 @@ fn film_frame(picture: &RgbImage, number: u32, place: Option<usize>, found: &Seg
             units(&mut film, top, frame);
         }
         Some(reason) => {
-            // The reason in lines of the text's width.
+            // The reason, broken into lines of the text's width.
             let letters: Vec<char> = reason.chars().collect();
             for (k, part) in letters.chunks((TEXT / 8) as usize).take(6).enumerate() {
                 line(&mut film, 2 + k as u32, &part.iter().collect::<String>());
@@ -101,7 +101,7 @@ fn film_frame(picture: &RgbImage, number: u32, place: Option<usize>, found: &Seg
     film
 }
 
-/// Fills a rectangle, as far as it lies in the picture.
+/// Fills the part of a rectangle that lies in the picture.
 fn fill(film: &mut RgbImage, (x, y): (u32, u32), (width, height): (u32, u32), with: Rgb<u8>) {
     for py in y..(y + height).min(film.height()) {
         for px in x..(x + width).min(film.width()) {
@@ -110,7 +110,7 @@ fn fill(film: &mut RgbImage, (x, y): (u32, u32), (width, height): (u32, u32), wi
     }
 }
 
-/// The strongest action units as bars.
+/// Draws the strongest action units as bars.
 fn units(film: &mut RgbImage, top: u32, frame: &RecordingFrame) {
     let mut order: Vec<usize> = (0..ACTION_UNITS.len()).collect();
     order.sort_by(|&a, &b| frame.measured.units[b].total_cmp(&frame.measured.units[a]).then(a.cmp(&b)));
@@ -126,7 +126,7 @@ fn units(film: &mut RgbImage, top: u32, frame: &RecordingFrame) {
     }
 }
 
-/// The activity of the last seconds, in the colours of the phases.
+/// Draws the activity of the last seconds in the colours of the phases.
 fn course(film: &mut RgbImage, top: u32, place: usize, found: &SegmentedRecording) {
     let left = TEXT + 10 + 80 + 60 + 16;
     let Some(width) = film.width().checked_sub(left + 8).filter(|w| *w > 20) else { return };

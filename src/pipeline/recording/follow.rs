@@ -1,4 +1,4 @@
-//! One stretch of a recording, tracked from its most usual face to both ends.
+//! Tracks one stretch of a recording from its most typical face to both ends.
 
 use nalgebra::Point2;
 
@@ -16,14 +16,14 @@ use crate::{
     track::{FrameTracker, NodeState, TrackError, TrackedFrame, TrackedNode, eye_distance_px, window_px},
 };
 
-/// Median distance between tracked and found points, over the eye distance, beyond which the face is lost.
+/// Median distance of tracked from detected points, in eye distances, above which the face is lost.
 const ASTRAY: f64 = 0.2;
-/// Share of the nodes lost in a frame in which no face is found either, from which the face is lost.
+/// Share of lost nodes from which the face is lost in a frame without a detected face.
 const GONE: f64 = 0.35;
-/// Expected error of a tracked and of a recovered node, over the eye distance.
+/// Expected errors of a tracked and of a recovered node, in eye distances.
 const EXPECTED: [f64; 2] = [0.01, 0.05];
 
-/// Nodes of one frame in little memory.
+/// Compact storage for the nodes of one frame.
 #[derive(Clone, Debug)]
 pub(super) struct CompactFrame {
     pub number: u32,
@@ -41,7 +41,7 @@ impl CompactFrame {
         self.nodes.get(node).map(|([x, y], _)| Point2::new(f64::from(*x), f64::from(*y)))
     }
 
-    /// As the tracker gave it, but for residuals; `eye_distance` in px.
+    /// The frame in the tracker's format, without residuals. `eye_distance` in px.
     pub fn expanded(&self, eye_distance: f64) -> TrackedFrame {
         let node = |&([x, y], state): &([f32; 2], NodeState)| {
             let share = EXPECTED[usize::from(matches!(state, NodeState::Recovered(_)))];
@@ -52,23 +52,23 @@ impl CompactFrame {
     }
 }
 
-/// A stretch as it was tracked.
+/// Result of tracking a stretch.
 pub(super) struct Followed {
-    /// Its frames, ascending, without gaps.
+    /// Its frames in ascending order, without gaps.
     pub frames: Vec<CompactFrame>,
-    /// Place of the first of them among all frames of the recording.
+    /// Index of its first frame among all frames of the recording.
     pub first: usize,
-    /// Place of the frame that was fitted, among these.
+    /// Index of the fitted frame among `frames`.
     pub fitted: usize,
     /// The marks of that frame.
     pub marks: Vec<Correspondence>,
     /// Eye distance in it, px.
     pub eye_distance: f64,
-    /// What is left of the stretch before and behind, where the face was lost, and why.
+    /// Untracked rest of the stretch on either side, where the face was lost, with the reason.
     pub left: Vec<(Stretch, String)>,
 }
 
-/// Where a stretch is tracked from.
+/// Where tracking of a stretch starts.
 pub(super) struct Start<'a> {
     pub place: usize,
     pub marks: &'a [Correspondence],
@@ -129,12 +129,12 @@ pub(super) fn follow(
             }
             if let Some(reason) = astray(survey, place, &tracked, eye_distance, bench) {
                 if place == start.place {
-                    // Nothing can be tracked from there, and looking again would not end.
+                    // Tracking cannot continue from there, and searching again would not terminate.
                     let where_it_is = reason.split_once(": ").map_or(reason.as_str(), |(_, reason)| reason);
                     let reason = format!("the marks are not on the face: {where_it_is}; check them with `grimace annotate`");
                     return Err(RecordingError::Marks { frame: frame.number(), reason });
                 }
-                // Since the last look it may have been astray already.
+                // The tracker may have lost the face at any time since the previous check.
                 let step = survey.looks.iter().map(|look| look.place.abs_diff(place)).filter(|&d| d > 0).min().unwrap_or(1);
                 out.truncate(out.len().saturating_sub(step - 1).max(1));
                 return Ok((out, Some(lost(&reason))));
@@ -150,7 +150,7 @@ pub(super) fn follow(
     let (from, to) = stretch.reach;
     let (ahead, lost_ahead) = one_way(to)?;
     let (mut frames, lost_behind) = if start.place > from { one_way(from)? } else { (Vec::new(), None) };
-    // The fitted frame is the first of both.
+    // Both lists begin with the fitted frame.
     let behind = frames.len().saturating_sub(1);
     frames.drain(..frames.len().min(1));
     frames.reverse();
@@ -164,12 +164,12 @@ pub(super) fn follow(
     Ok(Followed { frames, first, fitted: behind, marks: start.marks.to_vec(), eye_distance, left })
 }
 
-/// That a face was lost, and why.
+/// Message that a face was lost, with the reason.
 fn lost(why: &impl std::fmt::Display) -> String {
     format!("the face was lost: {why}")
 }
 
-/// Whether a face is found where it was tracked to.
+/// Whether a face is detected at the tracked position.
 fn is_found(frame: &Frame, tracked: &TrackedFrame, eye_distance: f64) -> Result<bool, RecordingError> {
     let faces = found_faces(frame, None)?;
     Ok(faces.iter().filter_map(|face| apart(tracked, &face.marks)).any(|apart| apart <= ASTRAY * eye_distance))
@@ -182,7 +182,7 @@ fn apart(tracked: &TrackedFrame, marks: &[Correspondence]) -> Option<f64> {
     crate::robust::median(&mut distances)
 }
 
-/// Why the tracked nodes are not on the face any more, where a look at their frame says so.
+/// The reason why the tracked nodes are no longer on the face, if the survey looked at their frame and shows it.
 fn astray(survey: &Survey, place: usize, tracked: &TrackedFrame, eye_distance: f64, bench: &Workbench) -> Option<String> {
     let look = survey.looks.binary_search_by_key(&place, |look| look.place).ok().map(|k| &survey.looks[k])?;
     let Some(FoundFace { marks, trusted: true, .. }) = &look.face else {
@@ -197,7 +197,7 @@ fn astray(survey: &Survey, place: usize, tracked: &TrackedFrame, eye_distance: f
 
 type Frames = Box<dyn Iterator<Item = Result<Frame, SequenceError>>>;
 
-/// The frames from one number to another, back in time where the second is the smaller one.
+/// The frames from one number to another, in reverse order if the second is smaller.
 fn frames_between(whole: &FrameSource, from: u32, to: u32) -> Result<Frames, RecordingError> {
     let source = match whole {
         FrameSource::Images(files) => {

@@ -1,4 +1,4 @@
-//! What a person wrote into an earlier table of segments, for the table that replaces it.
+//! Transfers what a user wrote into a table of segments to the table that replaces it.
 
 use std::path::Path;
 
@@ -13,25 +13,25 @@ use crate::{
     text::composed,
 };
 
-/// The table of what was proposed, in the folder beside a table of segments. No file of a recording has this name: they are called after the
-/// recording, with a number or `_frames` behind it.
+/// The list of proposed sequences, in the folder beside a table of segments. It cannot collide with a recording's files: their names
+/// continue with a number or `_frames`.
 const PROPOSED: &str = "proposed.csv";
 const PROPOSED_COLUMNS: [&str; 4] = ["sequence", "frames", "first_frame", "last_frame"];
 
-/// The label of sequences that nobody has labelled.
+/// Label of unlabelled sequences.
 pub const UNLABELLED: &str = "unlabelled";
 
 /// A table of segments that is going to be replaced.
 #[derive(Clone, Debug, Default)]
 pub struct EarlierSegments {
-    /// Columns that a person added.
+    /// Columns that the user added.
     columns: Vec<String>,
     rows: Vec<EarlierRow>,
-    /// What was proposed for it, deleted rows, too.
+    /// Sequences proposed for it, including deleted rows.
     proposed: Vec<Proposal>,
 }
 
-/// A sequence that was proposed.
+/// A proposed sequence.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Proposal {
     sequence: String,
@@ -40,8 +40,8 @@ struct Proposal {
     numbers: [u32; 2],
 }
 
-/// Whether two sequences are the same stretch of a recording: the frames in common are more than half of the longer one. Neighbours that share
-/// frames are not, and neither is a part of what was cut otherwise.
+/// Whether two sequences are the same stretch of a recording: the common frames are more than half of the longer one. Adjacent sequences
+/// that share frames are not the same, nor is a part of a sequence that was segmented differently.
 fn is_same_stretch(a: [u32; 2], b: [u32; 2]) -> bool {
     let ends = |[first, last]: [u32; 2]| (u64::from(first.min(last)), u64::from(first.max(last)));
     let ((a_first, a_last), (b_first, b_last)) = (ends(a), ends(b));
@@ -49,7 +49,8 @@ fn is_same_stretch(a: [u32; 2], b: [u32; 2]) -> bool {
     2 * common > (a_last - a_first).max(b_last - b_first) + 1
 }
 
-/// Pairs each of `count` things with one of `others`, one to one: by the first of the rules as many as possible, of the rest by the next.
+/// Pairs `count` items one to one with `others`. The first rule makes as many pairs as possible, the next pairs the remaining items, and so
+/// on.
 fn paired(count: usize, others: usize, rules: &[&dyn Fn(usize, usize) -> bool]) -> Vec<Option<usize>> {
     let (mut of, mut is_taken) = (vec![None; count], vec![false; others]);
     for rule in rules {
@@ -75,7 +76,7 @@ impl Proposal {
     }
 }
 
-/// What was proposed for a table; nothing where that is not known.
+/// The sequences proposed for a table; empty if unknown.
 fn read_proposed(table: &Path) -> Result<Vec<Proposal>, InputError> {
     let path = segments_folder(table).join(PROPOSED);
     if !path.is_file() {
@@ -106,7 +107,7 @@ impl EarlierRow {
         self.frames == proposal.frames
     }
 
-    /// Whether it is this very sequence, whatever it is called.
+    /// Whether it is exactly this sequence, whatever its name.
     fn is_exactly(&self, proposal: &Proposal) -> bool {
         self.is_of(proposal) && self.numbers == proposal.numbers.map(Some)
     }
@@ -117,23 +118,23 @@ impl EarlierRow {
         self.is_of(proposal) && is_same_stretch([neutral, apex], proposal.numbers)
     }
 
-    /// Name, label and frames.
+    /// Text with name, label and frames.
     fn said(&self) -> String {
         let [first, last] = self.numbers.map(|number| number.map_or_else(|| "?".to_owned(), |number| number.to_string()));
         format!("{} ({}, frames {first} to {last})", self.sequence, self.emotion)
     }
 }
 
-/// A path as a table names it, however it is written.
+/// Normalized form of a path in a table.
 fn place(frames: &str) -> String {
     composed(frames).trim_start_matches("./").trim_end_matches('/').to_owned()
 }
 
 impl EarlierSegments {
-    /// Reads a table that is there; nothing where there is none, or a file of another kind.
+    /// Reads an existing table. Returns an empty one if there is none or the file is of another kind.
     ///
     /// # Errors
-    /// [`InputError`] for a table of segments with a row that does not read, or such a list of what was proposed for it.
+    /// [`InputError`] for a table of segments, or its list of proposed sequences, with an unreadable row.
     pub fn read(path: &Path) -> Result<Self, InputError> {
         let Ok(csv) = CsvFile::open(path).and_then(|csv| csv.or_semicolons(&SEGMENT_COLUMNS)) else { return Ok(Self::default()) };
         let Ok([subject, sequence, emotion, frames, first, last]) =
@@ -160,18 +161,18 @@ impl EarlierSegments {
         Ok(Self { columns, rows, proposed: read_proposed(path)? })
     }
 
-    /// Columns that a person added: those of [`SegmentRow::more`].
+    /// Columns that the user added, as in [`SegmentRow::more`].
     pub fn columns(&self) -> &[String] {
         &self.columns
     }
 
-    /// Takes over what stands in the earlier table of the same frames of the same recording: labels where none is given for all now, subjects
-    /// likewise, and the fields of columns that were added. Rows that a person deleted there are taken out. What is to be said of it, and what
-    /// the table that replaces it was proposed.
+    /// Transfers entries of the earlier table to rows with the same frames of the same recording: labels and subjects unless `is_given` for
+    /// all, and the fields of added columns. It removes rows that the user had deleted. Returns messages, and the list of proposed
+    /// sequences for the new table.
     pub fn keep_in(self, rows: &mut Vec<SegmentRow<'_>>, is_given: GivenForAll) -> (Vec<String>, Proposed) {
         let (mut labels, mut other, mut moved) = (0, Vec::new(), Vec::new());
         let (earlier, old) = (&self.rows, &self.proposed);
-        // The row of what was proposed, whatever a person changed in it: what has none was deleted.
+        // Row of each proposed sequence, whatever the user changed in it. A proposal without a row was deleted.
         let row_of = paired(
             old.len(),
             earlier.len(),
@@ -261,18 +262,18 @@ impl EarlierSegments {
     }
 }
 
-/// All that was proposed for a table of segments.
+/// All sequences proposed for a table of segments.
 #[derive(Clone, Debug)]
 pub struct Proposed {
-    /// What has a row in it.
+    /// Proposals with a row in the table.
     rows: Vec<Proposal>,
-    /// What a person deleted.
+    /// Proposals that the user deleted.
     deleted: Vec<Proposal>,
 }
 
 impl Proposed {
-    /// Writes the table with `write_table`, and what was proposed into the folder beside it, so that a deleted row can be told from one that is new.
-    /// Only what was deleted stands there before the table does: whatever ends the program between, nothing else is taken for deleted.
+    /// Writes the table with `write_table`, and the proposals into the folder beside it, so that deleted rows can be distinguished from new
+    /// ones. Before the table only deleted proposals are written, so that an interruption never makes other sequences count as deleted.
     ///
     /// # Errors
     /// [`OutputError`] when one of them cannot be written.
@@ -284,17 +285,17 @@ impl Proposed {
         };
         write_records(&path, PROPOSED_COLUMNS, self.deleted.iter().map(row))?;
         write_table()?;
-        // Those of the rows first: of two of one name the row is theirs.
+        // Proposals with rows come first: when two have the same name, the row belongs to the first.
         write_records(&path, PROPOSED_COLUMNS, self.rows.iter().chain(&self.deleted).map(row)).map(|_| ())
     }
 }
 
-/// What is given for all sequences now, and so counts more than what an earlier table says.
+/// Fields given for all sequences on the command line, which override an earlier table.
 #[derive(Clone, Copy, Debug)]
 pub struct GivenForAll {
     /// The label.
     pub emotion: bool,
-    /// Who is seen.
+    /// The subject.
     pub subject: bool,
 }
 
@@ -316,7 +317,7 @@ mod tests {
         [[10, 30], [50, 70], [90, 70], [120, 140]].into_iter().enumerate().map(segment).collect()
     }
 
-    /// What `segment` does with what it finds: the names that the table has afterwards, and what is said.
+    /// Performs the steps of `segment` after segmentation. Returns the names in the new table, and the messages.
     fn again(table: &Path, segments: &[Segment]) -> (Vec<String>, Vec<String>) {
         let of = ManifestColumns { subject: "P1".to_owned(), emotion: UNLABELLED.to_owned(), frames: "talk".to_owned() };
         let row = |segment| SegmentRow { of: of.clone(), more: Vec::new(), fps: Some(25.0), segment };
@@ -351,19 +352,19 @@ mod tests {
             assert!(said[0].starts_with("left out, because their rows were deleted"), "{said:?}");
             assert!(said[0].contains(": talk-03 (frames 90 to 70);"), "{said:?}");
         }
-        // Cut with other options nothing is found, and a little later something nearby: it is the same.
+        // Other options find no segments, later a slightly shifted one: it counts as the same.
         assert!(again(&table, &[]).0.is_empty());
         let mut moved = segments.clone();
         moved[2].neutral_frame += 2;
         assert_eq!(again(&table, &moved).0, ["talk-01", "talk-02", "talk-04"]);
-        // What was not proposed is new, and without the table everything is.
+        // A sequence that was not proposed is new. Without the list all are.
         moved.push(Segment { name: "talk-05".to_owned(), neutral_frame: 200, apex_frame: 220, ..segments[0].clone() });
         assert_eq!(again(&table, &moved).0, ["talk-01", "talk-02", "talk-04", "talk-05"]);
         std::fs::remove_file(&table).unwrap();
         assert_eq!(again(&table, &segments).0.len(), 4);
     }
 
-    /// A table of what is found, and the folder that it is in.
+    /// A table of the found segments, and its folder.
     fn table_of(segments: &[Segment]) -> (tempfile::TempDir, std::path::PathBuf) {
         let folder = tempfile::tempdir().unwrap();
         let table = folder.path().join("segments.csv");
@@ -383,7 +384,7 @@ mod tests {
         split.truncate(2);
         (split[1].neutral_frame, split[1].apex_frame) = (40, 60);
         assert_eq!(again(&table, &split).0, ["talk-01", "talk-02"]);
-        // Cut as before it is still deleted, though others of its name and stretch were proposed since.
+        // With the first segmentation it is still deleted, although others of its name and stretch were proposed in between.
         let (names, said) = again(&table, &merged);
         assert!(names.is_empty() && said[0].contains("talk-01 (frames 10 to 100)"), "{said:?}");
     }
@@ -399,7 +400,7 @@ mod tests {
         for segments in [&segments, &near] {
             assert_eq!(again(&table, segments).0, ["talk-01", "talk-02", "talk-04"]);
         }
-        // The rows behind it may be numbered anew.
+        // The rows after it may be renumbered.
         let (_folder, table) = table_of(&segments);
         edit(&table, |line| (!line.contains("talk-03")).then(|| line.replace("talk-04", "talk-03")));
         assert_eq!(again(&table, &segments).0, ["talk-01", "talk-02", "talk-04"]);
@@ -425,7 +426,7 @@ mod tests {
         for is_written in [false, true] {
             let (_folder, table) = table_of(&found());
             edit(&table, |line| (!line.contains("talk-03")).then(|| line.to_owned()));
-            // Another cut finds less, and ends before or after the table was written.
+            // Another segmentation finds fewer, and the program ends before or after writing the table.
             let fewer = found()[..1].to_vec();
             let of = ManifestColumns { subject: "P1".to_owned(), emotion: UNLABELLED.to_owned(), frames: "talk".to_owned() };
             let mut rows = vec![SegmentRow { of, more: Vec::new(), fps: Some(25.0), segment: &fewer[0] }];

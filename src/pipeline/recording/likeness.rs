@@ -1,10 +1,13 @@
-//! Whether the faces of two frames that follow each other are one person's.
+//! Decides whether the faces in two consecutive frames belong to the same person.
 //!
-//! A cut between two people before the same wall changes little of the picture, and a tracker walks from one face to the other: it loses two
-//! thirds of its nodes in that step, and none in the next. Blinks and hands lose a third; so where many are lost, the skin around eyes and nose
-//! is compared. Both faces are read at the same places by the marks that are found in each, light and contrast taken out, and
-//! correlated. One face with noise and marks that tremble by 2 % of the eye distance is like itself by 0.99; of two real people that is 0.86
-//! and less in 99 of 100 pairs. At rest and at the apex one person is like himself by 0.77 to 0.99, but no face goes that way in one step.
+//! A cut between two people before the same background changes the picture little, and the tracker moves from one face to the other: it
+//! loses two thirds of its nodes in that step, and none in the next. Blinks and hands lose up to a third. Where many nodes are lost, the
+//! skin around eyes and nose is therefore compared. Both faces are sampled at corresponding points by the marks found in each, light and
+//! contrast are removed, and the samples are correlated.
+//!
+//! One face with noise, and marks that vary by 2 % of the eye distance, has a correlation of 0.99 with itself. For real pairs of different
+//! people it is at most 0.86 in 99 of 100 pairs. Between rest and apex one person has 0.77 to 0.99, but no face changes that much in one
+//! step.
 
 use nalgebra::Point2;
 
@@ -21,29 +24,29 @@ use crate::{
     units::NodeId,
 };
 
-/// Share of the nodes lost in a step from which the face may be another one.
+/// Share of lost nodes in a step from which the face may be another person's.
 const SUSPECT: f64 = 0.4;
-/// Correlation below which two faces are two people's.
+/// Correlation below which two faces belong to different people.
 const SAME: f64 = 0.87;
-/// A face is that of a tracked wireframe whose middle is nearer than this, over the eye distance.
+/// Largest distance of a detected face from the centre of the tracked wireframe, in eye distances.
 const NEAR: f64 = 1.5;
 /// Corners of the eyes.
 const EYES: [u16; 4] = [20, 23, 53, 56];
 /// Samples per eye distance.
 const DENSITY: f64 = 24.0;
-/// What is read, in samples from the middle of the eyes: half the width, above, below; and how far it may be shifted.
+/// Sampled area around the midpoint of the eyes, in samples: half the width, above, below; and the largest shift.
 const HALF_WIDTH: i32 = 23;
 const ABOVE: i32 = 12;
 const BELOW: i32 = 17;
 const SHIFT: i32 = 2;
-/// Radii of what is smoothed, and of what light is taken to be even over, samples.
+/// Radii in samples: of the smoothing, and of the area over which light is assumed even.
 const SMOOTH: i32 = 1;
 const EVEN: i32 = 6;
-/// Contrast, grey levels, that is noise.
+/// Contrast in grey levels below which the signal is noise.
 const NOISE: f32 = 2.0;
 
-/// Whether the step from one tracked frame to the next lost so many nodes, and the face found in the second is so unlike that of the first,
-/// that it is another person's.
+/// Whether another person's face appears in the step from one tracked frame to the next: many nodes are lost, and the detected faces
+/// differ.
 pub(super) fn is_another(
     (before, was): (&Frame, &TrackedFrame),
     (after, is): (&Frame, &TrackedFrame),
@@ -61,7 +64,7 @@ pub(super) fn is_another(
     Ok(likeness((before, &first.marks), (after, &second.marks), bench).is_some_and(|likeness| likeness < SAME))
 }
 
-/// The trusted face that is found nearest to a tracked one.
+/// The trusted face detected nearest to a tracked one.
 fn face_at(frame: &Frame, tracked: &TrackedFrame, eye_distance: f64) -> Result<Option<FoundFace>, FoundMarksError> {
     let apart = |face: &FoundFace| {
         let at = |m: &Correspondence| tracked.nodes.get(m.node.index()).map(|n| n.position - m.position);
@@ -128,7 +131,7 @@ impl Grid {
         (0..Self::HEIGHT).flat_map(|row| (0..Self::WIDTH).map(move |column| (column, row)))
     }
 
-    /// Means of squares of 2 `radius` + 1 samples.
+    /// Means over squares with a side of 2 `radius` + 1 samples.
     fn means(&self, radius: i32) -> Self {
         let count = (2 * radius + 1).pow(2) as f32;
         let around = |(x, y): (i32, i32)| {
@@ -140,7 +143,7 @@ impl Grid {
         Self { values: Self::places().map(|place| around(place) / count).collect() }
     }
 
-    /// What is left without light, over its contrast.
+    /// The samples without light, divided by their contrast.
     fn detail(&self) -> Self {
         let (smooth, light) = (self.means(SMOOTH), self.means(EVEN));
         let detail = Self { values: smooth.values.iter().zip(&light.values).map(|(a, b)| a - b).collect() };
@@ -148,7 +151,7 @@ impl Grid {
         Self { values: detail.values.iter().zip(&squares.values).map(|(v, s)| v / (s.sqrt() + NOISE)).collect() }
     }
 
-    /// Correlation of the middle with another grid, shifted; 0 where one of them is even.
+    /// Correlation of the central part with another grid, shifted; 0 where one of them is constant.
     fn correlation(&self, other: &Self, (dx, dy): (i32, i32)) -> f64 {
         let middle = || {
             Self::places()
@@ -186,7 +189,7 @@ mod tests {
             likeness((&a.0, &a.1), (&b.0, &b.1), &bench).unwrap()
         };
         let (first, others) = (portrait("P10.jpg"), ["P01.jpg", "P03.jpg", "P11.jpg"].map(|name| found(portrait(name))));
-        // Smaller, elsewhere, and in half the light.
+        // Smaller, shifted, and with half the light.
         let mut changed = GrayImage::from_pixel(500, 500, image::Luma([90]));
         let mut dim = imageops::resize(&first, 352, 448, imageops::FilterType::Triangle);
         dim.pixels_mut().for_each(|p| p.0[0] /= 2);
@@ -196,7 +199,7 @@ mod tests {
         for other in &others {
             assert!(like(&first, other) < SAME, "{}", like(&first, other));
         }
-        // A picture without any contrast tells nothing.
+        // A picture without contrast gives no answer.
         let even = (Frame::new(2, GrayImage::from_pixel(440, 560, image::Luma([128]))), first.1.clone());
         assert!(like(&first, &even).abs() < 1e-9);
     }

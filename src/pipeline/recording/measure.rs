@@ -1,4 +1,4 @@
-//! Pose and action units of a stretch, block by block.
+//! Measures pose and action units of a stretch, in blocks of frames.
 
 use nalgebra::Point2;
 
@@ -12,18 +12,18 @@ use crate::{
     units::NodeId,
 };
 
-/// Frames, evenly spread, that the head is learned from.
+/// Number of evenly spread frames that the head is fitted to.
 const HEAD_FRAMES: usize = 40;
 /// Frames that are measured together.
 const BLOCK: usize = 100;
 
-/// What is measured of a stretch, frame by frame.
+/// Measurements of a stretch, by frame.
 pub(super) struct Measured {
     pub frames: Vec<RecordedFrame>,
     pub poses: Vec<Option<HeadPose>>,
 }
 
-/// Where the marks of the fitted frame are in another one: each has moved as its node did.
+/// Positions of the fitted frame's marks in another frame: each moves with its node.
 pub(super) fn marks_in(followed: &Followed, place: usize) -> Vec<Correspondence> {
     let (Some(from), Some(to)) = (followed.frames.get(followed.fitted), followed.frames.get(place)) else { return Vec::new() };
     let moved = |mark: &Correspondence| {
@@ -33,7 +33,7 @@ pub(super) fn marks_in(followed: &Followed, place: usize) -> Vec<Correspondence>
     followed.marks.iter().filter_map(moved).collect()
 }
 
-/// Measures a stretch against the frame at `neutral`.
+/// Measures a stretch relative to the frame with index `neutral`.
 pub(super) fn measure(
     followed: &Followed,
     neutral: usize,

@@ -1,8 +1,8 @@
-//! Whole recordings: looked through, tracked, measured, and cut into sequences from neutral to apex.
+//! Segments whole recordings into sequences from neutral to apex.
 //!
-//! A recording of minutes is read as a stream, several times: a first look finds cuts and faces (`survey`), every stretch with a face is
-//! tracked from its most usual face to both ends (`follow`) and measured (`measure`); [`crate::segment`] finds rests and
-//! expressions; pictures and films are made in a last reading. What is held of a frame is about a kilobyte.
+//! A recording is read as a stream, several times. The first pass finds cuts and faces (`survey`). Every stretch with a face is tracked
+//! from its most typical face to both ends (`follow`) and measured (`measure`). [`crate::segment`] finds rests and expressions. The last
+//! pass makes pictures and films. Memory is about a kilobyte per frame.
 
 mod expand;
 mod files;
@@ -44,63 +44,64 @@ pub use files::{ManifestColumns, RecordingFiles, SegmentRow, reuse_recording, wr
 pub use film::write_recording_film;
 pub use kept::{EarlierSegments, GivenForAll, UNLABELLED};
 
-/// What is being done to a recording.
+/// Stage of the work on a recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RecordingStep {
-    /// Frames are counted, cuts and faces found.
+    /// Counting frames, finding cuts and faces.
     Looking,
-    /// Nodes are tracked.
+    /// Tracking nodes.
     Tracking,
-    /// Pose and action units are measured.
+    /// Measuring pose and action units.
     Measuring,
-    /// Pictures or a film are made.
+    /// Making pictures or a film.
     Drawing,
 }
 
-/// Called with the step, the number of frames done since the last call, and the number of all frames where it is known; `false` stops.
+/// Progress callback with the step, the number of frames done since the last call, and the number of all frames if known. Returning `false`
+/// stops.
 pub type Tick<'a> = &'a (dyn Fn(RecordingStep, usize, Option<usize>) -> bool + Sync);
 
-/// A recording to be cut into sequences.
+/// A recording to be segmented.
 #[derive(Clone, Debug)]
 pub struct Recording {
-    /// What its sequences are named after: STEM-01, STEM-02, ...
+    /// Stem of its sequences' names: STEM-01, STEM-02, ...
     pub stem: String,
     /// All its frames.
     pub frames: FrameSource,
-    /// Frames per second where somebody says so; else those of the video, 25 where nobody does.
+    /// Frames per second, if given; else the video's rate, or 25 if it states none.
     pub fps: Option<f64>,
     /// Number of a neutral frame and the marks set on it by hand.
     pub marks: Option<(u32, Vec<Correspondence>)>,
 }
 
-/// A sequence from neutral to apex that was found.
+/// A sequence from neutral to apex found in a recording.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Segment {
     /// STEM-01 ...
     pub name: String,
-    /// Number of the frame at rest before it, or after it where there is none before.
+    /// Number of the neutral frame: at rest before the expression, or after it if there is no rest before.
     pub neutral_frame: u32,
-    /// Where it leaves the rest.
+    /// Number of the frame in which it leaves the rest.
     pub onset_frame: u32,
-    /// Where it is strongest.
+    /// Number of the frame in which it is strongest.
     pub apex_frame: u32,
-    /// Where it is back at rest.
+    /// Number of the frame in which it is back at rest.
     pub offset_frame: u32,
-    /// How sure it is that this is an expression from rest to apex, 0 to 1.
+    /// Confidence that it is an expression from rest to apex, 0 to 1.
     pub confidence: f64,
     /// Marks of the neutral frame.
     #[serde(skip)]
     pub marks: Vec<Correspondence>,
 }
 
-/// One frame of a recording as it was measured.
+/// Measurements of one frame of a recording.
 #[derive(Clone, Debug)]
 pub struct RecordingFrame {
     /// Pose, action units, openings.
     pub measured: RecordedFrame,
-    /// Which stretch it belongs to, from 1.
+    /// Number of its stretch, from 1.
     pub stretch: usize,
-    /// What it belongs to.
+    /// Phase of the frame.
     pub phase: Phase,
     /// Activity of the face.
     pub activity: f64,
@@ -108,39 +109,39 @@ pub struct RecordingFrame {
     nodes: CompactFrame,
 }
 
-/// A recording that was cut into sequences.
+/// A recording segmented into sequences.
 #[derive(Clone, Debug)]
 pub struct SegmentedRecording {
     /// Its stem.
     pub stem: String,
     /// Frames per second.
     pub fps: f64,
-    /// When its frames are shown.
+    /// Times of its frames.
     pub clock: Clock,
     /// Size of its frames.
     pub size: ImageSize,
     /// Frames in all.
     pub frame_count: usize,
-    /// How many frames each lies behind the first, by its number.
+    /// Distance of each frame from the first in frames, by its number.
     steps: BTreeMap<u32, u32>,
     /// Frames with a tracked face, ascending.
     pub frames: Vec<RecordingFrame>,
-    /// The sequences, in time.
+    /// The sequences in order of time.
     pub segments: Vec<Segment>,
-    /// What a person should know: cuts, lost faces, expressions without a rest.
+    /// Notes to the user: cuts, lost faces, expressions without a rest.
     pub notes: Vec<String>,
     /// BLAKE3 of the names and bytes of its files.
     pub content_blake3: String,
 }
 
 impl SegmentedRecording {
-    /// Seconds from its first frame to the one of a number; `None` where nobody says.
+    /// Seconds from the first frame to the frame with a number; `None` if unknown.
     pub(super) fn seconds(&self, number: u32) -> Option<f64> {
         self.clock.seconds(*self.steps.get(&number)?)
     }
 }
 
-/// Why a recording cannot be cut into sequences.
+/// Why a recording cannot be segmented.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
     /// A frame does not read.
@@ -191,7 +192,7 @@ pub enum RecordingError {
     /// No stretch could be used.
     #[error("found no sequence: {}", reasons.join("; "))]
     Nothing {
-        /// Why, a sentence each.
+        /// Reasons, one sentence each.
         reasons: Vec<String>,
     },
     /// The record of an earlier time is of a later version.
@@ -213,13 +214,13 @@ pub enum RecordingError {
     Interrupted,
 }
 
-/// Activity up to which the frame that was fitted serves as the neutral one.
+/// Largest activity at which the fitted frame serves as the neutral one.
 const AT_REST: f64 = 0.5;
 
 /// Finds the rests and expressions of a recording.
 ///
 /// # Errors
-/// [`RecordingError`] when it does not read, or when none of its stretches can be used; what is wrong with single ones is in the notes.
+/// [`RecordingError`] when it cannot be read, or when no stretch is usable. Problems of single stretches are in the notes.
 pub fn segment_recording(
     recording: &Recording,
     bench: &Workbench,
@@ -273,7 +274,7 @@ pub fn segment_recording(
     Ok(result)
 }
 
-/// Tracks all stretches, and what is left of those in which the face was lost.
+/// Tracks all stretches, and the remaining parts of those in which the face was lost.
 fn tracked_stretches(
     recording: &Recording,
     survey: &Survey,
@@ -324,7 +325,7 @@ fn tracked_stretches(
     Ok(tracked)
 }
 
-/// Measures a stretch, and enters its frames and sequences; whether it could be used.
+/// Measures a stretch and adds its frames and sequences to the result. Returns whether it was usable.
 fn enter(
     result: &mut SegmentedRecording,
     (stretch, followed): (usize, Followed),
@@ -347,7 +348,7 @@ fn enter(
         Err(error) => return Err(error),
     };
     let mut segmentation = segment(&measured.frames, survey.fps, options);
-    // Intensities count from the rest, once it is known where it is.
+    // Intensities are relative to the rest, once it is known.
     let rest = segmentation.as_ref().ok().filter(|s| s.activity[followed.fitted] > AT_REST).map(|s| s.rest);
     if let Some(rest) = rest {
         match measure(&followed, rest, bench, (of, tick)) {
@@ -395,7 +396,7 @@ fn enter(
     Ok(segmentation.is_ok())
 }
 
-/// Where the files of a table of segments stand: beside it, in a folder of its name.
+/// Folder of the files of a table of segments: beside the table, with its name.
 pub fn segments_folder(table: &std::path::Path) -> PathBuf {
     table.with_extension("")
 }

@@ -1,26 +1,26 @@
-//! Which face of a recording is followed where its frames show several.
+//! Chooses the person to follow in a recording whose frames show several faces.
 
 use nalgebra::Point2;
 
 use super::survey::Look;
 use crate::pipeline::FoundFace;
 
-/// A face of the next look belongs to a person whose last face is nearer than this, over the eye distance; heads side by side are about
-/// two apart, and the nearest person is taken first.
+/// Largest distance, in eye distances, between the faces of one person in consecutive looks. Adjacent heads are about two apart; the
+/// nearest person is chosen first.
 const NEAR: f64 = 2.5;
-/// What a change of size by e counts, over the eye distance.
+/// Weight of a change in size by a factor of e, as a distance in eye distances.
 const GROWTH: f64 = 2.0;
 
-/// Somebody who is seen in a scene.
+/// A person seen in a scene.
 struct Person {
     middle: Point2<f64>,
     eye_distance: f64,
-    /// Sum of the eye distances of all looks: who is large, and long there.
+    /// Sum of the eye distances over all looks; large for people who are large or seen for long.
     weight: f64,
 }
 
 impl Person {
-    /// How far a face is from this person's last one, over the eye distance.
+    /// Distance of a face from this person's last one, in eye distances.
     fn apart(&self, face: &FoundFace) -> f64 {
         let larger = self.eye_distance.max(face.eye_distance).max(1.0);
         let growth = (face.eye_distance.max(1.0) / self.eye_distance.max(1.0)).ln().abs();
@@ -28,11 +28,12 @@ impl Person {
     }
 }
 
-/// The looks of a scene, with all faces that were found in each, the largest first, as looks at the person who is followed.
+/// Chooses a person from the looks of a scene, each with all faces found in it, the largest first. Returns each look with that person's
+/// face.
 ///
-/// Where all looks show one face, that is it, wherever it is. Where one shows several, faces of following looks are one person by their
-/// places and sizes, and the person who is largest on the whole is followed, or the one at `marked` (place of a frame, and a point on
-/// the face); in looks without that person the next one is.
+/// If every look shows at most one face, these faces are the person, wherever they are. Otherwise faces of consecutive looks are assigned
+/// to persons by position and size. The result is the person with the largest sum of sizes, or the one at `marked` (frame index and a point
+/// on the face). Looks without that person return the next person.
 pub(super) fn followed(looks: Vec<(usize, Vec<FoundFace>)>, marked: Option<(usize, Point2<f64>)>) -> Vec<Look> {
     if looks.iter().all(|(_, faces)| faces.first().is_none_or(|face| face.others == 0)) {
         let first = |(place, faces): (usize, Vec<FoundFace>)| Look { place, face: faces.into_iter().next(), person: 0 };
@@ -54,7 +55,7 @@ pub(super) fn followed(looks: Vec<(usize, Vec<FoundFace>)>, marked: Option<(usiz
     let mut before = order.first().copied().unwrap_or_default();
     let mut chosen: Vec<(usize, Option<usize>)> = Vec::with_capacity(looks.len());
     for k in 0..looks.len() {
-        // Who is missed once between two looks is there.
+        // A person who is missed in a single look counts as present.
         let is_there = |person: usize, k: usize| face_of(person, k).is_some();
         let is_missed = |person: usize| k > 0 && is_there(person, k - 1) && is_there(person, k + 1);
         let person = order.iter().copied().find(|&person| is_there(person, k) || is_missed(person));
@@ -69,7 +70,7 @@ pub(super) fn followed(looks: Vec<(usize, Vec<FoundFace>)>, marked: Option<(usiz
     looks.into_iter().zip(chosen).map(look).collect()
 }
 
-/// The persons of a scene, and who the faces of each look are: (person, face).
+/// Assigns the faces of each look to persons. Returns the persons of a scene, and (person, face) pairs for each look.
 fn persons(looks: &[(usize, Vec<FoundFace>)]) -> (Vec<Person>, Vec<Vec<(usize, usize)>>) {
     let (mut persons, mut seen): (Vec<Person>, Vec<Vec<(usize, usize)>>) = (Vec::new(), Vec::new());
     for (_, faces) in looks {
@@ -113,7 +114,7 @@ mod tests {
         looks.iter().map(|look| look.face.as_ref().map(|face| face.middle().x)).collect()
     }
 
-    /// Two persons whose sizes are found now larger, now smaller than the other's; the left one is a little larger on the whole.
+    /// Two persons, each of whom is detected as the larger one at times; the left one has the larger sum.
     fn two(looks: usize) -> Vec<(usize, Vec<FoundFace>)> {
         let pair = |k: usize| {
             let (left, right) = (face(100.0 + k as f64, 62.0, 1), face(400.0, if k.is_multiple_of(3) { 64.0 } else { 59.0 }, 1));

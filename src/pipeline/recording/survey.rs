@@ -1,4 +1,6 @@
-//! A first look at a recording: its frames counted, its cuts found, and a face looked for several times a second.
+//! The first pass over a recording: counts frames, finds cuts, and detects faces several times a second.
+//!
+//! A *look* is a frame in which faces are detected.
 
 use image::{GrayImage, imageops::FilterType};
 use nalgebra::Point2;
@@ -23,85 +25,85 @@ use crate::{
 
 /// Seconds between two looks for a face.
 const BETWEEN_LOOKS: f64 = 0.4;
-/// Times in files are whole milliseconds, s.
+/// Tolerance for times, which files store in whole milliseconds, s.
 const TIME_STEP: f64 = 0.002;
-/// Frames that are looked at together.
+/// Number of looks processed in parallel.
 const TOGETHER: usize = 8;
-/// Size of the small pictures that show a cut.
+/// Size in px of the reduced pictures that are compared to find cuts.
 const SMALL: (u32, u32) = (32, 24);
-/// Mean grey difference of two small pictures, brightness left out, from which there may be a cut.
+/// Mean grey difference of two reduced pictures, without brightness, from which there may be a cut.
 const CUT: f32 = 14.0;
-/// A cut differs by so many times what frames differed by before.
+/// Ratio to the previous differences between frames that a cut must exceed.
 const CUT_FACTOR: f32 = 4.0;
-/// Frame rate of folders of images that tell none.
+/// Frame rate of folders of images without a given rate.
 pub(super) const USUAL_FPS: f64 = 25.0;
-/// Nodes that expressions move, by which the most usual face of a stretch is found.
+/// Nodes that expressions move; they determine the most typical face of a stretch.
 const MOVED: [u16; 15] = [31, 64, 7, 8, 10, 15, 16, 17, 48, 49, 50, 87, 40, 85, 86];
-/// Distance within which two faces are alike: the norm of differences of these nodes over the eye distance.
+/// Distance within which two faces are alike: the norm of the differences of these nodes, in eye distances.
 const ALIKE: f32 = 0.08;
 
-/// A look for a face.
+/// A frame in which faces were detected.
 pub(super) struct Look {
-    /// Place of the frame among all.
+    /// Index of the frame among all frames.
     pub place: usize,
-    /// The face that is followed, where there is one.
+    /// The followed face, if it was detected.
     pub face: Option<FoundFace>,
-    /// Whose it is, among the people of its scene.
+    /// Index of its person in the scene.
     pub person: usize,
 }
 
-/// What a recording consists of.
+/// Contents of a recording.
 pub(super) struct Survey {
     /// Frame numbers, ascending.
     pub numbers: Vec<u32>,
     pub size: ImageSize,
     pub fps: f64,
-    /// When frames are shown; without times where no video tells any.
+    /// Times of the frames; empty if no video states them.
     pub clock: Clock,
-    /// What is to be said of the video.
+    /// Notes on the video.
     pub notes: Vec<String>,
-    /// Places of first frames behind a cut.
+    /// Indices of the first frames after cuts.
     pub cuts: Vec<usize>,
     pub looks: Vec<Look>,
     /// BLAKE3 of the names and bytes of its files.
     pub content: blake3::Hash,
 }
 
-/// A stretch of frames without a cut, with a face throughout.
+/// Consecutive frames without a cut, with a face throughout.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Stretch {
-    /// Place of its first frame.
+    /// Index of its first frame.
     pub first: usize,
-    /// Place of its last frame.
+    /// Index of its last frame.
     pub last: usize,
-    /// Places of the first and the last frame that may belong to it, too: those between a look at the face and one that does not find it.
+    /// Indices of the first and the last frame that may also belong to it: those up to the adjacent looks without the face.
     pub reach: (usize, usize),
 }
 
-/// What is to be said of the frames between stretches.
+/// An event between stretches that is reported to the user.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Turn {
-    /// The first frame behind a cut.
+    /// First frame after a cut.
     Cut(usize),
-    /// A look that finds no face any more.
+    /// First look without a face.
     Gone(usize),
-    /// A look that finds a face again.
+    /// First look with a face again.
     Back(usize),
-    /// A look at another face than before.
+    /// First look with another person's face.
     Other(usize),
 }
 
-/// Shortest stretch that is worth tracking, seconds.
+/// Shortest stretch that is tracked, seconds.
 pub(super) const SHORTEST: f64 = 1.0;
 
-/// What is said of frames that last for less than [`SHORTEST`].
+/// Message about frames that last less than [`SHORTEST`].
 pub(super) fn too_short(named: &str, frames: usize, fps: f64) -> String {
     let (found, least) = (count(frames, "frame", "frames"), (SHORTEST * fps).ceil().max(2.0));
     format!("{named}: too short for a rest and an expression: {found}; at least {least} are needed at {}", per_second(fps))
 }
 
 impl Survey {
-    /// Looks through a recording once.
+    /// Runs the first pass.
     pub fn new(recording: &Recording, tick: Tick<'_>) -> Result<Self, RecordingError> {
         let (source, fps) = (&recording.frames, recording.fps);
         if matches!(source, FrameSource::Images(files) if files.len() == 1) {
@@ -117,7 +119,7 @@ impl Survey {
         let (mut numbers, mut cuts, mut looks, mut size) = (Vec::new(), Vec::new(), Vec::new(), None);
         let mut waiting: Vec<(usize, Frame)> = Vec::new();
         let mut scenes = Scenes::default();
-        // What a video states may be no rate: then frames' own times tell when it is time to look.
+        // A video's stated rate may be wrong; then the times of the frames determine the next look.
         let (longest, mut looked) = (BETWEEN_LOOKS + 0.5 / stated, None);
         while let Some(frame) = reader.next() {
             let frame = frame?;
@@ -162,22 +164,22 @@ impl Survey {
         Ok(Self { numbers, size, fps, clock, notes, cuts, looks, content: reader.into_content_blake3()? })
     }
 
-    /// The stretches with a face, and what is to be said of the frames between them.
+    /// Returns the stretches with a face, and the events between them.
     pub fn stretches(&self) -> (Vec<Stretch>, Vec<Turn>) {
         let (mut stretches, mut turns): (Vec<Stretch>, Vec<Turn>) = (Vec::new(), Vec::new());
         let starts: Vec<usize> = std::iter::once(0).chain(self.cuts.iter().copied()).collect();
         turns.extend(self.cuts.iter().map(|&cut| Turn::Cut(cut)));
-        // Whether it was said that there is no face.
+        // Whether the loss of the face was reported.
         let mut gone = false;
         for (k, &start) in starts.iter().enumerate() {
             let end = starts.get(k + 1).copied().unwrap_or(self.numbers.len());
             let looks: Vec<&Look> = self.looks.iter().filter(|look| (start..end).contains(&look.place)).collect();
-            // A face that is missed once between two looks is there.
+            // A face that is missed in a single look counts as seen.
             let is_seen = |k: usize| {
                 let at = |k: usize| looks.get(k).is_some_and(|look| look.face.is_some());
                 at(k) || (k > 0 && at(k - 1) && at(k + 1))
             };
-            // The first look of the stretch, and the first frame that may belong to it.
+            // First look of the stretch, and first frame that may belong to it.
             let mut open: Option<(usize, usize)> = None;
             for (k, look) in looks.iter().enumerate() {
                 let before = k.checked_sub(1).map_or(start, |k| looks[k].place);
@@ -204,7 +206,7 @@ impl Survey {
         (stretches, turns)
     }
 
-    /// A turn in words, by the places of the first and last frames of all that was tracked.
+    /// Message about an event. `tracked` has the indices of the first and last frames of all tracked ranges.
     pub fn told(&self, turn: Turn, tracked: &[(usize, usize)]) -> String {
         let number = |place: usize| self.numbers.get(place).copied().unwrap_or_default();
         match turn {
@@ -223,7 +225,7 @@ impl Survey {
         }
     }
 
-    /// That several faces are seen and which one is followed, by the first look that shows them; nothing where marks say which one is.
+    /// Message that several faces are seen, with the followed one, from the first look that shows them; `None` if marks select the face.
     pub fn several(&self, marked: bool) -> Option<String> {
         let (taken, another) = ("the largest on average is followed", "to follow another face, give its marks for a frame");
         let told = |look: &Look| {
@@ -233,7 +235,7 @@ impl Survey {
         if marked { None } else { self.looks.iter().find_map(told) }
     }
 
-    /// The look whose face is the most usual of a stretch, among those that are trusted.
+    /// The look with the most typical face of a stretch, among trusted faces.
     pub fn usual_face(&self, stretch: Stretch, bench: &Workbench) -> Option<&Look> {
         let trusted = |look: &&Look| {
             (stretch.first..=stretch.last).contains(&look.place) && look.face.as_ref().is_some_and(|face| face.trusted)
@@ -246,13 +248,13 @@ impl Survey {
     }
 }
 
-/// The faces of frames, the largest first.
+/// Detects the faces of frames, the largest first.
 fn look_at(frames: Vec<(usize, Frame)>) -> Result<Vec<(usize, Vec<FoundFace>)>, RecordingError> {
     let look = |(place, frame): (usize, Frame)| Ok((place, found_faces(&frame, None)?));
     frames.into_par_iter().map(look).collect()
 }
 
-/// The nodes that expressions move, on the head's own axes, over the eye distance.
+/// Coordinates of the nodes that expressions move, in head axes and eye distances.
 fn shape(marks: &[Correspondence], bench: &Workbench) -> Vec<f32> {
     let frontal = bench.wireframe.frontal();
     let place = |node: u16| marks.iter().find(|m| m.node == NodeId(node)).map(|m| Point2::new(m.position.x, -m.position.y));
@@ -265,7 +267,7 @@ fn shape(marks: &[Correspondence], bench: &Workbench) -> Vec<f32> {
     MOVED.iter().map(at).flat_map(|p| [p.x, p.y]).map(|v| (v / crate::pose::HEAD_ES) as f32).collect()
 }
 
-/// Tells cuts from motion.
+/// Distinguishes cuts from motion.
 #[derive(Default)]
 struct Scenes {
     before: Option<Vec<f32>>,
@@ -345,7 +347,7 @@ mod tests {
         let told = |tracked: &[(usize, usize)]| turns.iter().map(|&turn| survey.told(turn, tracked)).collect::<Vec<_>>();
         let said = ["frame 71: a new scene begins", "frame 41: from here no face is found", "frame 61: a face is found again"];
         assert_eq!(told(&[]), said);
-        // The face was there after the look that found it last, and before the one that finds it again.
+        // The face is visible after the last look with it, and before the next look with it.
         let said = ["frame 71: a new scene begins", "frame 36: from here no face is found", "frame 57: a face is found again"];
         assert_eq!(told(&[(0, 34), (56, 69), (70, 79)]), said);
     }

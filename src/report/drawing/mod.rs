@@ -1,7 +1,7 @@
-//! Line drawings of paths and text, the one description of a figure that is written as SVG and as PDF.
+//! Line drawings of paths and text: one description of a figure, written as SVG and as PDF.
 //!
-//! Lengths are px (in PDF points), x right, y down. On a page ([`Drawing::inline`]) a mark is drawn as the style sheet has its class; in a
-//! file of its own every mark says its colours.
+//! Lengths are px (in PDF points), x right, y down. On a page ([`Drawing::inline`]) marks are drawn by the classes of the style sheet; in a
+//! separate file every mark has its own colours.
 
 mod pdf;
 mod svg;
@@ -22,7 +22,7 @@ pub enum Step {
     Line(Point2<f64>),
     /// A cubic curve: two control points and its end.
     Curve([Point2<f64>; 3]),
-    /// Back to where the part began.
+    /// Line back to the start of the subpath.
     Close,
 }
 
@@ -37,14 +37,14 @@ impl Step {
     }
 }
 
-/// How a path is drawn.
+/// Style of a path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pen {
-    /// Class in the style sheets of pages; empty where the colours say all.
+    /// Class in the style sheets of pages; empty if the colours suffice.
     pub class: &'static str,
     /// Colour and width of the line, px.
     pub stroke: Option<(Colour, f64)>,
-    /// Colour of the area.
+    /// Fill colour of the area.
     pub fill: Option<Colour>,
     /// Opacity of both, 0 to 1.
     pub opacity: f64,
@@ -53,33 +53,33 @@ pub struct Pen {
 }
 
 impl Pen {
-    /// A line of a class.
+    /// Returns a line with a class.
     pub const fn line(class: &'static str, colour: Colour, width: f64) -> Self {
         Self { class, stroke: Some((colour, width)), fill: None, opacity: 1.0, dashed: false }
     }
 
-    /// An area in a colour.
+    /// Returns an area with a colour.
     pub const fn area(colour: Colour) -> Self {
         Self { class: "", stroke: None, fill: Some(colour), opacity: 1.0, dashed: false }
     }
 
-    /// The same with another opacity.
+    /// Returns the pen with another opacity.
     pub const fn at(self, opacity: f64) -> Self {
         Self { opacity, ..self }
     }
 
-    /// The same with an area.
+    /// Returns the pen with a filled area.
     pub const fn filled(self, colour: Colour) -> Self {
         Self { fill: Some(colour), ..self }
     }
 
-    /// The same, dashed.
+    /// Returns the pen with a dashed line.
     pub const fn dashed(self) -> Self {
         Self { dashed: true, ..self }
     }
 }
 
-/// Which part of a text stands at its place.
+/// The part of a text that lies at its position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Anchor {
     /// Its start.
@@ -93,13 +93,13 @@ pub enum Anchor {
 /// A line of text.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Text {
-    /// Where it stands on its base line.
+    /// Position on the base line.
     pub at: Point2<f64>,
     /// Size, px.
     pub size: f64,
-    /// What stands there.
+    /// Alignment of the text to its position.
     pub anchor: Anchor,
-    /// Colour, in files of their own.
+    /// Colour in separate files.
     pub colour: Colour,
     /// Whether it is bold.
     pub bold: bool,
@@ -124,12 +124,12 @@ pub struct Drawing {
 }
 
 impl Drawing {
-    /// An empty drawing with its corner at 0, 0.
+    /// Returns an empty drawing with its corner at 0, 0.
     pub fn new(width: f64, height: f64) -> Self {
         Self::within([0.0, 0.0, width, height])
     }
 
-    /// An empty drawing of the part of the plane from left and top, so wide and so high.
+    /// Returns an empty drawing with the given left, top, width and height.
     pub fn within([left, top, width, height]: [f64; 4]) -> Self {
         Self { left, top, width, height, marks: Vec::new() }
     }
@@ -139,7 +139,7 @@ impl Drawing {
         (self.width, self.height)
     }
 
-    /// Draws a path; an empty one, or one that is not finite, is none.
+    /// Draws a path; an empty or non-finite one is ignored.
     pub fn path(&mut self, pen: Pen, steps: Vec<Step>) {
         let finite = |step: &Step| match step {
             Step::Move(p) | Step::Line(p) => p.x.is_finite() && p.y.is_finite(),
@@ -156,7 +156,7 @@ impl Drawing {
         self.path(pen, polyline(points, false));
     }
 
-    /// Draws the area that points surround.
+    /// Draws the area bounded by points.
     pub fn polygon(&mut self, pen: Pen, points: impl IntoIterator<Item = Point2<f64>>) {
         self.path(pen, polyline(points, true));
     }
@@ -166,7 +166,7 @@ impl Drawing {
         self.path(pen, circle(centre, radius));
     }
 
-    /// Writes a line of text of a size.
+    /// Writes a line of text of the given size.
     pub fn text(&mut self, x: f64, y: f64, size: f64, anchor: Anchor, text: impl Into<String>) {
         let text = Text { at: Point2::new(x, y), size, anchor, colour: INK, bold: false, content: text.into() };
         self.marks.push(Mark::Text(text));
@@ -178,8 +178,7 @@ impl Drawing {
         self.marks.push(Mark::Text(text));
     }
 
-    /// Puts another drawing into a part of this one, as large as it fits, in the middle; widths of lines stay as they are. Returns how many
-    /// times larger it became.
+    /// Places another drawing centred in a part of this one, as large as it fits. Line widths stay the same. Returns the magnification.
     pub fn place(&mut self, other: &Self, [left, top, width, height]: [f64; 4]) -> f64 {
         let scale = (width / other.width).min(height / other.height);
         let (dx, dy) = (left + (width - other.width * scale) / 2.0, top + (height - other.height * scale) / 2.0);
@@ -195,7 +194,7 @@ impl Drawing {
 /// Colour of text and axes in files.
 pub const INK: Colour = [0x2b, 0x2f, 0x33];
 
-/// A line through points, or around them.
+/// Line through points, or around them if closed.
 pub fn polyline(points: impl IntoIterator<Item = Point2<f64>>, closed: bool) -> Vec<Step> {
     let mut steps: Vec<Step> =
         points.into_iter().enumerate().map(|(k, p)| if k == 0 { Step::Move(p) } else { Step::Line(p) }).collect();
@@ -207,7 +206,7 @@ pub fn polyline(points: impl IntoIterator<Item = Point2<f64>>, closed: bool) -> 
 
 /// A circle of four cubic curves, within 0.03 % of its radius.
 pub fn circle(centre: Point2<f64>, radius: f64) -> Vec<Step> {
-    /// Of the radius, from the end of a quarter to its control point.
+    /// Distance from the end of a quarter to its control point, in radii.
     const KAPPA: f64 = 0.552_284_749_8;
     let at = |x: f64, y: f64| Point2::new(centre.x + x * radius, centre.y + y * radius);
     let quarter = |[ax, ay]: [f64; 2], [bx, by]: [f64; 2]| {

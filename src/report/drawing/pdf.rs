@@ -1,4 +1,4 @@
-//! Drawings as PDF: one page, text in Helvetica, which every reader of PDF has, so that the bytes depend on no font of this machine.
+//! Drawings as PDF: one page, with text in Helvetica. Every PDF reader has it, so the bytes do not depend on installed fonts.
 
 use nalgebra::Point2;
 use pdf_writer::{
@@ -22,7 +22,7 @@ const WIDTHS: [u16; 95] = [
 const OTHER_WIDTH: u16 = 556;
 
 impl Drawing {
-    /// A page of PDF. Characters outside Latin-1 become their nearest of it, or `?`: the fonts that every reader has go no further.
+    /// Returns a PDF page. Characters outside Latin-1 become the nearest in it, or `?`: the standard fonts have no others.
     pub fn pdf(&self, title: &str) -> Vec<u8> {
         let [catalog, pages, page, content, regular, bold, info] = [1, 2, 3, 4, 5, 6, 7].map(Ref::new);
         let opacities = self.opacities();
@@ -155,7 +155,7 @@ pub fn text_width(text: &str, size: f64) -> f64 {
     latin(text).iter().map(width).sum::<f64>() / 1000.0 * size
 }
 
-/// Text in the encoding of the page's fonts, which is Latin-1 for what is written here.
+/// Text in the encoding of the page's fonts, which is Latin-1 for the characters used here.
 fn latin(text: &str) -> Vec<u8> {
     let byte = |c: char| match c {
         '\u{2212}' | '\u{2013}' => b'-',

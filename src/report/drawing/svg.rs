@@ -6,11 +6,11 @@ use nalgebra::Point2;
 
 use super::{Anchor, Drawing, Mark, Pen, Step, Text};
 
-/// Fonts of a file of its own; the PDF has the first.
+/// Fonts of a separate file; the PDF has the first.
 const FONTS: &str = "Helvetica, Arial, sans-serif";
 
 impl Drawing {
-    /// A file of its own, on white.
+    /// Returns a complete SVG file on a white background.
     pub fn svg(&self, title: &str) -> String {
         let mut svg = format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{0}\" height=\"{1}\" viewBox=\"{2} {3} {0} {1}\" font-family=\"{FONTS}\">\n\
@@ -41,9 +41,9 @@ impl Drawing {
         svg + "</svg>\n"
     }
 
-    /// An element of a page, which draws it by its style sheet.
+    /// Returns an SVG element for a page, drawn by its style sheet.
     pub fn inline(&self, class: &str, label: &str) -> String {
-        // What is drawn in face units is shown at a tenth of that: whole numbers are as fine as the screen.
+        // Drawings in face units are shown at a tenth of their size, so whole numbers match the resolution of the screen.
         let steps_of = if self.width > LARGE { 1.0 } else { TENTHS };
         let mut svg = format!(
             "<svg class=\"{class}\" viewBox=\"{} {} {} {}\" role=\"img\" aria-label=\"{}\">",
@@ -67,20 +67,20 @@ impl Drawing {
     }
 }
 
-/// Width from which a drawing is one in face units.
+/// Width from which a drawing is in face units.
 const LARGE: f64 = 1000.0;
-/// Parts of a px that are told.
+/// Steps per px to which coordinates are rounded.
 const TENTHS: f64 = 10.0;
 
-/// A number to a tenth.
+/// A number rounded to a tenth.
 fn number(value: f64) -> String {
     rounded(value, TENTHS)
 }
 
-/// A number in such parts of one.
+/// A number rounded to the given steps per unit.
 fn rounded(value: f64, parts: f64) -> String {
     let rounded = (value * parts).round() / parts;
-    // Without a minus before nothing.
+    // Avoids a minus sign before zero.
     if rounded == 0.0 { "0".to_owned() } else { format!("{rounded}") }
 }
 
@@ -98,7 +98,8 @@ fn data(steps: &[Step], parts: f64) -> String {
     data
 }
 
-/// The same steps, each from where the one before it ended, in few bytes. A line of no length is left out unless it is all there is.
+/// The same steps in relative coordinates, each from the end of the previous one, in few bytes. A line of length zero is left out unless it
+/// is the only one.
 fn relative(steps: &[Step], parts: f64) -> String {
     let whole = |p: &Point2<f64>| [(p.x * parts).round() as i64, (p.y * parts).round() as i64];
     let mut data = String::new();
@@ -112,7 +113,7 @@ fn relative(steps: &[Step], parts: f64) -> String {
             Step::Curve(points) => ('c', points.iter().map(whole).collect()),
             Step::Close => ('z', Vec::new()),
         };
-        // Lines need no letter after a move, and lines and curves none after their like.
+        // Lines need no letter after a move, and lines and curves none after their own kind.
         let needs_letter = letter != command && !(letter == 'l' && command == 'm') || matches!(letter, 'm' | 'z');
         if needs_letter {
             data.push(letter);
@@ -189,7 +190,7 @@ mod tests {
             Step::Move(p(5.0, 5.0)),
             Step::Line(p(5.0, 5.0)),
         ];
-        // The third line is as long as nothing on the way, to whole px.
+        // The third line has length zero after rounding to whole px.
         assert_eq!(relative(&steps, 1.0), "m10 20 3 0 0-2zm1 1c1 0 1 1 0 1-1 0-2-2-12-22m6 5 0 0");
         assert_eq!(relative(&steps[..3], 10.0), "m10 20 3 0 0.2 0.4");
     }

@@ -1,22 +1,22 @@
-//! Charts: the courses of FAPs with the bands in which people lie, and how far models lie from others.
+//! Charts: FAPs over the key frames with bands of the people's values, and distances of models to the others.
 
 use nalgebra::Point2;
 
 use super::{BLUE, DARK, Drawing, HEADING, ORANGE, Pen, QUIET, SMALL, ticks};
 use crate::report::drawing::{Anchor, Step};
 
-/// The course of a FAP over the key frames.
+/// The values of a FAP over the key frames.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BandFigure {
     /// Its number and name.
     pub label: String,
     /// Its unit.
     pub unit: String,
-    /// By key frame: representative, mean, and under which values 5, 25, 50, 75 and 95 % of the people lie.
+    /// By key frame: representative, mean, and the 5, 25, 50, 75 and 95 % quantiles over the people.
     pub rows: Vec<[f64; 7]>,
 }
 
-/// Courses of FAPs, three in a row.
+/// Charts of FAPs, three in a row.
 pub fn bands(title: &str, curves: &[BandFigure]) -> Drawing {
     const COLUMNS: usize = 3;
     const WIDE: f64 = 210.0;
@@ -69,15 +69,15 @@ fn band(sheet: &mut Drawing, [left, top]: [f64; 2], [width, height]: [f64; 2], c
 /// Distances of models in one row of a strip chart.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StripRow {
-    /// What is measured.
+    /// Measured quantity.
     pub label: String,
     /// Distance of every model, face units, and whether trimming dropped it.
     pub points: Vec<(f64, bool)>,
-    /// Where a line stands.
+    /// Position of the median line.
     pub median: Option<f64>,
 }
 
-/// Rows of distances, a dot for every model.
+/// Strip chart of rows of distances, with a dot for every model.
 pub fn distances(title: &str, rows: &[StripRow]) -> Drawing {
     const WIDE: f64 = 460.0;
     const HIGH: f64 = 44.0;
@@ -109,7 +109,7 @@ pub fn distances(title: &str, rows: &[StripRow]) -> Drawing {
         sorted.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let mut crosses = Vec::new();
         for (place, (value, dropped)) in sorted.into_iter().enumerate() {
-            // Neighbours stand above and below each other.
+            // Adjacent dots are shifted vertically.
             let up = [0.0, -1.0, 1.0, -2.0, 2.0, -0.5, 0.5][place % 7] * 2.4 * RADIUS;
             let at = Point2::new(x(value), middle + up);
             if dropped {

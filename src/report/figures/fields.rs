@@ -1,4 +1,4 @@
-//! Displacement fields, and wireframes beside each other.
+//! Figures of displacement fields, and of wireframes side by side.
 
 use nalgebra::{Point2, Vector2};
 
@@ -11,17 +11,17 @@ use crate::{
     units::NodeId,
 };
 
-/// The one scale of the displacement fields of a run: only so do they compare.
+/// Common scale of all displacement fields of a run, which makes them comparable.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FieldScale {
-    /// Drawn length over length.
+    /// Drawn length divided by true length.
     pub gain: f64,
-    /// A round length to draw as a measure, face units.
+    /// Round length of the scale arrow, face units.
     pub measure: f64,
 }
 
 impl FieldScale {
-    /// The scale at which the longest arrow of all models is as long as it may be without hiding its neighbours.
+    /// Chooses the scale at which the longest arrow of all models has the largest length that does not hide its neighbours.
     pub fn of<'a>(models: impl IntoIterator<Item = &'a Model>, lines: &Lines) -> Self {
         /// Longest arrow, face units of the drawing: a third of the distance between the eyes.
         const LONGEST: f64 = 340.0;
@@ -47,11 +47,11 @@ pub fn lengths(model: &Model, frame: usize, lines: &Lines) -> (f64, f64) {
     (all.iter().sum::<f64>() / all.len().max(1) as f64, all.iter().copied().fold(0.0, f64::max))
 }
 
-/// The displacement field from a key frame to the next on the wireframe of that frame, within a part of the plane.
+/// Draws the displacement field from a key frame to the next on the wireframe of that frame, within a part of the plane.
 ///
-/// Arrows too short to have a head are dots, so that a node that moved a little is told from one that did not.
+/// Arrows too short for a head are dots, which distinguish small motion from none.
 pub fn field(model: &Model, frame: usize, scale: FieldScale, within: [f64; 4], lines: &Lines) -> Drawing {
-    /// Shortest arrow with a head, and least length for which a dot is drawn; face units of the drawing.
+    /// Shortest arrow with a head, and smallest length for which a dot is drawn; face units of the drawing.
     const HEADED: f64 = 26.0;
     const SEEN: f64 = 6.0;
     const DOT: f64 = 5.0;
@@ -71,7 +71,7 @@ pub fn field(model: &Model, frame: usize, scale: FieldScale, within: [f64; 4], l
     drawing
 }
 
-/// A straight arrow with a head that is part of its length.
+/// A straight arrow whose length includes its head.
 fn arrow(from: Point2<f64>, v: Vector2<f64>) -> Vec<Step> {
     /// Longest head, face units of the drawing.
     const HEAD: f64 = 60.0;
@@ -83,13 +83,13 @@ fn arrow(from: Point2<f64>, v: Vector2<f64>) -> Vec<Step> {
     vec![Step::Move(from), Step::Line(neck), Step::Move(tip), Step::Line(neck + side), Step::Line(neck - side), Step::Close]
 }
 
-/// Draws the measure into the lower left corner of a field: an arrow to the subject's left, as long as [`FieldScale::measure`].
+/// Draws the scale arrow into the lower left corner of a field: towards the subject's left, of the length [`FieldScale::measure`].
 pub fn draw_measure(drawing: &mut Drawing, scale: FieldScale, [left, top, _, height]: [f64; 4]) {
     let from = Point2::new(left + 30.0, top + height - 60.0);
     drawing.path(Pen::line("measure", BLUE, 1.1).filled(BLUE), arrow(from, Vector2::new(scale.measure * scale.gain, 0.0)));
 }
 
-/// All displacement fields of a model beside each other, with the measure and the directions.
+/// All displacement fields of a model side by side, with the scale arrow and the directions.
 pub fn fields(model: &Model, title: &str, scale: FieldScale, within: [f64; 4], lines: &Lines) -> Drawing {
     const WIDE: f64 = 190.0;
     let high = WIDE * within[3] / within[2];
@@ -106,7 +106,7 @@ pub fn fields(model: &Model, title: &str, scale: FieldScale, within: [f64; 4], l
         let note = format!("mean {}, longest {} face units", fixed(mean, 1), fixed(longest, 1));
         sheet.text(middle, high + 56.0, SMALL, Anchor::Middle, note);
     }
-    // The measure points to the subject's left, with the other directions beside it.
+    // The scale arrow points to the subject's left, beside the other directions.
     let length = scale.measure * scale.gain * shrunk;
     let y = high + 80.0;
     let pen = Pen::line("arrows", BLUE, 1.1).filled(BLUE);
@@ -124,7 +124,7 @@ pub fn fields(model: &Model, title: &str, scale: FieldScale, within: [f64; 4], l
     sheet
 }
 
-/// The directions of the drawing: up, and the subject's left.
+/// Arrows of the directions: up, and the subject's left.
 fn compass(sheet: &mut Drawing, at: Point2<f64>) {
     let pen = Pen::line("", DARK, 0.9).filled(DARK);
     for v in [Vector2::new(0.0, -14.0), Vector2::new(14.0, 0.0)] {
@@ -147,7 +147,7 @@ fn compass(sheet: &mut Drawing, at: Point2<f64>) {
     sheet.text(at.x + 18.0, at.y + 3.0, SMALL, Anchor::Start, "subject\u{2019}s left");
 }
 
-/// The apex of several models beside each other, six in a row, the neutral behind each.
+/// The apex of several models side by side, six in a row, with the neutral drawn behind each.
 pub fn representatives(models: &[(String, &Model)], lines: &Lines) -> Drawing {
     const COLUMNS: usize = 6;
     const WIDE: f64 = 132.0;
@@ -156,7 +156,7 @@ pub fn representatives(models: &[(String, &Model)], lines: &Lines) -> Drawing {
     let high = WIDE * within[3] / within[2];
     let columns = models.len().clamp(1, COLUMNS);
     let rows = models.len().div_ceil(COLUMNS).max(1);
-    // The group stands below the emotion.
+    // The group is below the emotion.
     let lines_of = |label: &str| label.split(", ").map(str::to_owned).collect::<Vec<_>>();
     let most_lines = models.iter().map(|(label, _)| lines_of(label).len()).max().unwrap_or(1);
     let step = high + 16.0 + LINE * most_lines as f64;
@@ -171,7 +171,7 @@ pub fn representatives(models: &[(String, &Model)], lines: &Lines) -> Drawing {
         lines.draw(&mut face, &moved, false);
         sheet.place(&face, [left, top, WIDE, high]);
         for (row, line) in lines_of(label).iter().enumerate() {
-            // No line is wider than its place.
+            // No line is wider than its column.
             let size = SMALL * (WIDE / text_width(line, SMALL)).min(1.0);
             sheet.text(left + WIDE / 2.0, top + high + 14.0 + LINE * row as f64, size, Anchor::Middle, line.as_str());
         }
@@ -179,7 +179,7 @@ pub fn representatives(models: &[(String, &Model)], lines: &Lines) -> Drawing {
     sheet
 }
 
-/// How people differ along a component: the apex of the mean, and of the models on either side of it.
+/// Variation along a component: the apex of the mean, and of the models on either side.
 pub fn spread(title: &str, minus: &Model, mean: &Model, plus: &Model, lines: &Lines) -> Drawing {
     const WIDE: f64 = 260.0;
     let within = view_box([minus, mean, plus], lines);
@@ -199,13 +199,13 @@ pub fn spread(title: &str, minus: &Model, mean: &Model, plus: &Model, lines: &Li
     sheet
 }
 
-/// What colours mean, one after the other.
+/// Colour legend in one row.
 pub(super) fn legend(sheet: &mut Drawing, left: f64, y: f64, entries: &[(&str, super::Colour)]) {
     let mut x = left;
     for (name, colour) in entries {
         sheet.polyline(Pen::line("", *colour, 2.0), [Point2::new(x, y - 3.0), Point2::new(x + 14.0, y - 3.0)]);
         sheet.text(x + 19.0, y, SMALL, Anchor::Start, *name);
-        // Room for letters of ordinary width.
+        // Space for letters of average width.
         x += 34.0 + name.chars().count() as f64 * SMALL * 0.52;
     }
 }

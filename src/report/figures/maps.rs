@@ -1,4 +1,4 @@
-//! Values on the face: dispersion, and where groups differ.
+//! Maps of values on the face: dispersion, and differences between groups.
 
 use nalgebra::Point2;
 
@@ -10,8 +10,8 @@ use crate::{
     units::NodeId,
 };
 
-/// Viridis, even in lightness and safe for colour-blind readers, in eleven steps; colours between lie on the lines between these. The
-/// bar under the maps of the report (`maps.js`) has the same.
+/// Viridis in eleven steps, interpolated linearly; even in lightness and safe for colour-blind readers. The bar under the maps of the
+/// report (`maps.js`) has the same colours.
 const VIRIDIS: [Colour; 11] = [
     [0x44, 0x01, 0x54],
     [0x48, 0x24, 0x75],
@@ -26,10 +26,10 @@ const VIRIDIS: [Colour; 11] = [
     [0xfd, 0xe7, 0x25],
 ];
 
-/// Shades of a map: so many that their borders are not seen.
+/// Number of shades in a map, high enough to make their borders invisible.
 const SHADES: usize = 60;
 
-/// The colour of a share from 0 to 1.
+/// Colour of a share from 0 to 1.
 fn viridis(share: f64) -> Colour {
     let x = share.clamp(0.0, 1.0) * (VIRIDIS.len() - 1) as f64;
     let k = (x.floor() as usize).min(VIRIDIS.len() - 2);
@@ -37,14 +37,14 @@ fn viridis(share: f64) -> Colour {
     std::array::from_fn(|c| (f64::from(VIRIDIS[k][c]) * (1.0 - part) + f64::from(VIRIDIS[k + 1][c]) * part).round() as u8)
 }
 
-/// Least and largest of the values of nodes.
+/// Smallest and largest of the values of nodes.
 pub fn range(values: &dyn Fn(NodeId) -> f64, lines: &Lines) -> (f64, f64) {
     let all = lines.live.iter().map(|&n| values(n)).filter(|v| v.is_finite());
     let (low, high) = all.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
     if low <= high { (low, high.max(low + 1e-9)) } else { (0.0, 1.0) }
 }
 
-/// Draws values on the face: linear in every triangle, between a least and a largest value.
+/// Draws values on the face, linear in every triangle, with shades from `low` to `high`.
 fn draw_map(
     face: &mut Drawing,
     values: &dyn Fn(NodeId) -> f64,
@@ -64,7 +64,7 @@ fn draw_map(
     }
     for (k, steps) in shades.into_iter().enumerate() {
         let colour = viridis((k as f64 + 0.5) / SHADES as f64);
-        // A thin line in its own colour closes the seams between neighbours.
+        // A thin line in the same colour closes the seams between adjacent areas.
         face.path(Pen { stroke: Some((colour, 0.35)), ..Pen::area(colour) }, steps);
     }
     face.path(Pen::line("edges", [0; 3], 0.3).at(0.22), super::pairs(&lines.edges, at));
@@ -72,7 +72,7 @@ fn draw_map(
     face.path(Pen::line("contours", [0; 3], 0.8).at(0.6), lines.contours(at));
 }
 
-/// The part of a triangle whose values lie between two; empty where there is none.
+/// The part of a triangle with values between two limits; may be empty.
 fn between(corners: &[(Point2<f64>, f64); 3], low: f64, high: f64) -> Vec<Point2<f64>> {
     let clip = |polygon: Vec<(Point2<f64>, f64)>, limit: f64, sign: f64| {
         let mut kept: Vec<(Point2<f64>, f64)> = Vec::new();
@@ -92,7 +92,7 @@ fn between(corners: &[(Point2<f64>, f64); 3], low: f64, high: f64) -> Vec<Point2
     if polygon.len() < 3 { Vec::new() } else { polygon.into_iter().map(|(p, _)| p).collect() }
 }
 
-/// The colours of a map and what they stand for.
+/// Colour bar of a map with its values.
 fn colour_bar(sheet: &mut Drawing, [left, top, width, height]: [f64; 4], (low, high): (f64, f64), unit: &str) {
     let step = width / SHADES as f64;
     for k in 0..SHADES {
@@ -110,7 +110,7 @@ fn colour_bar(sheet: &mut Drawing, [left, top, width, height]: [f64; 4], (low, h
     sheet.text(left + width / 2.0, top + height + 27.0, SMALL, Anchor::Middle, unit);
 }
 
-/// Values of nodes on the neutral face, within a part of the plane, from the least to the largest shade; some nodes in rings.
+/// Map of node values on the neutral face, within a part of the plane, from the smallest to the largest shade; some nodes have rings.
 pub fn map(
     model: &Model,
     values: &dyn Fn(NodeId) -> f64,
@@ -129,7 +129,7 @@ pub fn map(
     face
 }
 
-/// Dispersion per node on the neutral face, over its own range.
+/// Map of the dispersion per node on the neutral face, over its own range.
 pub fn dispersion(title: &str, model: &Model, values: &[f64], lines: &Lines) -> Drawing {
     const WIDE: f64 = 280.0;
     let value = |n: NodeId| values.get(n.index()).copied().unwrap_or(0.0);
@@ -148,7 +148,7 @@ fn neutral_box(model: &Model, lines: &Lines) -> [f64; 4] {
     neutral.map_or([0.0, 0.0, 1.0, 1.0], |still| view_box([&still], lines))
 }
 
-/// Two groups: their representatives at the apex, and where they differ; what it means in words below.
+/// Figure of two groups: their representatives at the apex, where they differ, and a description in words below.
 pub fn difference(
     title: &str,
     names: [&str; 2],

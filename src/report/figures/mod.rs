@@ -1,6 +1,6 @@
-//! Figures of a run as drawings: displacement fields, dispersion, courses, differences between groups.
+//! Draws the figures of a run: displacement fields, dispersion, curves over time, differences between groups.
 //!
-//! Positions are face units, y up, as models have them; drawings have y down. The subject's left is on the right.
+//! Positions are face units, y up, as in models; drawings have y down. The subject's left is on the right.
 
 mod charts;
 mod fields;
@@ -33,25 +33,25 @@ pub type Model = DynamicExpressionModel<FaceUnit>;
 const SMALL: f64 = 9.5;
 /// Size of headings, px.
 const HEADING: f64 = 11.0;
-/// Colours of two groups that colour-blind readers tell apart (Okabe and Ito), and of quiet lines.
+/// Colours of two groups (Okabe and Ito), distinguishable for colour-blind readers, and of secondary lines.
 const BLUE: Colour = [0x00, 0x5a, 0x9c];
 const ORANGE: Colour = [0xd5, 0x5e, 0x00];
 const QUIET: Colour = [0x8b, 0x93, 0x9b];
 const DARK: Colour = [0x23, 0x27, 0x2b];
 
-/// The lines of a wireframe that figures show.
+/// Lines of a wireframe that figures show.
 pub struct Lines {
     live: Vec<NodeId>,
     triangles: Vec<[NodeId; 3]>,
     edges: Vec<[NodeId; 2]>,
-    /// Edges of one triangle only.
+    /// Edges that belong to one triangle only.
     outline: Vec<[NodeId; 2]>,
     strong: Vec<Vec<NodeId>>,
     fine: Vec<Vec<NodeId>>,
 }
 
 impl Lines {
-    /// The lines of a wireframe.
+    /// Collects the lines of a wireframe.
     pub fn new(wireframe: &Wireframe) -> Self {
         let mut uses: BTreeMap<[NodeId; 2], usize> = BTreeMap::new();
         for &[a, b, c] in wireframe.triangles() {
@@ -93,13 +93,13 @@ fn chains(chains: &[Vec<NodeId>], at: &dyn Fn(NodeId) -> Point2<f64>) -> Vec<Ste
     chains.iter().flat_map(|chain| polyline(chain.iter().map(|n| at(*n)), false)).collect()
 }
 
-/// Where a node of a frame stands, y down.
+/// Position of a node in a frame, y down.
 fn place(model: &Model, frame: usize, node: NodeId) -> Point2<f64> {
     let p = model.frames().get(frame).and_then(|f| f.node(node)).unwrap_or_default();
     Point2::new(p.x, -p.y)
 }
 
-/// How a node of a frame lies off its neutral place, y up.
+/// Offset of a node in a frame from its neutral position, y up.
 fn offset(model: &Model, frame: usize, node: NodeId) -> Vector2<f64> {
     let at = |m: usize| model.frames().get(m).and_then(|f| f.node(node)).unwrap_or_default();
     at(frame) - at(0)
@@ -110,9 +110,9 @@ fn apex(model: &Model) -> usize {
     model.frame_count().saturating_sub(1)
 }
 
-/// The part of the plane, y down, in which every frame of all models lies, with some room: left, top, width, height.
+/// Bounding box (left, top, width, height) of all frames of all models, y down, with a margin.
 pub fn view_box<'a>(models: impl IntoIterator<Item = &'a Model>, lines: &Lines) -> [f64; 4] {
-    /// Room around the faces, of the longer side.
+    /// Margin around the faces, as a share of the longer side.
     const MARGIN: f64 = 0.02;
     let (mut least, mut most) = (Point2::new(f64::INFINITY, f64::INFINITY), Point2::new(f64::NEG_INFINITY, f64::NEG_INFINITY));
     for model in models {
@@ -132,7 +132,7 @@ pub fn view_box<'a>(models: impl IntoIterator<Item = &'a Model>, lines: &Lines) 
     [least.x - margin, least.y - margin, size.x + 2.0 * margin, size.y + 2.0 * margin]
 }
 
-/// Ticks at 1, 2 or 5 times a power of ten between two values, about so many, and the decimals they take.
+/// About `count` ticks at 1, 2 or 5 times a power of ten between two values, and the decimals they need.
 fn ticks(low: f64, high: f64, count: f64) -> (Vec<f64>, usize) {
     let raw = (high - low).max(1e-9) / count.max(1.0);
     let power = 10_f64.powf(raw.log10().floor());
@@ -158,7 +158,7 @@ mod tests {
     #[test]
     fn every_edge_is_drawn_once() {
         let lines = Lines::new(&Wireframe::candide3());
-        // Of a triangulated disc: every inner edge is of two triangles, every outer of one.
+        // In a triangulated disc, every inner edge belongs to two triangles, every outer one to one.
         assert_eq!(2 * lines.edges.len() - lines.outline.len(), 3 * lines.triangles.len());
     }
 }

@@ -1,4 +1,4 @@
-//! Differences between two expressions in words.
+//! Describes differences between two expressions in words.
 
 use std::collections::BTreeMap;
 
@@ -10,15 +10,16 @@ use crate::{
     wireframe::{Region, Tables},
 };
 
-/// Parts of the face that are told, the largest differences first.
+/// Most parts of the face in a description, in order of decreasing difference.
 const MOST_PARTS: usize = 6;
-/// Least difference that is told, and the least share of it that a direction has, so that it is named; face units.
+/// Smallest difference that is described, and smallest share of it at which a direction is named; face units.
 const LEAST: f64 = 1.0;
 const LEAST_SHARE: f64 = 0.35;
-/// Nearer to the middle of the face than this a node has no side, face units.
+/// Distance from the middle of the face below which a node has no side, face units.
 const MIDDLE: f64 = 70.0;
 
-/// How the apex of `a` differs from that of `b` at some nodes, by part of the face: `left brow 12 face units lower and 5 further in`.
+/// Describes how the apex of `a` differs from that of `b` at some nodes, by part of the face: `left brow 12 face units lower and 5 further
+/// in`.
 pub fn directions(a: &Model, b: &Model, nodes: &[NodeId], tables: &Tables) -> Vec<String> {
     let mut parts: BTreeMap<String, (Side, Vec<Vector2<f64>>)> = BTreeMap::new();
     for &node in nodes {
@@ -54,7 +55,7 @@ fn side(model: &Model, node: NodeId) -> Side {
     }
 }
 
-/// What the part of the face is called in which a node lies.
+/// Name of the part of the face that contains a node.
 fn part(model: &Model, node: NodeId, side: Side, tables: &Tables) -> String {
     /// Corners of the mouth.
     const CORNERS: [NodeId; 2] = [NodeId(31), NodeId(64)];
@@ -105,7 +106,7 @@ mod tests {
     use super::*;
     use crate::{model::FrameExpressionModel, wireframe::Wireframe};
 
-    /// Candide-3 whose nodes move so at the apex.
+    /// Candide-3 with these node displacements at the apex.
     fn model(moves: &[(u16, [f64; 2])]) -> Model {
         let neutral: Vec<Point2<f64>> = Wireframe::candide3().frontal().iter().map(|p| p * 1000.0).collect();
         let mut last = neutral.clone();

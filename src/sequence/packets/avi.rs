@@ -1,5 +1,5 @@
-//! AVI: chunks of four letters and a length, one behind the other. A frame's time is its place among them, so that `FFmpeg` counts wrong
-//! behind a place that it had to skip.
+//! AVI: consecutive chunks with a name of four letters and a length. A frame's time is its index among them, so `FFmpeg` miscounts after
+//! damage that it had to skip.
 
 use std::{
     fs::File,
@@ -9,7 +9,7 @@ use std::{
 
 use super::{MOST_PACKETS, Packets};
 
-/// Goes through the chunks of an AVI file.
+/// Iterates over the chunks of an AVI file.
 #[derive(Debug)]
 pub(in super::super) struct Walk {
     file: File,
@@ -17,18 +17,18 @@ pub(in super::super) struct Walk {
     at: u64,
     /// Streams so far.
     streams: u32,
-    /// Number of the stream of pictures, and the seconds of a frame.
+    /// Number of the video stream, and seconds per frame.
     video: Option<(u32, f64)>,
-    /// Places of pictures that are not empty: an empty one repeats the one before it.
+    /// Indices of pictures that are not empty; an empty one repeats the previous one.
     places: Vec<u32>,
     /// Pictures so far, empty ones included.
     place: u32,
     has_ended: bool,
-    /// Whether what follows is no chunk.
+    /// Whether the data that follow are not a chunk.
     is_broken: bool,
 }
 
-/// Bytes of a stream's header that are read: kind, rate and all before them.
+/// Bytes read of a stream header: kind, rate and everything before them.
 const STREAM_HEADER: u64 = 28;
 
 impl Walk {
@@ -39,7 +39,7 @@ impl Walk {
         Ok(Self { file, length, at: 0, streams: 0, video, places, place: 0, has_ended: false, is_broken: false })
     }
 
-    /// The times of all pictures; those that were passed are not looked for again.
+    /// Times of all pictures. The walk continues from its present position.
     pub(super) fn packets(&mut self) -> io::Result<Option<Packets>> {
         while !self.has_ended {
             self.step()?;
@@ -50,10 +50,10 @@ impl Walk {
         Ok(Some(Packets { times, origins, breaks: Vec::new() }))
     }
 
-    /// Frames before the first place where the file is broken, if that is before frame `number`.
+    /// Number of frames before the first damage, if the damage comes before frame `number`.
     pub(in super::super) fn whole_before(&mut self, number: u32) -> Option<u32> {
         while !self.has_ended && self.places.len() < number as usize {
-            // A file that does not read is not decoded either.
+            // A file that cannot be read cannot be decoded either.
             self.step().ok()?;
         }
         let found = self.places.len() as u32;
@@ -68,7 +68,7 @@ impl Walk {
         };
         let end = self.at.saturating_add(8 + u64::from(size));
         match &name {
-            // Both have a kind, and chunks in them.
+            // Both have a kind, and contain chunks.
             b"RIFF" | b"LIST" => {
                 self.at += 12;
                 return Ok(());
@@ -94,7 +94,7 @@ impl Walk {
         Ok(())
     }
 
-    /// Reads the header of a stream, which the file stands at.
+    /// Reads the header of a stream at the file's position.
     fn stream_header(&mut self) -> io::Result<()> {
         let mut header = Vec::new();
         (&mut self.file).take(STREAM_HEADER).read_to_end(&mut header)?;
@@ -107,7 +107,7 @@ impl Walk {
     }
 }
 
-/// Name and length of the chunk at a place, whose content is read next; `None` at the end of the file.
+/// Name and length of the chunk at an offset; the file is then positioned at its content. `None` at the end of the file.
 fn chunk(file: &mut File, at: u64) -> io::Result<Option<([u8; 4], u32)>> {
     let mut head = Vec::new();
     file.seek(SeekFrom::Start(at))?;
@@ -141,12 +141,12 @@ mod tests {
         let whole = |number: u32| Walk::of(&path).unwrap().whole_before(number);
         assert_eq!(Walk::of(&path).unwrap().packets().unwrap().unwrap().times, [0.0, 0.08, 0.12]);
         assert_eq!((whole(3), whole(4)), (None, None));
-        // The name of the chunk between the second and the third picture is gone.
+        // Without the name of the chunk between the second and the third picture.
         let junk = file.windows(4).position(|four| four == b"JUNK").unwrap();
         file[junk..junk + 4].fill(0);
         std::fs::write(&path, &file).unwrap();
         assert_eq!((whole(2), whole(3)), (None, Some(2)));
-        // One walk tells the times at a gap and goes on to count, without the file's beginning.
+        // The same walk gives the times at a gap and continues counting, without restarting.
         let mut walk = Walk::of(&path).unwrap();
         assert_eq!(walk.whole_before(1), None);
         let passed = walk.at;
@@ -154,7 +154,7 @@ mod tests {
         let ended = walk.at;
         assert_eq!((walk.whole_before(2), walk.whole_before(3), walk.at), (None, Some(2), ended));
         assert_eq!(walk.packets().unwrap().unwrap().times, [0.0, 0.08]);
-        // Cut within a picture: nothing follows that could be counted wrong.
+        // Truncated within a picture: nothing follows that could be miscounted.
         std::fs::write(&path, &file[..junk - 1]).unwrap();
         assert_eq!((whole(2), whole(3)), (None, None));
     }

@@ -1,4 +1,4 @@
-//! Matroska and `WebM`: blocks with their times, in clusters.
+//! Matroska and `WebM`: clusters that contain blocks with times.
 
 use std::{
     fs::File,
@@ -17,9 +17,9 @@ use super::{
     },
 };
 
-/// Elements by their number (RFC 9559): those that others lie in, those that are read.
+/// Elements by their number (RFC 9559): those that contain others, and those that are read.
 const KNOWN: [u32; 7] = [SEGMENT, CLUSTER, BLOCK_GROUP, INFO, TRACKS, TIMESTAMP, SIMPLE_BLOCK];
-/// Others that stand beside them: the head, index, tags, chapters, attachments, what clusters and blocks say of themselves, checksums and voids.
+/// Other elements at the same level: the head, index, tags, chapters, attachments, metadata of clusters and blocks, checksums and voids.
 const OTHERS: [u32; 20] = [
     BLOCK,
     0x1A45_DFA3,
@@ -43,13 +43,13 @@ const OTHERS: [u32; 20] = [
     0xEC,
 ];
 
-/// Largest description that is read, bytes.
+/// Largest description element that is read, bytes.
 const MOST_DESCRIPTION: u64 = 1 << 20;
-/// Bytes of a block ahead of its picture, at most: number of the track, time, flags.
+/// Most bytes of a block before its picture: number of the track, time, flags.
 const BLOCK_HEAD: u64 = 11;
-/// Set in a block's flags where its picture only helps to decode others.
+/// Flag of a block whose picture only helps to decode others.
 const INVISIBLE: u8 = 0x08;
-/// Track type of pictures.
+/// Track type of video.
 const VIDEO: u64 = 1;
 
 pub(super) fn read(path: &Path) -> io::Result<Packets> {
@@ -71,7 +71,7 @@ pub(super) fn read(path: &Path) -> io::Result<Packets> {
         };
         let end = start.saturating_add(size);
         match number {
-            // What is in them follows their head, whether their length is known or not.
+            // Their content follows the header, whether their length is known or not.
             SEGMENT | CLUSTER | BLOCK_GROUP => {
                 at = start;
                 continue;
@@ -110,7 +110,7 @@ fn content(file: &mut File, start: u64, size: u64) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Track, time from that of the cluster, and flags of a block.
+/// Track, time relative to the cluster, and flags of a block.
 fn block(head: &[u8]) -> Option<(u64, i64, u8)> {
     let length = head.first()?.leading_zeros() as usize + 1;
     let track = unsigned(head.get(..length).filter(|bytes| bytes.len() <= 8)?) ^ 1 << (7 * length);
@@ -118,7 +118,7 @@ fn block(head: &[u8]) -> Option<(u64, i64, u8)> {
     Some((track, i64::from(i16::from_be_bytes([high, low])), flags))
 }
 
-/// The elements in the content of another one.
+/// The elements inside the content of another one.
 fn elements(content: &[u8]) -> impl Iterator<Item = (u32, &[u8])> {
     let mut rest = content;
     std::iter::from_fn(move || {
@@ -138,7 +138,7 @@ fn unsigned(bytes: &[u8]) -> u64 {
     bytes.iter().fold(0, |n, &b| n << 8 | u64::from(b))
 }
 
-/// Where the next cluster begins from a place on.
+/// Offset of the next cluster from an offset on.
 fn next_cluster(file: &mut File, from: u64) -> io::Result<Option<u64>> {
     const PIECE: u64 = 1 << 16;
     let (wanted, mut at) = (CLUSTER.to_be_bytes(), from);
@@ -183,7 +183,7 @@ mod tests {
         std::fs::write(&path, file(&first)).unwrap();
         let packets = Packets { times: vec![0.0, 0.04, 0.06, 0.08, 0.1], origins: vec![0.0], breaks: vec![0.1] };
         assert_eq!(read(&path).unwrap(), packets);
-        // The group's number is gone: FFmpeg looks for the next cluster, too.
+        // Without the number of the group, FFmpeg also continues at the next cluster.
         let mut broken = first.clone();
         let place = broken.len() - 9;
         assert_eq!(broken[place], 0xA0);

@@ -1,4 +1,4 @@
-//! MP4 and `QuickTime`: a table of the times of all pictures. Files in fragments have none.
+//! MP4 and `QuickTime`: a table with the times of all pictures. Fragmented files have none.
 
 use std::{
     io::{self, Read, Seek, SeekFrom},
@@ -7,7 +7,7 @@ use std::{
 
 use super::{MOST_PACKETS, Packets};
 
-/// Largest description of a film that is read, bytes.
+/// Largest movie description that is read, bytes.
 const MOST_DESCRIPTION: u64 = 1 << 28;
 
 pub(super) fn read(path: &Path) -> io::Result<Option<Packets>> {
@@ -29,7 +29,7 @@ pub(super) fn read(path: &Path) -> io::Result<Option<Packets>> {
     }
 }
 
-/// The packets of a track, if it is one of pictures.
+/// Packets of a track, if it is a video track.
 fn packets(track: &[u8]) -> Option<Packets> {
     let media = inner(track, *b"mdia")?;
     if inner(media, *b"hdlr")?.get(8..12)? != b"vide" {
@@ -52,7 +52,7 @@ fn packets(track: &[u8]) -> Option<Packets> {
         .flat_map(|(count, shift)| std::iter::repeat_n(i64::from(shift.cast_signed()), count.min(MOST_PACKETS as u32) as usize));
     times.iter_mut().zip(shifts).for_each(|(time, shift)| *time += shift);
     let first = times.iter().min().copied()?;
-    // What is cut off at the beginning is decoded, but not shown.
+    // Frames cut off at the beginning are decoded but not shown.
     let start = inner(track, *b"edts").and_then(|edits| inner(edits, *b"elst")).and_then(start_of);
     let shown = start.and_then(|start| times.iter().filter(|time| **time >= start).min().copied());
     let seconds = |time: i64| time as f64 / scale;
@@ -60,7 +60,7 @@ fn packets(track: &[u8]) -> Option<Packets> {
     (scale > 0.0).then(|| Packets { times: times.into_iter().map(seconds).collect(), origins, breaks: Vec::new() })
 }
 
-/// Where the first edit that shows something begins.
+/// Start of the first edit that shows something.
 fn start_of(list: &[u8]) -> Option<i64> {
     let is_long = list.first() == Some(&1);
     let count = (u32_at(list, 4)? as usize).min(list.len());
@@ -74,7 +74,7 @@ fn start_of(list: &[u8]) -> Option<i64> {
     (0..count).map_while(start).find(|start| *start >= 0)
 }
 
-/// Pairs of numbers in a table that begins with how many it has.
+/// Pairs of numbers in a table that begins with their count.
 fn entries(table: &[u8]) -> impl Iterator<Item = (u32, u32)> {
     let count = u32_at(table, 4).unwrap_or(0) as usize;
     let pairs = table.get(8..).unwrap_or_default().as_chunks::<8>().0;
@@ -85,7 +85,7 @@ fn u32_at(bytes: &[u8], at: usize) -> Option<u32> {
     bytes.get(at..)?.first_chunk().map(|four| u32::from_be_bytes(*four))
 }
 
-/// Name, start of the content and size, head included, of the box at the front of some bytes.
+/// Name, offset of the content, and size including the header, of the box at the start of some bytes.
 fn head_of(bytes: &[u8]) -> Option<([u8; 4], usize, u64)> {
     let name = *bytes.get(4..)?.first_chunk()?;
     match u32_at(bytes, 0)? {
@@ -128,7 +128,7 @@ mod tests {
     fn pictures_have_the_times_at_which_they_are_shown() {
         let track = |kind: &[u8; 4]| {
             let table = [
-                // Three of 512 ticks, one of 1024; shown in another order, from 1024 on.
+                // Three of 512 ticks, one of 1024; displayed in another order, from 1024 on.
                 box_of(*b"stts", &numbers(&[0, 2, 3, 512, 1, 1024])),
                 box_of(*b"ctts", &numbers(&[0, 4, 1, 1024, 1, 1536, 1, 512, 1, 1024])),
             ];
@@ -151,7 +151,7 @@ mod tests {
         let packets = Packets::of(&path, None).unwrap();
         assert_eq!(packets.times, [0.08, 0.12, 0.16, 0.2]);
         assert_eq!(packets.origins, [0.08, 0.08, 0.08]);
-        // Nothing is made of what promises more than there is.
+        // A table that states more entries than it has is rejected.
         let table = box_of(*b"stts", &numbers(&[0, u32::MAX, u32::MAX, 1]));
         assert_eq!(entries(&table[8..]).collect::<Vec<_>>(), [(u32::MAX, 1)]);
     }

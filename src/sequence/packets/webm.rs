@@ -1,8 +1,7 @@
-//! The elements of `WebM` and Matroska, and numbers drawn by chance among them, set to fixed ones.
+//! Elements of `WebM` and Matroska files; replaces their random numbers by fixed ones.
 //!
-//! `FFmpeg` gives every track a random number (`TrackUID`) and repeats it where tags speak of the track; a Matroska file may have
-//! one for the segment too. They only have to differ within the file, so the first is 1, the second 2, and the same frames are
-//! the same bytes.
+//! `FFmpeg` gives every track a random number (`TrackUID`) and repeats it in tags about the track. A Matroska file may also have one for
+//! the segment. They only need to be unique within the file. Numbering them 1, 2, ... makes files of the same frames identical.
 
 use std::{
     collections::BTreeMap,
@@ -33,7 +32,7 @@ pub(super) mod element {
     pub const TAG_TRACK_UID: u32 = 0x63C5;
 }
 
-/// Largest element that is looked into, bytes: descriptions are small, pictures are passed over.
+/// Largest element that is searched, bytes: descriptions are small, pictures are skipped.
 const MOST_DESCRIPTION: u64 = 1 << 20;
 
 /// Sets the random numbers of a `WebM` or Matroska file to 1, 2, ... in the order in which they appear.
@@ -46,7 +45,7 @@ pub(in super::super) fn set_random_numbers(path: &Path) -> io::Result<()> {
     let mut known = BTreeMap::new();
     let mut at = 0;
     while let Some((number, start, size)) = element_at(&mut file, at)? {
-        // What is in a segment follows its head, whether its length is known or not.
+        // The content of a segment follows its header, whether its length is known or not.
         if number == element::SEGMENT {
             at = start;
             continue;
@@ -65,7 +64,7 @@ pub(in super::super) fn set_random_numbers(path: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Number, start of the content and size of the element at a place of the file; `None` at its end.
+/// Number, offset of the content, and size of the element at an offset of the file; `None` at its end.
 pub(super) fn element_at(file: &mut File, at: u64) -> io::Result<Option<(u32, u64, u64)>> {
     let mut head = Vec::new();
     file.seek(SeekFrom::Start(at))?;
@@ -73,8 +72,8 @@ pub(super) fn element_at(file: &mut File, at: u64) -> io::Result<Option<(u32, u6
     Ok(element_in(&head).map(|(number, start, size)| (number, at + start as u64, size)))
 }
 
-/// Number, start of the content and size of the element at the front of some bytes. A number has up to 4 bytes, a size up to 8; the zeros
-/// before their first one tell how many.
+/// Number, offset of the content, and size of the element at the start of some bytes. A number has up to 4 bytes, a size up to 8; the count
+/// of leading zero bits gives the length.
 pub(super) fn element_in(bytes: &[u8]) -> Option<(u32, usize, u64)> {
     let number_length = bytes.first()?.leading_zeros() as usize + 1;
     let number = bytes.get(..number_length).filter(|b| b.len() <= 4)?;
@@ -87,7 +86,7 @@ pub(super) fn element_in(bytes: &[u8]) -> Option<(u32, usize, u64)> {
     Some((number, number_length + size_length, size))
 }
 
-/// Replaces the numbers in the content of an element, those of the elements within it included.
+/// Replaces the numbers in the content of an element, including nested elements.
 fn replace(content: &mut [u8], known: &mut BTreeMap<Vec<u8>, u64>) {
     let mut rest = content;
     while let Some((number, start, size)) = element_in(rest) {
@@ -138,7 +137,7 @@ mod tests {
         std::fs::write(&path, file(b"\xA7\x24\xC5\xEE\x52\x55\x40\x58", b"randomly")).unwrap();
         set_random_numbers(&path).unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), file(b"\0\0\0\0\0\0\0\x01", b"\0\0\0\0\0\0\0\x02"));
-        // What is no such file stays as it is.
+        // A file of another kind is not changed.
         for bytes in [&b""[..], b"\x1A", b"text that is no film", &[0; 40], &[0xFF; 40]] {
             std::fs::write(&path, bytes).unwrap();
             set_random_numbers(&path).unwrap();

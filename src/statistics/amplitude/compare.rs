@@ -1,4 +1,5 @@
-//! Amplitudes of two groups of people: difference, effect size, direction, equivalence, and how many people a study would take.
+//! Compares the amplitudes of two groups of people: difference, effect size, direction, equivalence, and the number of people a study
+//! needs.
 
 use std::collections::BTreeMap;
 
@@ -13,12 +14,12 @@ use crate::{
     statistics::compare::{Arrangements, Strata, holm},
 };
 
-/// How amplitudes are compared.
+/// Options of the comparison of amplitudes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AmplitudeOptions {
-    /// Amplitudes that differ by less than this are equivalent, in times the median.
+    /// Equivalence margin, as a multiple of the median motion: amplitudes that differ by less are equivalent.
     pub equivalence: f64,
-    /// Power for which the number of people is given.
+    /// Power for which the required number of people is computed.
     pub power: f64,
 }
 
@@ -31,40 +32,42 @@ impl Default for AmplitudeOptions {
 /// One person of a group with the mean amplitude of their sequences.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PersonValue {
-    /// Who.
+    /// The person.
     pub subject: String,
-    /// The amplitude.
+    /// Mean amplitude.
     pub value: f64,
 }
 
-/// A comparison's outcome.
+/// Result of a comparison.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AmplitudeTest {
-    /// People compared, of each group.
+    /// Number of people compared in each group.
     pub people: [usize; 2],
-    /// Whether the same people are in both groups, and their differences are tested.
+    /// Whether the same people are in both groups, so that their differences are tested.
     pub paired: bool,
-    /// Mean amplitude of each.
+    /// Mean amplitude of each group.
     pub means: [f64; 2],
-    /// Standard deviation of each.
+    /// Standard deviation of each group.
     pub deviations: [f64; 2],
-    /// The first mean less the second.
+    /// First mean minus second mean.
     pub difference: f64,
-    /// 95 % interval of the difference: Welch's, or Student's of the differences of pairs.
+    /// 95 % confidence interval of the difference: Welch's, or Student's for paired differences.
     pub interval: [f64; 2],
-    /// The difference in standard deviations: Hedges' g, or that of the differences of pairs.
+    /// Effect size, the difference in standard deviations: Hedges' g, or that of the paired differences.
     pub effect: f64,
-    /// Chance of a difference at least as large, by permutation of people or of the signs of pairs.
+    /// Probability of a difference at least as large by chance, from permutations of people or of the signs of pairs.
     pub p: f64,
-    /// The same by Welch's t test, or Student's of the differences of pairs: below what permutations can reach.
+    /// The same by Welch's t test, or Student's for paired differences. It can be smaller than permutations can give.
     pub p_t: f64,
-    /// [`AmplitudeTest::p`] after Holm over all amplitudes compared.
+    /// [`AmplitudeTest::p`] with Holm's correction over all amplitudes compared.
     pub p_adjusted: f64,
-    /// Chance of a difference so close to 0 if the groups differed by [`AmplitudeOptions::equivalence`] or more (two one-sided tests).
+    /// Probability of a difference as close to 0 if the groups differed by [`AmplitudeOptions::equivalence`] or more (two one-sided
+    /// tests).
     pub p_equivalence: f64,
-    /// [`AmplitudeTest::p_equivalence`] after Holm over all amplitudes compared.
+    /// [`AmplitudeTest::p_equivalence`] with Holm's correction over all amplitudes compared.
     pub p_equivalence_adjusted: f64,
-    /// People in each group, or pairs, with whom a difference of this size is found with the power asked for; `None` for no difference.
+    /// Number of people per group, or of pairs, that detect a difference of this size with the requested power; `None` without a
+    /// difference.
     pub people_for_power: Option<usize>,
 }
 
@@ -73,18 +76,18 @@ pub struct AmplitudeTest {
 pub struct AmplitudeComparison {
     /// Emotion.
     pub emotion: String,
-    /// Region's name.
+    /// Name of the region.
     pub region: &'static str,
     /// The groups.
     pub groups: [BTreeMap<String, String>; 2],
-    /// The test, or why there is none.
+    /// The test, or the reason why there is none.
     pub outcome: Result<AmplitudeTest, String>,
 }
 
-/// Fewest people in each group.
+/// Smallest number of people in each group.
 const LEAST_PEOPLE: usize = 2;
 
-/// Largest deviation, relative to the mean's magnitude, that is rounding.
+/// Largest standard deviation, relative to the largest magnitude, that counts as rounding error.
 const ROUNDING: f64 = 1e-12;
 
 fn mean(values: &[f64]) -> f64 {
@@ -96,13 +99,13 @@ fn variance(values: &[f64]) -> f64 {
     values.iter().map(|v| (v - center).powi(2)).sum::<f64>() / (values.len() - 1) as f64
 }
 
-/// Compares the amplitudes of two groups of people, each there once.
+/// Compares the amplitudes of two groups of people; each person occurs once per group.
 ///
-/// Where everybody of the smaller group is in the other too, it is a paired comparison of these. `strata` permutes people within
-/// strata only.
+/// If all people of the smaller group are also in the other one, the comparison is paired and uses these people only. With `strata`,
+/// people are permuted within strata only.
 ///
 /// # Errors
-/// The reason why no test can be made, in words.
+/// The reason why no test is possible, in words.
 pub fn compare_amplitudes(
     a: &[PersonValue],
     b: &[PersonValue],
@@ -126,19 +129,20 @@ pub fn compare_amplitudes(
     }
 }
 
-/// The permutations of a test: all there are, or as many draws.
+/// The permutations of a test: all possible ones, or random draws.
 #[derive(Clone, Copy, Debug)]
 pub struct Permutations {
-    /// Draws beside what was observed, where there are more than so many to try.
+    /// Number of random permutations in addition to the observed arrangement. If no more than this many are possible, all are used.
     pub count: usize,
-    /// Seed of the analysis.
+    /// Seed of the random numbers.
     pub seed: u64,
-    /// Number of the comparison: each has random numbers of its own.
+    /// Number of the comparison, so that each has its own random numbers.
     pub stream: u32,
 }
 
 impl Permutations {
-    /// Share of the draws, with the observed one, whose difference is at least as large. `draw` gets random numbers of its own for each.
+    /// Returns the share of random permutations, including the observed one, with a difference at least as large as `observed`. Each call
+    /// of `draw` gets its own random numbers.
     fn share_at_least(&self, observed: f64, draw: impl Fn(ChaCha8Rng) -> f64 + Sync) -> f64 {
         let slack = 1e-10 * observed.abs();
         let is_as_large = |&unit: &usize| draw(self.generator(unit)).abs() >= observed.abs() - slack;
@@ -146,14 +150,14 @@ impl Permutations {
         (1 + at_least) as f64 / (1 + self.count) as f64
     }
 
-    /// Share of all `count` permutations whose difference is at least as large; the observed one is among them.
+    /// Returns the share of all `count` permutations with a difference at least as large as `observed`. The observed one is among them.
     fn share_of_all(observed: f64, count: usize, nth: impl Fn(usize) -> f64 + Sync) -> f64 {
         let slack = 1e-10 * observed.abs();
         let at_least = (0..count).into_par_iter().filter(|&k| nth(k).abs() >= observed.abs() - slack).count();
         at_least as f64 / count as f64
     }
 
-    /// Random numbers of one draw; the high bit is the bootstrap's.
+    /// Returns the random numbers of one draw. Bit 62 of the stream is set; the bootstrap sets bit 63.
     fn generator(&self, unit: usize) -> ChaCha8Rng {
         let mut random = ChaCha8Rng::seed_from_u64(self.seed);
         random.set_stream((1 << 62) | (u64::from(self.stream) << 30) | unit as u64);
@@ -161,8 +165,10 @@ impl Permutations {
     }
 }
 
-/// People in each group for a two-sided test at 5 % of an effect of `effect` standard deviations (Lehr's form of the normal
-/// approximation, with Guenther's correction for the unknown deviation); `groups` is 2, or 1 for pairs.
+/// Returns the number of people per group for a two-sided test at 5 % of an effect of `effect` standard deviations. `groups` is 2, or 1
+/// for pairs.
+///
+/// Uses Lehr's form of the normal approximation, with Guenther's correction for the unknown standard deviation.
 fn people_for_power(effect: f64, power: f64, groups: f64) -> Option<usize> {
     const MOST: f64 = 1e9;
     let (z_level, z_power) = (normal_quantile(0.975)?, normal_quantile(power)?);
@@ -224,7 +230,7 @@ fn independent(
         None => vec![((0..values.len()).collect(), a.len())],
     };
     let (ea, eb) = (va / na, vb / nb);
-    // The residuals' degrees of freedom after Welch and Satterthwaite.
+    // Degrees of freedom after Welch and Satterthwaite.
     let freedom = (ea + eb).powi(2) / (ea * ea / (na - 1.0) + eb * eb / (nb - 1.0));
     let pooled = (((na - 1.0) * va + (nb - 1.0) * vb) / (na + nb - 2.0)).sqrt();
     let total: f64 = values.iter().sum();
@@ -274,7 +280,7 @@ fn paired(pairs: &[(f64, f64)], options: &AmplitudeOptions, permutations: &Permu
     finished([pairs.len(); 2], true, [&of_a, &of_b], (deviation / n.sqrt(), n - 1.0, deviation), small_sample, p, options)
 }
 
-/// Corrects the p of all comparisons for their number.
+/// Corrects the p values of all comparisons for their number.
 pub fn adjust_amplitudes(comparisons: &mut [AmplitudeComparison]) {
     let mut tests: Vec<&mut AmplitudeTest> = comparisons.iter_mut().filter_map(|c| c.outcome.as_mut().ok()).collect();
     let adjusted = holm(&tests.iter().map(|t| t.p).collect::<Vec<_>>());
@@ -284,7 +290,7 @@ pub fn adjust_amplitudes(comparisons: &mut [AmplitudeComparison]) {
 }
 
 impl AmplitudeComparison {
-    /// The outcome in a sentence.
+    /// Returns the result as a sentence.
     pub fn words(&self, significance: f64, options: &AmplitudeOptions) -> String {
         let name = |k: usize| self.groups[k].values().map(String::as_str).collect::<Vec<_>>().join(" + ");
         let what = if self.region == "face" { self.emotion.clone() } else { format!("{} of the {}", self.emotion, self.region) };

@@ -1,10 +1,11 @@
-//! How strongly somebody makes an expression: the amplitude of each sequence against the median of everybody else.
+//! Amplitude of an expression: the strength of a sequence relative to the median of all other people.
 //!
-//! The motion of a sequence is where every live node has gone from the neutral to the apex frame. Its amplitude is the signed
-//! projection on the median motion m of the emotion, `<v, m> / <m, m>` over the nodes of a region: 1 for a motion as strong as the
-//! median's, 0 for none, negative for the opposite one. The median (the geometric median at every node, one person one weight) is made
-//! of all *other* people, so that nobody is measured by themselves. The course in time does not count: slow and quick smiles of one
-//! strength have one amplitude.
+//! The motion v of a sequence is the displacement of every live node from the neutral to the apex frame. Its amplitude is the signed
+//! projection on the median motion m of the emotion, `<v, m> / <m, m>`, over the nodes of a region. It is 1 for a motion as strong as the
+//! median, 0 for none, and negative for the opposite motion.
+//!
+//! The median (the geometric median at every node, one person one weight) is taken over all *other* people, so that no one is compared
+//! with themselves. The course in time has no influence: a slow and a quick smile of equal strength have equal amplitudes.
 
 mod compare;
 mod normal;
@@ -26,10 +27,10 @@ use crate::{
 pub use compare::{AmplitudeComparison, AmplitudeOptions, Permutations, PersonValue, adjust_amplitudes, compare_amplitudes};
 pub(crate) use normal::{t_above, t_quantile};
 
-/// Mean length of the median motion under which a region has no amplitude, face units: such motion is the landmarks' own error.
+/// Mean length of the median motion, in face units, below which a region has no amplitude. Such motion is within the error of landmarks.
 pub const LEAST_MOTION: f64 = 1.0;
 
-/// Nodes over which an amplitude is taken.
+/// Regions of nodes for which amplitudes are computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum AmplitudeRegion {
@@ -44,10 +45,10 @@ pub enum AmplitudeRegion {
 }
 
 impl AmplitudeRegion {
-    /// All of them, the whole face first.
+    /// All regions, the whole face first.
     pub const ALL: [Self; 4] = [Self::Face, Self::Brows, Self::Eyes, Self::Mouth];
 
-    /// Name in tables.
+    /// Returns the name used in tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Face => "face",
@@ -70,16 +71,16 @@ impl AmplitudeRegion {
 /// Amplitudes of the models of one emotion.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Amplitudes {
-    /// By model in the order given, by region in the order of [`AmplitudeRegion::ALL`]; `None` where there is none.
+    /// Amplitudes by model in the given order, and by region in the order of [`AmplitudeRegion::ALL`]; `None` where undefined.
     pub values: Vec<[Option<f64>; 4]>,
-    /// Regions without amplitudes, and why.
+    /// Regions without amplitudes, with the reason.
     pub missing: Vec<(AmplitudeRegion, String)>,
 }
 
-/// The amplitudes of models of one emotion, in any order; of one shape, as [`super::representative`] checks.
+/// Computes the amplitudes of the models of one emotion, in any order. All must have one shape, as [`super::representative`] checks.
 pub fn amplitudes(models: &[&SequenceModel], wireframe: &Wireframe, tables: &Tables) -> Amplitudes {
     let live = wireframe.live_nodes();
-    // Places of the models of each person.
+    // Indices of the models of each person.
     let mut order: Vec<usize> = (0..models.len()).collect();
     order.sort_by(|&a, &b| models[a].id.cmp(&models[b].id));
     let mut people: Vec<Vec<usize>> = Vec::new();
@@ -101,7 +102,7 @@ pub fn amplitudes(models: &[&SequenceModel], wireframe: &Wireframe, tables: &Tab
         frames[frames.len() - 1].nodes()[node.index()] - frames[0].nodes()[node.index()]
     };
     let is_in: Vec<[bool; 4]> = live.iter().map(|&n| AmplitudeRegion::ALL.map(|region| region.has(tables.region(n)))).collect();
-    // Per node: by model <v, m> and <m, m> of the median without its person, and the length of the median of all.
+    // Per node: <v, m> and <m, m> for every model, with the median without the model's person; and the length of the median of all.
     let of_node = |&node: &NodeId| -> (Vec<(f64, f64)>, f64) {
         let points: Vec<(Vector2<f64>, f64)> = (0..models.len()).map(|i| (motion(node, i), weight(i))).collect();
         let middle = points.iter().map(|(v, w)| v * *w).sum::<Vector2<f64>>() / points.iter().map(|p| p.1).sum::<f64>();

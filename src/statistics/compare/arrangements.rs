@@ -1,6 +1,6 @@
-//! All ways in which people may exchange their labels, where these are few enough to try them all.
+//! Enumerates all exchanges of labels between people, if their number is small enough.
 
-/// The different arrangements of the labels of people who exchange them within blocks, each found by its number.
+/// The different arrangements of labels that are exchanged within blocks of people. Each has a number.
 #[derive(Clone, Debug)]
 pub(crate) struct Arrangements {
     blocks: Vec<Exchange>,
@@ -8,7 +8,7 @@ pub(crate) struct Arrangements {
     count: usize,
 }
 
-/// One block: the places of its people, how often it has each label, and in how many ways its labels can stand.
+/// One block: the indices of its people, the number of people per label, and the number of different arrangements.
 #[derive(Clone, Debug)]
 struct Exchange {
     places: Vec<usize>,
@@ -17,7 +17,7 @@ struct Exchange {
 }
 
 impl Arrangements {
-    /// The arrangements of `labels` where every place is in one of the blocks; `None` where there are more than `limit`.
+    /// Returns the arrangements of `labels`, or `None` if there are more than `limit`. Each index must be in one of the blocks.
     pub(crate) fn new<'a>(labels: &[usize], blocks: impl IntoIterator<Item = &'a [usize]>, limit: usize) -> Option<Self> {
         let kinds = labels.iter().max().map_or(0, |most| most + 1);
         let mut all = Self { blocks: Vec::new(), people: labels.len(), count: 1 };
@@ -40,12 +40,12 @@ impl Arrangements {
         Some(all)
     }
 
-    /// How many there are.
+    /// Returns the number of arrangements.
     pub(crate) fn count(&self) -> usize {
         self.count
     }
 
-    /// The labels of one of them, by place.
+    /// Returns the labels of one arrangement, by person.
     pub(crate) fn nth(&self, number: usize) -> Vec<usize> {
         let mut labels = vec![0; self.people];
         let mut number = number as u128;
@@ -55,7 +55,7 @@ impl Arrangements {
             let (mut left, mut people) = (block.labels.clone(), block.places.len() as u128);
             for &place in &block.places {
                 for (label, of_label) in left.iter_mut().enumerate().filter(|(_, of_label)| **of_label > 0) {
-                    // So many of the arrangements of those left begin with this label.
+                    // Number of the remaining arrangements that begin with this label.
                     let begin = ways * *of_label / people;
                     if rank < begin {
                         (labels[place], ways) = (label, begin);

@@ -1,11 +1,11 @@
-//! Who may exchange labels with whom, and what comes out when they do.
+//! Exchanges labels between people and collects the results.
 
 use rand::RngExt;
 use rayon::prelude::*;
 
 use super::{CompareOptions, Strata, StrataError, arrangements::Arrangements, permutation::generator};
 
-/// Labels of people, and the blocks of places within which they may be exchanged.
+/// Labels of people, and the blocks of people (indices) within which labels are exchanged.
 #[derive(Clone, Debug)]
 pub(crate) struct Exchange {
     pub labels: Vec<usize>,
@@ -13,10 +13,10 @@ pub(crate) struct Exchange {
 }
 
 impl Exchange {
-    /// People exchange labels with everybody, or within strata.
+    /// Exchanges labels between all people, or within strata.
     ///
     /// # Errors
-    /// [`StrataError`], [`StrataError::Coincide`] where nobody in a stratum has another label.
+    /// [`StrataError`]; [`StrataError::Coincide`] if all people of each stratum have the same label.
     pub fn new(labels: Vec<usize>, subjects: &[&str], strata: Option<&Strata>) -> Result<Self, StrataError> {
         let Some(strata) = strata else {
             let blocks = vec![(0..labels.len()).collect()];
@@ -29,8 +29,10 @@ impl Exchange {
         Ok(Self { labels, blocks })
     }
 
-    /// What `of` says of the labels: in all ways, where there are no more than the permutations asked for, else in so many that are drawn, each
-    /// with random numbers of its own.
+    /// Evaluates `of` on exchanged labels.
+    ///
+    /// If there are no more arrangements than the requested permutations, all are evaluated. Otherwise as many as requested are drawn,
+    /// each with its own random numbers.
     pub fn permute<T: Send>(
         &self,
         options: &CompareOptions,
@@ -55,21 +57,21 @@ impl Exchange {
     }
 }
 
-/// What exchanged labels gave.
+/// Results of exchanged labels.
 pub(crate) struct Exchanged<T> {
     pub outcomes: Vec<T>,
-    /// Whether these are all ways there are.
+    /// Whether these are all arrangements.
     pub exhaustive: bool,
 }
 
 impl<T> Exchanged<T> {
-    /// The chance of what is as large as what was observed; among all ways is the observed one, to those drawn it is added.
+    /// Returns the share of results for which `is_as_large` holds. The observed arrangement is one of all; to drawn ones it is added.
     pub fn p(&self, is_as_large: impl Fn(&T) -> bool) -> f64 {
         let count = self.outcomes.iter().filter(|outcome| is_as_large(outcome)).count();
         (self.extra() + count) as f64 / (self.extra() + self.outcomes.len()) as f64
     }
 
-    /// The smallest p that can come out.
+    /// Returns the smallest possible p.
     pub fn least_p(&self) -> f64 {
         1.0 / (self.extra() + self.outcomes.len()) as f64
     }

@@ -1,4 +1,4 @@
-//! All pairs of groups of an emotion, tested, and what a person should know about it.
+//! Tests all pairs of groups of an emotion, and makes notes for the user.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -13,20 +13,20 @@ use crate::{
     units::NodeId,
 };
 
-/// Replicates of a bootstrap where nothing else is asked for.
+/// Default number of bootstrap replicates.
 const BOOTSTRAP_REPLICATES: usize = 1000;
 
-/// Groups of one emotion above which none are compared: 50 make 1,225 pairs.
+/// Largest number of groups of one emotion that are compared; 50 groups make 1,225 pairs.
 pub const MAX_COMPARED_GROUPS: usize = 50;
 
-/// Options of groups.
+/// Options of the analysis of groups.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct GroupOptions {
-    /// Tests between groups.
+    /// Options of the tests between groups.
     pub compare: CompareOptions,
-    /// Draws for the interval of every dispersion; 0 for none. Without groups there is none.
+    /// Number of draws for the confidence interval of every dispersion; 0 for no intervals. Without groups there are no intervals.
     pub bootstrap: usize,
-    /// Comparisons of amplitudes.
+    /// Options of the comparisons of amplitudes.
     #[serde(default)]
     pub amplitude: AmplitudeOptions,
 }
@@ -37,35 +37,35 @@ impl Default for GroupOptions {
     }
 }
 
-/// What was compared, and what was not.
+/// The comparisons, and the emotions that were not compared.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Comparisons {
-    /// All pairs of groups of every emotion, by emotion, then in the order of the groups; corrected for their number.
+    /// All pairs of groups, by emotion, then in the order of the groups; corrected for their number.
     pub pairs: Vec<Comparison>,
-    /// Emotions with too many groups to compare, with the number of groups.
+    /// Emotions with too many groups to compare, with their number of groups.
     pub too_many: Vec<(String, usize)>,
     /// Whether people without a value were left out.
     pub unknown_left_out: bool,
-    /// All groups of each emotion at once; corrected for their number.
+    /// Tests of all groups of each emotion at once; corrected for their number.
     #[serde(default)]
     pub omnibus: Vec<OmnibusComparison>,
 }
 
-/// Whether a class is of people whose value is known in every column.
+/// Returns whether the class is a group whose value is known in every column.
 pub(crate) fn is_known(label: &ClassLabel) -> bool {
     !label.group.is_empty() && label.group.values().all(|value| value != UNKNOWN_GROUP)
 }
 
-/// Random stream of a class or a pair of classes: it depends on their names alone, so that neither other groups nor the order in which
-/// emotions are worked on change a result.
+/// Returns the random stream of a class or a pair of classes. It depends only on their names, so that neither other groups nor the order
+/// of the emotions change a result.
 pub(crate) fn stream_of(labels: &[(&str, &BTreeMap<String, String>)]) -> u32 {
     let hash = blake3::hash(&serde_json::to_vec(labels).unwrap_or_default());
     let bytes = hash.as_bytes();
-    // Half the range: the bootstrap has the other.
+    // Half of the range; the bootstrap uses the other half.
     u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]) >> 1
 }
 
-/// Compares every two groups of one emotion; the p values are not corrected yet.
+/// Compares all pairs of groups of one emotion. The p values are not yet corrected.
 pub(crate) fn compare_groups(
     emotion: &str,
     groups: &[(ClassLabel, Vec<&SequenceModel>)],
@@ -83,7 +83,7 @@ pub(crate) fn compare_groups(
     }
     let people = |models: &[&SequenceModel]| models.iter().map(|m| m.id.subject.as_str()).collect::<BTreeSet<_>>().len();
     if known.len() > 1 {
-        // Somebody alone says nothing about a group; the others can be compared without them.
+        // A group of one person has no scatter. If at least two groups have more, they are compared without it.
         let (enough, too_few): (Vec<_>, Vec<_>) = known.iter().partition(|(_, models)| people(models) >= LEAST_PEOPLE);
         let (compared, left_out) = if enough.len() > 1 { (enough, too_few) } else { (known.iter().collect(), Vec::new()) };
         let labels: Vec<(&str, &BTreeMap<String, String>)> = compared.iter().map(|(label, _)| (emotion, &label.group)).collect();
@@ -111,7 +111,7 @@ pub(crate) fn compare_groups(
 }
 
 impl Comparisons {
-    /// Those of all emotions, corrected for their number.
+    /// Joins the comparisons of all emotions and corrects for their number.
     pub(crate) fn together(parts: impl IntoIterator<Item = Self>) -> Self {
         let mut all = Self::default();
         for part in parts {
@@ -125,12 +125,12 @@ impl Comparisons {
         all
     }
 
-    /// Tests made.
+    /// Returns the number of tests.
     pub fn tests(&self) -> usize {
         self.pairs.iter().filter(|pair| pair.outcome.is_ok()).count()
     }
 
-    /// What a person should know, at most one line of each kind.
+    /// Returns warnings for the user, at most one of each kind.
     pub(crate) fn warnings(&self, significance: f64) -> Vec<String> {
         let mut warnings = Vec::new();
         warnings.extend(self.hopeless(significance));
@@ -171,7 +171,7 @@ impl Comparisons {
 }
 
 impl Comparisons {
-    /// The warning that tests cannot find anything, and what would help.
+    /// Returns a warning if tests cannot reject whatever the data, with remedies.
     fn hopeless(&self, significance: f64) -> Option<String> {
         let tested: Vec<&Tested> = self.pairs.iter().filter_map(|pair| pair.outcome.as_ref().ok()).collect();
         let hopeless: Vec<&&Tested> = tested.iter().filter(|t| t.least_either_adjusted() > significance).collect();
@@ -180,7 +180,7 @@ impl Comparisons {
         let drawn = hopeless.iter().filter(|t| !t.exhaustive).count();
         let mut helps = Vec::new();
         if drawn > 0 {
-            // Twice one of drawn + 1, times the number of tests, is at most the significance.
+            // Smallest number of draws for which 2 / (draws + 1) times the number of tests is at most the significance level.
             helps.push(format!("--permutations {} or more", (2.0 * tests as f64 / significance).ceil() as usize));
         }
         if drawn < hopeless.len() {
@@ -199,7 +199,7 @@ impl Comparisons {
     }
 }
 
-/// The values of a group, joined by ` + `.
+/// Returns the values of a group, joined by ` + `.
 pub fn group_values(group: &BTreeMap<String, String>) -> String {
     group.values().map(String::as_str).collect::<Vec<_>>().join(" + ")
 }

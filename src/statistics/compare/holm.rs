@@ -1,10 +1,10 @@
-//! Holm's correction for many tests.
+//! Holm's correction for multiple tests.
 
-/// p values corrected by Holm's step-down procedure (1979), in the order given; `NaN` counts as 1.
+/// Returns p values corrected by Holm's step-down procedure (1979), in the given order; `NaN` counts as 1.
 ///
-/// The i-th smallest of n, counted from 0, is multiplied by n - i; none becomes smaller than the one before it or larger than 1. To
-/// reject where a corrected p is at most q makes one false rejection or more with a chance of at most q, however the tests depend
-/// on each other.
+/// The i-th smallest of n, counted from 0, is multiplied by n - i. No corrected p is smaller than the previous one or larger than 1. If
+/// you reject where the corrected p is at most q, the probability of one or more false rejections is at most q, whatever the dependence
+/// between the tests.
 pub fn holm(p: &[f64]) -> Vec<f64> {
     let mut order: Vec<usize> = (0..p.len()).collect();
     let value = |k: usize| if p[k].is_nan() { 1.0 } else { p[k] };

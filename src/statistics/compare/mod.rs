@@ -1,4 +1,4 @@
-//! Whether two groups of people make an expression differently: a permutation test on the energy distance.
+//! Tests whether two groups of people make an expression differently: a permutation test on the energy distance.
 //!
 //! **Statistic.** With KP's distance d [KP, eq. (5)], the energy distance of two groups A and B (Székely & Rizzo 2004) is
 //!
@@ -6,28 +6,32 @@
 //! E = 2 mean d(a, b) - mean d(a, a') - mean d(b, b'),    a, a' in A, b, b' in B, a != a', b != b'
 //! ```
 //!
-//! in face units: how much farther apart people of different groups are than people of one. It needs no mean, no variance and no
-//! normal distribution, only d; it is chosen over the distance of the two representatives because that sees a shift only, and over
-//! a mean difference because d is what KP's median, trimming and dispersion are made of. As d is the mean over nodes k of a distance
-//! `d_k`, E is the mean over nodes of the nodes' own energy distances `E_k`: the same number says *where* the groups differ. It
-//! follows that E sees any difference in how single displacement vectors are distributed and none that is only in how nodes go
-//! together.
+//! in face units. It measures how much farther apart people of different groups are than people of the same group. It needs no mean,
+//! variance or normal distribution, only d. The distance between the two representatives would detect shifts only. A difference of means
+//! would not match the rest of the method: KP's median, trimming and dispersion are based on d.
 //!
-//! **Null distribution.** People, not sequences, are exchangeable: the labels of people are permuted, each with all their sequences;
-//! the distance of two people is the mean over their sequences. All splits, within strata where there are any, are tried where there are no
-//! more than the permutations asked for; otherwise that many are drawn, and p = (1 + those at least as large) / (1 + drawn), which never rejects too often.
+//! The distance d is the mean over nodes k of a distance `d_k`. E is therefore the mean over nodes of the nodes' own energy distances
+//! `E_k`, which show *where* the groups differ. E detects differences in the distribution of single displacement vectors, but no
+//! difference that is only in the dependence between nodes.
+//!
+//! **Null distribution.** People, not sequences, are exchangeable: the labels of people are permuted, each with all their sequences. The
+//! distance of two people is the mean over their sequences. If there are no more splits (within strata, if any) than the requested
+//! permutations, all splits are tried. Otherwise that many are drawn, and p = (1 + number at least as large) / (1 + number drawn), which
+//! never rejects too often.
 //!
 //! **Designs.** With [`Strata`] people exchange labels within their stratum only. People who are in both groups cannot be tested here: E
-//! hardly sees a change that is small beside how much people differ; their amplitudes are compared in pairs ([`super::amplitude`]).
+//! hardly detects a change that is small compared with the differences between people. Their amplitudes are compared in pairs
+//! ([`super::amplitude`]).
 //!
-//! **Verdict.** Two groups differ by E as a whole, or by the node that stands out most; [`Tested::p_either`] is the chance of either,
-//! corrected for there being two ways.
+//! **Decision.** Two groups differ if E as a whole is significant, or the most conspicuous node. [`Tested::p_either`] is the p value of
+//! either, corrected for the two ways.
 //!
-//! **Many tests.** Holm's step-down over all pairs compared in one analysis (`holm`); over the nodes of one pair the
-//! distribution of the largest standardized `E_k` (Westfall & Young's single step), so that naming a node wrongly has the stated
-//! chance for the pair as a whole.
+//! **Multiple tests.** Over all pairs compared in one analysis: Holm's step-down procedure (`holm`). Over the nodes of one pair: the
+//! distribution of the largest standardized `E_k` (Westfall & Young's single step), so that the probability of naming any node wrongly is
+//! that stated for the pair as a whole.
 //!
-//! **Effect size.** H = E / (2 mean d(a, b)), 0 for groups alike to 1 for groups apart, beside what permutations reach by chance.
+//! **Effect size.** H = E / (2 mean d(a, b)), from 0 for equal groups to 1 for separate groups. It is reported with the H that
+//! permutations reach by chance.
 
 mod arrangements;
 mod exchange;
@@ -57,7 +61,7 @@ pub(super) use permutation::draw;
 use permutation::{Design, Permuted, permute};
 pub use strata::{Strata, StrataError};
 
-/// How groups are compared.
+/// Options of the comparison of groups.
 ///
 /// ```
 /// use grimace::statistics::CompareOptions;
@@ -67,11 +71,11 @@ pub use strata::{Strata, StrataError};
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CompareOptions {
-    /// Permutations of each test.
+    /// Number of permutations per test.
     pub permutations: usize,
-    /// Most people of a group that a test uses; of larger groups as many are drawn.
+    /// Largest number of people per group in a test. From larger groups this many are drawn.
     pub people: usize,
-    /// Chance of a false rejection that is accepted, over all tests.
+    /// Accepted probability of a false rejection, over all tests.
     pub significance: f64,
     /// Seed of permutations and draws.
     pub seed: u64,
@@ -83,7 +87,7 @@ impl Default for CompareOptions {
     }
 }
 
-/// Fewest people in a group of a test.
+/// Smallest number of people per group of a test.
 pub const LEAST_PEOPLE: usize = 2;
 
 /// Why two groups were not compared.
@@ -115,15 +119,15 @@ pub enum NotTested {
     /// A group of one says nothing about its scatter.
     #[error("a group of {people} is too small for a test")]
     TooFewPeople {
-        /// People in the smaller group.
+        /// Number of people in the smaller group.
         people: usize,
     },
     /// People in both groups: labels cannot be exchanged freely.
     #[error("{}{} in both groups; a test needs different people", .subjects.join(", "), if *.count > .subjects.len() { format!(" and {} more are", .count - .subjects.len()) } else if *.count == 1 { " is".to_owned() } else { " are".to_owned() })]
     SharedPeople {
-        /// The first of them.
+        /// Some of the shared people.
         subjects: Vec<String>,
-        /// How many there are.
+        /// Number of shared people.
         count: usize,
     },
     /// People cannot be permuted within strata.
@@ -131,10 +135,10 @@ pub enum NotTested {
     Strata(#[from] StrataError),
 }
 
-/// People in both groups that are named.
+/// Largest number of shared people that are named.
 const NAMED_PEOPLE: usize = 3;
 
-/// A test's outcome.
+/// Result of a test.
 ///
 /// ```
 /// # use grimace::{model, normalize, units, wireframe};
@@ -163,61 +167,61 @@ const NAMED_PEOPLE: usize = 3;
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Tested {
-    /// People that the test used, of A and of B.
+    /// Number of people used from A and from B.
     pub people_used: [usize; 2],
-    /// E, face units; below 0 where the groups are more alike than chance makes them.
+    /// E, face units. It is below 0 if the groups are more alike than by chance.
     pub energy: f64,
-    /// H, the effect size.
+    /// Effect size H.
     pub effect: f64,
-    /// The H that chance alone stays under in 95 of 100 cases.
+    /// 95th percentile of H by chance.
     pub effect_by_chance: f64,
-    /// Chance of an E at least as large without a difference.
+    /// Probability of an E at least as large if the groups do not differ.
     pub p: f64,
-    /// [`Tested::p`] after Holm over all pairs of the analysis; 1 until [`adjust`] was called.
+    /// [`Tested::p`] with Holm's correction over all pairs of the analysis; 1 until [`adjust`] is called.
     pub p_adjusted: f64,
-    /// The smallest p that groups of this size can reach.
+    /// Smallest p possible for groups of this size.
     pub least_p: f64,
-    /// [`Tested::least_p`] after Holm over all pairs of the analysis, each at its own least: above the significance this pair cannot
-    /// be found to differ whatever the data; 1 until [`adjust`] was called.
+    /// [`Tested::least_p`] with Holm's correction over all pairs of the analysis, each at its own smallest p; 1 until [`adjust`] is
+    /// called. If it is above the significance level, no data could show a difference for this pair.
     pub least_p_adjusted: f64,
-    /// Splits tried.
+    /// Number of splits tried.
     pub permutations: usize,
-    /// Whether these are all splits there are.
+    /// Whether these are all possible splits.
     pub exhaustive: bool,
     /// `E_k` of every live node, face units.
     pub node_energy: Vec<f64>,
-    /// p of every live node, corrected for the number of nodes.
+    /// p value of every live node, corrected for the number of nodes.
     pub node_p: Vec<f64>,
-    /// Chance that E is as large, or one node stands out as much, without a difference: twice the smaller of [`Tested::p`] and the
-    /// smallest of [`Tested::node_p`], 1 at most.
+    /// Probability that E is as large, or one node as conspicuous, if the groups do not differ: twice the smaller of [`Tested::p`] and
+    /// the smallest [`Tested::node_p`], at most 1.
     pub p_either: f64,
-    /// [`Tested::p_either`] after Holm over all pairs of the analysis; 1 until [`adjust`] was called.
+    /// [`Tested::p_either`] with Holm's correction over all pairs of the analysis; 1 until [`adjust`] is called.
     pub p_either_adjusted: f64,
 }
 
 impl Tested {
-    /// The least that [`Tested::p_either_adjusted`] can come to: twice that of p, as it is twice p at least.
+    /// Returns the smallest possible [`Tested::p_either_adjusted`]: twice [`Tested::least_p_adjusted`], at most 1.
     pub fn least_either_adjusted(&self) -> f64 {
         (2.0 * self.least_p_adjusted).min(1.0)
     }
 }
 
-/// Two groups of one emotion, compared.
+/// Comparison of two groups of one emotion.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Comparison {
     /// Emotion.
     pub emotion: String,
     /// The groups, as column and value.
     pub groups: [BTreeMap<String, String>; 2],
-    /// People in each.
+    /// Number of people in each group.
     pub people: [usize; 2],
-    /// Sequences in each.
+    /// Number of sequences in each group.
     pub sequences: [usize; 2],
-    /// The test, or why there is none.
+    /// The test, or the reason why there is none.
     pub outcome: Result<Tested, NotTested>,
 }
 
-/// Models of one group by subject.
+/// Models of one group, by subject.
 pub(super) type People<'a> = BTreeMap<&'a str, Vec<&'a SequenceModel>>;
 
 pub(super) fn by_subject<'a>(models: &[&'a SequenceModel]) -> People<'a> {
@@ -231,8 +235,8 @@ pub(super) fn by_subject<'a>(models: &[&'a SequenceModel]) -> People<'a> {
 
 /// Compares two groups of models of one emotion.
 ///
-/// Models are normalized, of one shape (as [`super::representative`] checks), in any order; distances are over the `live` nodes. `stream`
-/// numbers the comparison, so that each has its own random numbers.
+/// The models are normalized and of one shape (as [`super::representative`] checks), in any order. Distances are over the `live` nodes.
+/// `stream` is the number of the comparison, so that each has its own random numbers.
 ///
 /// ```
 /// # use grimace::{model, normalize, units, wireframe};
@@ -261,7 +265,7 @@ pub(super) fn by_subject<'a>(models: &[&'a SequenceModel]) -> People<'a> {
 /// ```
 ///
 /// # Errors
-/// [`NotTested`] for a group of one, people in both groups beside others, or strata that allow no test.
+/// [`NotTested`] for a group of one person, people in both groups, or strata that allow no test.
 pub fn compare(
     a: &[&SequenceModel],
     b: &[&SequenceModel],
@@ -301,15 +305,15 @@ pub fn compare(
     Ok(test_design(&people, chosen[0].len(), options, &design, stream))
 }
 
-/// The test for people of whom the first `first` are group A, each with the displacement fields of their sequences.
+/// Tests people given by the displacement fields of their sequences. The first `first` people are group A.
 ///
 /// # Panics
-/// If a group has fewer than 2 people or somebody has no sequence (a programmer's error).
+/// If a group has fewer than 2 people or a person has no sequence (a programmer's error).
 pub fn test(people: &[Vec<DisplacementFields>], first: usize, options: &CompareOptions, stream: u32) -> Tested {
     test_design(people, first, options, &Design::Free, stream)
 }
 
-/// [`test`], with people exchanged as the design says.
+/// As [`test`], with labels exchanged according to `design`.
 fn test_design(
     people: &[Vec<DisplacementFields>],
     first: usize,
@@ -349,7 +353,7 @@ fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-/// The value that 95 of 100 values do not exceed.
+/// Returns the 95th percentile.
 fn upper_quantile(mut values: Vec<f64>) -> f64 {
     const SHARE: f64 = 0.95;
     values.sort_by(f64::total_cmp);
@@ -357,7 +361,7 @@ fn upper_quantile(mut values: Vec<f64>) -> f64 {
     values.get(at).copied().unwrap_or(0.0)
 }
 
-/// Corrects the p of all tests for their number.
+/// Corrects the p values of all tests for their number.
 pub fn adjust(comparisons: &mut [Comparison]) {
     let tested = comparisons.iter_mut().filter_map(|c| c.outcome.as_mut().ok());
     let mut tested: Vec<&mut Tested> = tested.collect();

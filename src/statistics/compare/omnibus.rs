@@ -1,15 +1,17 @@
-//! All groups of an emotion at once: does their location differ, and does their scatter?
+//! Tests all groups of an emotion at once, for differences in location and in scatter.
 //!
-//! **Location.** The pseudo-F of a permutational analysis of variance (Anderson 2001) on the distances d of people: the squared distances
-//! between groups over those within. **Scatter.** The F of an analysis of variance of the people's distances to the centroid of their
-//! own group (Anderson 2006), computed from d alone. The first answers to a shift, the second to one group being more alike than
-//! another; the energy test between pairs answers to both. In both, labels of people are permuted, within strata where asked for, and
-//! everything is computed anew for the groups that come out: the centroids, too. Distances to the centroids that were observed are no
-//! property of the people alone, since everybody pulls the centroid of a small group to themselves; permuted as they stand they reject
-//! too often.
+//! **Location.** The pseudo-F of a permutational analysis of variance (Anderson 2001) on the distances d of people: squared distances
+//! between groups relative to those within groups. It detects shifts.
+//!
+//! **Scatter.** The F of an analysis of variance of the people's distances to the centroid of their own group (Anderson 2006), computed
+//! from d alone. It detects that one group is more alike than another. (The energy test between pairs detects both.)
+//!
+//! In both tests the labels of people are permuted, within strata if requested, and everything is recomputed for the new groups,
+//! including the centroids. The observed distances to the centroids must not be permuted themselves: every person pulls the centroid of a
+//! small group towards themselves, so that such a test rejects too often.
 //!
 //! Squared distances are computed once. Those to a centroid follow from them: with D of all pairs of a group of n people, the square for
-//! person i is `mean_j D_ij - mean_jk D_jk / 2`. A permutation costs a sum over the pairs within its groups.
+//! person i is `mean_j D_ij - mean_jk D_jk / 2`. A permutation costs one sum over the pairs within its groups.
 
 use std::collections::BTreeMap;
 
@@ -20,53 +22,53 @@ use super::{
 };
 use crate::{statistics::distance::DisplacementFields, units::NodeId};
 
-/// Outcome of the tests over all groups of an emotion.
+/// Results of the tests over all groups of an emotion.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Omnibus {
-    /// People used of each group.
+    /// Number of people used from each group.
     pub people: Vec<usize>,
     /// Pseudo-F of the location.
     pub location_f: f64,
-    /// Share of the squared distances that lies between the groups.
+    /// Share of the squared distances that is between the groups.
     pub location_share: f64,
-    /// Chance of a location F at least as large without a difference.
+    /// Probability of a location F at least as large if the groups do not differ.
     pub location_p: f64,
-    /// [`Omnibus::location_p`] after Holm over all tests of this kind in the analysis, scatter included.
+    /// [`Omnibus::location_p`] with Holm's correction over all location and scatter tests of the analysis.
     pub location_p_adjusted: f64,
     /// Mean distance of each group's people to their group's centroid, face units.
     pub scatters: Vec<f64>,
     /// F of the scatter.
     pub scatter_f: f64,
-    /// Chance of a scatter F at least as large without a difference.
+    /// Probability of a scatter F at least as large if the groups do not differ.
     pub scatter_p: f64,
-    /// [`Omnibus::scatter_p`] after Holm.
+    /// [`Omnibus::scatter_p`] with Holm's correction.
     pub scatter_p_adjusted: f64,
-    /// Permutations.
+    /// Number of permutations.
     pub permutations: usize,
-    /// Whether these are all there are.
+    /// Whether these are all possible permutations.
     #[serde(default)]
     pub exhaustive: bool,
 }
 
-/// All groups of one emotion, compared at once.
+/// Comparison of all groups of one emotion at once.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OmnibusComparison {
     /// Emotion.
     pub emotion: String,
-    /// The groups that are compared.
+    /// The compared groups.
     pub groups: Vec<BTreeMap<String, String>>,
-    /// Groups of fewer than [`super::LEAST_PEOPLE`], which are left out where there are enough others.
+    /// Groups of fewer than [`super::LEAST_PEOPLE`], which are left out if there are enough others.
     #[serde(default)]
     pub left_out: Vec<BTreeMap<String, String>>,
-    /// The tests, or why there are none.
+    /// The tests, or the reason why there are none.
     pub outcome: Result<Omnibus, String>,
 }
 
-/// Purposes of the random numbers of draws, one a group, and of the permutations.
+/// Purposes of the random numbers: draws (one purpose per group) and permutations.
 const DRAWS: u64 = 64;
 const PERMUTATIONS: u64 = 63;
 
-/// Relative difference of two F that is rounding.
+/// Relative difference of two F values that counts as rounding error.
 const ROUNDING: f64 = 1e-10;
 
 /// Tests location and scatter of two or more groups.
@@ -103,7 +105,7 @@ pub fn omnibus(
     test(&distance_matrix(&people), &exchange, options, stream)
 }
 
-/// The tests for a matrix of distances.
+/// Runs the tests on a matrix of distances.
 fn test(distances: &[Vec<f64>], exchange: &Exchange, options: &CompareOptions, stream: u32) -> Result<Omnibus, String> {
     let labels = &exchange.labels;
     let sizes = sizes(labels);
@@ -117,7 +119,7 @@ fn test(distances: &[Vec<f64>], exchange: &Exchange, options: &CompareOptions, s
     let tried = exchange.permute(options, (stream, PERMUTATIONS), |shuffled| {
         let split = Split::new(distances, shuffled, &sizes);
         let at_least = |f: f64, observed: f64| f >= observed - ROUNDING * observed.abs();
-        // Groups within which nobody scatters differ beyond any number.
+        // Without any scatter within the groups, F is infinite.
         let scatter = scatter_f.is_some_and(|observed| {
             analysis_of_variance(&split.to_centroid, shuffled, &sizes).is_none_or(|f| at_least(f, observed))
         });
@@ -146,18 +148,18 @@ fn sizes(labels: &[usize]) -> Vec<usize> {
     sizes
 }
 
-/// The sum of squares over all people: that of their squared distances over their number.
+/// Returns the sum of squares over all people: the sum of their squared distances divided by their number.
 fn total(distances: &[Vec<f64>]) -> f64 {
     let pairs = distances.iter().enumerate().flat_map(|(i, row)| &row[i + 1..]);
     pairs.fold(0.0, |sum, d| sum + d * d) / distances.len() as f64
 }
 
-/// What one way of parting people into groups gives.
+/// Results for one split of people into groups.
 struct Split {
     groups: usize,
     /// Sum of squares within the groups.
     within: f64,
-    /// Everybody's distance to the centroid of their group.
+    /// Distance of every person to the centroid of their group.
     to_centroid: Vec<f64>,
 }
 
@@ -178,20 +180,20 @@ impl Split {
                 }
             }
             within += pairs / n;
-            // Distances that no space has may make this negative: 0 then.
+            // Distances that no Euclidean space has can make this negative; it is then 0.
             members.iter().for_each(|&i| to_centroid[i] = (to_centroid[i] / n - pairs / (n * n)).max(0.0).sqrt());
         }
         Self { groups: sizes.len(), within, to_centroid }
     }
 
-    /// The pseudo-F, given the sum of squares over all people.
+    /// Returns the pseudo-F, given the sum of squares over all people.
     fn location_f(&self, total: f64) -> f64 {
         let freedom = self.to_centroid.len() - self.groups;
         ((total - self.within) / (self.groups - 1) as f64) / (self.within / freedom as f64)
     }
 }
 
-/// F of a one-way analysis of variance; `None` where no group scatters.
+/// Returns the F of a one-way analysis of variance, or `None` if no group has scatter.
 fn analysis_of_variance(values: &[f64], labels: &[usize], sizes: &[usize]) -> Option<f64> {
     let all = values.iter().sum::<f64>() / values.len() as f64;
     let mut means = vec![0.0; sizes.len()];
@@ -202,7 +204,7 @@ fn analysis_of_variance(values: &[f64], labels: &[usize], sizes: &[usize]) -> Op
     (within > ROUNDING * total).then(|| (between / (sizes.len() - 1) as f64) / (within / (values.len() - sizes.len()) as f64))
 }
 
-/// Corrects the p of all comparisons for their number, location and scatter together.
+/// Corrects the p values of all comparisons for their number, location and scatter together.
 pub fn adjust_omnibus(comparisons: &mut [OmnibusComparison]) {
     let mut tests: Vec<&mut Omnibus> = comparisons.iter_mut().filter_map(|c| c.outcome.as_mut().ok()).collect();
     let p: Vec<f64> = tests.iter().flat_map(|t| [t.location_p, t.scatter_p]).collect();
@@ -252,7 +254,7 @@ mod tests {
         let found = test(&distances(), &everybody(&labels), &options, 0).unwrap();
         approx::assert_relative_eq!(found.location_f, SCIKIT_BIO[0], max_relative = 1e-6);
         approx::assert_relative_eq!(found.scatter_f, SCIKIT_BIO[1], max_relative = 1e-6);
-        // Of 9,999 permutations each: within four standard errors of both.
+        // 9,999 permutations each: within four standard errors of both.
         for (p, expected) in [(found.location_p, SCIKIT_BIO[2]), (found.scatter_p, SCIKIT_BIO[3])] {
             assert!((p - expected).abs() < 4.0 * (2.0 * expected / 9999.0).sqrt() + 2e-4, "{p} {expected}");
         }
@@ -261,7 +263,7 @@ mod tests {
 
     #[test]
     fn centroids_follow_the_labels_and_all_labels_are_tried_where_they_are_few() {
-        // Five against five: 252 ways, of which scripts/check_statistics.py tries every one by coordinates.
+        // Five against five: 252 arrangements; scripts/check_statistics.py computes all of them from coordinates.
         let labels: Vec<usize> = (0..10).map(|i| i / 5).collect();
         let ten: Vec<Vec<f64>> = distances()[..10].iter().map(|row| row[..10].to_vec()).collect();
         let options = CompareOptions::default();
@@ -269,7 +271,7 @@ mod tests {
         assert!(found.exhaustive && found.permutations == 252);
         approx::assert_relative_eq!(found.location_p, NUMPY_EXACT[0], max_relative = 1e-6);
         approx::assert_relative_eq!(found.scatter_p, NUMPY_EXACT[1], max_relative = 1e-6);
-        // Within two strata 3 of 5 and 2 of 5: 100 ways.
+        // 3 of 5 and 2 of 5 within two strata: 100 arrangements.
         let blocks = [vec![0, 1, 2, 5, 6], vec![3, 4, 7, 8, 9]];
         let strata = Exchange { labels, blocks: blocks.into() };
         let within = test(&ten, &strata, &options, 0).unwrap();
@@ -279,7 +281,7 @@ mod tests {
 
     #[test]
     fn the_test_of_the_scatter_rejects_no_more_often_than_it_says() {
-        // 3 and 12 people from one place, with heavy tails: distances to fixed centroids reject 12 % of them at 5 %.
+        // 3 and 12 people from one distribution with heavy tails. A test on fixed distances to centroids rejects 12 % at a level of 5 %.
         let labels: Vec<usize> = (0..15).map(|i| usize::from(i >= 3)).collect();
         let options = CompareOptions { permutations: 99, ..CompareOptions::default() };
         let mut random = generator(7, 0, 0, 0);
@@ -302,7 +304,7 @@ mod tests {
         assert!(why.starts_with("all people of a group move in the same way"));
     }
 
-    // From scripts/check_statistics.py: p of location and scatter over all ways; F of location and scatter and their p.
+    // From scripts/check_statistics.py: exact p of location and scatter; F of location and scatter and their p.
     const NUMPY_EXACT: [f64; 2] = [0.00793650794, 0.0952380952];
     const SCIKIT_BIO: [f64; 4] = [7.6077193, 10.0998815, 3e-5, 0.0088];
 }

@@ -5,20 +5,20 @@ use rayon::prelude::*;
 use super::mean;
 use crate::statistics::distance::{DisplacementFields, vector_distance};
 
-/// Distances of all pairs of n people at every one of N nodes.
+/// Distances between all pairs of n people at each of N nodes.
 #[derive(Clone, Debug)]
 pub(super) struct PairDistances {
     people: usize,
     nodes: usize,
-    /// By pair (i, j), i < j, in the order (0, 1), (0, 2), ..., (1, 2), ...; the N nodes of a pair together.
+    /// Distances by pair (i, j), i < j, in the order (0, 1), (0, 2), ..., (1, 2), ...; N nodes per pair.
     pairs: Vec<f64>,
-    /// For every person the sums over all others, by node.
+    /// Sums over all others for every person, by node.
     rows: Vec<f64>,
-    /// The sums over all pairs, by node.
+    /// Sums over all pairs, by node.
     total: Vec<f64>,
 }
 
-/// The energy distances of one split, by node.
+/// Energy distances of one split, by node.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Energy {
     /// `E_k`.
@@ -28,15 +28,15 @@ pub(super) struct Energy {
 }
 
 impl Energy {
-    /// H = E / (2 mean distance between the groups); 0 where nobody differs from anybody.
+    /// Returns H = E / (2 mean distance between the groups), or 0 if all people are equal.
     pub fn effect(&self) -> f64 {
         if self.between > 0.0 { mean(&self.nodes) / (2.0 * self.between) } else { 0.0 }
     }
 }
 
 impl PairDistances {
-    /// Distances of people, each with the displacement fields of their sequences: the mean over the pairs of sequences, and over
-    /// the fields, of `d_v` [KP, eq. (3)].
+    /// Computes the distances of people, given by the displacement fields of their sequences: the mean of `d_v` [KP, eq. (3)] over the
+    /// pairs of sequences and the fields.
     pub fn new(people: &[Vec<DisplacementFields>]) -> Self {
         let n = people.len();
         let nodes = people.first().and_then(|p| p.first()).map_or(0, DisplacementFields::node_count);
@@ -65,12 +65,12 @@ impl PairDistances {
         self.nodes
     }
 
-    /// Place of the pair (i, j), i < j, among the pairs.
+    /// Returns the index of the pair (i, j), i < j.
     fn place(&self, i: usize, j: usize) -> usize {
         i * self.people - i * (i + 1) / 2 + (j - i - 1)
     }
 
-    /// The energy distances between the people in `members` (ascending) and all others.
+    /// Returns the energy distances between the people in `members` (ascending) and all others.
     ///
     /// # Panics
     /// If one of the two groups has fewer than two people (a programmer's error).
@@ -98,7 +98,7 @@ impl PairDistances {
     }
 }
 
-/// Distances of all people: means over the nodes.
+/// Returns the matrix of distances between people, as means over the nodes.
 pub(crate) fn distance_matrix(people: &[Vec<DisplacementFields>]) -> Vec<Vec<f64>> {
     let n = people.len();
     let nodes = people.first().and_then(|p| p.first()).map_or(0, DisplacementFields::node_count);
@@ -108,7 +108,7 @@ pub(crate) fn distance_matrix(people: &[Vec<DisplacementFields>]) -> Vec<Vec<f64
     (0..n).map(|i| (0..n).map(|j| distance(i, j)).collect()).collect()
 }
 
-/// The distances of two people, node by node.
+/// Returns the distances of two people, node by node.
 fn distances(a: &[DisplacementFields], b: &[DisplacementFields], nodes: usize) -> Vec<f64> {
     let mut sums = vec![0.0; nodes];
     let mut count = 0.0;

@@ -1,4 +1,4 @@
-//! The null distribution: the energy distance under other splits of the same people.
+//! The null distribution: the energy distance for other splits of the same people.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -12,23 +12,23 @@ use super::{
     strata::Block,
 };
 
-/// Splits per unit of work; every unit has its own random stream.
+/// Number of splits per unit of work. Every unit has its own random stream.
 const CHUNK: usize = 64;
 
-/// Relative difference of two energies that is rounding: sums of the same distances in another order.
+/// Relative difference of two energies that counts as rounding error: sums of the same distances in another order.
 const ROUNDING: f64 = 1e-10;
 
-/// How people may exchange their labels.
+/// Between whom labels are exchanged.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Design {
-    /// Everybody with everybody.
+    /// Between all people.
     Free,
     /// Within strata.
     Strata(Vec<Block>),
 }
 
 impl Design {
-    /// The first group of a random split of `people`, ascending.
+    /// Returns the first group of a random split of `people`, ascending.
     fn split(&self, people: usize, size: usize, random: &mut ChaCha8Rng) -> Vec<usize> {
         let mut chosen = match self {
             Self::Free => return subset(people, size, random),
@@ -43,7 +43,7 @@ impl Design {
         chosen
     }
 
-    /// Splits there are, about.
+    /// Returns the approximate number of splits.
     fn splits(&self) -> f64 {
         let choose = |n: usize, k: usize| (0..k.min(n - k)).fold(1.0, |c, i| c * (n - i) as f64 / (i + 1) as f64);
         match self {
@@ -52,7 +52,7 @@ impl Design {
         }
     }
 
-    /// The first groups, ascending, of all splits of `people`, where there are no more than `limit`.
+    /// Returns the first groups, ascending, of all splits of `people`, or `None` if there are more than `limit`.
     fn all_splits(&self, people: usize, size: usize, limit: usize) -> Option<Vec<Vec<usize>>> {
         let everybody = [((0..people).collect(), size)];
         let blocks: &[Block] = match self {
@@ -66,7 +66,7 @@ impl Design {
         Some((0..all.count()).map(|k| first(all.nth(k))).collect())
     }
 
-    /// Whether every split is there twice, as itself and as its complement: all groups that exchange people are of one size.
+    /// Returns whether every split occurs twice, as itself and as its complement: both groups have equal size in every block.
     fn has_twins(&self, people: usize, size: usize) -> bool {
         match self {
             Self::Free => 2 * size == people,
@@ -75,31 +75,31 @@ impl Design {
     }
 }
 
-/// What the splits gave.
+/// Results of the splits.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Permuted {
-    /// Splits with an energy at least as large as the observed one.
+    /// Number of splits with an energy at least as large as the observed one.
     pub at_least: usize,
     /// H of every split.
     pub effects: Vec<f64>,
-    /// The smallest p that can come out.
+    /// Smallest possible p.
     pub least_p: f64,
-    /// p of every node, corrected for the number of nodes.
+    /// p value of every node, corrected for the number of nodes.
     pub node_p: Vec<f64>,
-    /// Splits tried.
+    /// Number of splits tried.
     pub permutations: usize,
-    /// Whether they are all there are.
+    /// Whether these are all possible splits.
     pub exhaustive: bool,
 }
 
-/// Random numbers of one use: comparison, purpose (0 and 1 draws of people, 2 splits), unit of work.
+/// Returns the random numbers of one use: comparison, purpose (0 and 1 draws of people, 2 splits), unit of work.
 pub(super) fn generator(seed: u64, stream: u32, purpose: u64, unit: u64) -> ChaCha8Rng {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream((u64::from(stream) << 32) | (purpose << 24) | (unit & 0x00ff_ffff));
     random
 }
 
-/// Places of the people that a test uses of a group of `count`, ascending: all, or as many as the options allow, drawn.
+/// Returns the indices of the people used from a group of `count`, ascending: all, or a random subset of the largest size allowed.
 pub(crate) fn draw(count: usize, options: &CompareOptions, stream: u32, group: u64) -> Vec<usize> {
     let wanted = options.people.max(super::LEAST_PEOPLE);
     if count <= wanted {
@@ -108,7 +108,7 @@ pub(crate) fn draw(count: usize, options: &CompareOptions, stream: u32, group: u
     subset(count, wanted, &mut generator(options.seed, stream, group, 0))
 }
 
-/// `size` of `count` places, ascending, all subsets alike.
+/// Returns a random subset of `size` of `count` indices, ascending, each subset with equal probability.
 fn subset(count: usize, size: usize, random: &mut ChaCha8Rng) -> Vec<usize> {
     let mut places: Vec<usize> = (0..count).collect();
     for k in 0..size {
@@ -120,7 +120,7 @@ fn subset(count: usize, size: usize, random: &mut ChaCha8Rng) -> Vec<usize> {
     places
 }
 
-/// Tries other splits into groups of `first` and the rest.
+/// Computes the energy for other splits into a group of `first` people and the rest.
 pub(super) fn permute(
     distances: &PairDistances,
     first: usize,
@@ -130,7 +130,7 @@ pub(super) fn permute(
     stream: u32,
 ) -> Permuted {
     let (n, wanted) = (distances.people(), options.permutations.max(1));
-    // The smaller group is the cheaper one to sum over; E is the same from both sides.
+    // Sums over the smaller group are cheaper; E is the same for both.
     let size = if *design == Design::Free { first.min(n - first) } else { first };
     let all = design.all_splits(n, size, wanted);
     let exhaustive = all.is_some();
@@ -166,10 +166,10 @@ pub(super) fn permute(
     }
 }
 
-/// p of every node against the largest standardized `E_k` of each split.
+/// Returns the p value of every node from the largest standardized `E_k` of each split.
 fn node_p(nodes: usize, observed: &Energy, energies: &[(f64, Energy)], exhaustive: bool) -> Vec<f64> {
-    // The observed split is one of those that chance may give: it takes part in mean and deviation like the others, or it alone would
-    // be measured by numbers it had no share in, and stand out too often where there are few permutations.
+    // The observed split is one of the possible ones, so it enters mean and deviation as well. Without it, it alone would be standardized
+    // by numbers that exclude it, and be too large too often with few permutations.
     let extra = (!exhaustive).then_some(observed);
     let splits = || energies.iter().map(|(_, energy)| energy).chain(extra);
     let count = splits().count() as f64;

@@ -1,4 +1,4 @@
-//! Strata: people are exchanged only with people of their own stratum, such as one age or one site.
+//! Strata: labels are exchanged only between people of the same stratum, such as an age or a site.
 
 use std::collections::BTreeMap;
 
@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Strata {
     columns: String,
-    /// By subject the stratum, or the values of a subject who has several or none.
+    /// Stratum by subject: one value, or all values of a subject with several, or none.
     of: BTreeMap<String, Vec<String>>,
 }
 
@@ -36,7 +36,7 @@ pub enum StrataError {
         "{people} of the people have no value in `{columns}`, for example {first}; permutation within strata needs a value for every person"
     )]
     Missing {
-        /// How many.
+        /// Number of such people.
         people: usize,
         /// The first of them.
         first: String,
@@ -46,7 +46,7 @@ pub enum StrataError {
     /// Somebody with several values.
     #[error("{subject} has several values in `{columns}` ({values}); a person belongs to one stratum")]
     Several {
-        /// Who.
+        /// The person.
         subject: String,
         /// Their values.
         values: String,
@@ -61,11 +61,12 @@ pub enum StrataError {
     },
 }
 
-/// Places of the people of one stratum, and how many of them are in the first group.
+/// Indices of the people of one stratum, and how many of them are in the first group.
 pub(crate) type Block = (Vec<usize>, usize);
 
 impl Strata {
-    /// Strata by the values, joined, of some columns: a row per sequence of subject and values, empty ones missing.
+    /// Makes strata from the joined values of `columns`. There is one row per sequence: subject and values. Rows with an empty value are
+    /// ignored.
     pub fn new<'a>(columns: &[String], rows: impl IntoIterator<Item = (&'a str, Vec<String>)>) -> Self {
         let mut of: BTreeMap<String, Vec<String>> = BTreeMap::new();
         for (subject, values) in rows {
@@ -78,20 +79,20 @@ impl Strata {
         Self { columns: columns.join(", "), of }
     }
 
-    /// The values of a person: one, unless they have none or several.
+    /// Returns the values of a person: one, unless the person has none or several.
     pub fn values(&self, subject: &str) -> &[String] {
         self.of.get(subject).map_or(&[], Vec::as_slice)
     }
 
-    /// The columns, joined.
+    /// Returns the columns, joined.
     pub fn columns(&self) -> &str {
         &self.columns
     }
 
-    /// The stratum of everybody.
+    /// Returns the stratum of each subject.
     ///
     /// # Errors
-    /// [`StrataError`] for people with no stratum or several.
+    /// [`StrataError`] for people without a stratum or with several.
     pub fn of<'a>(&'a self, subjects: &[&str]) -> Result<Vec<&'a str>, StrataError> {
         let values = |subject: &&str| self.of.get(*subject).map_or(&[][..], Vec::as_slice);
         let columns = self.columns.clone();
@@ -106,7 +107,7 @@ impl Strata {
         Ok(subjects.iter().map(|s| values(s)[0].as_str()).collect())
     }
 
-    /// The places of the people of every stratum.
+    /// Returns the indices of the people of every stratum.
     ///
     /// # Errors
     /// [`StrataError`].
@@ -117,7 +118,7 @@ impl Strata {
         Ok(places.into_values().collect())
     }
 
-    /// The people of every stratum, of whom the first `first` are the first group.
+    /// Returns the people of every stratum as blocks. The first `first` subjects are the first group.
     ///
     /// # Errors
     /// [`StrataError`].

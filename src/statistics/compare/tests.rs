@@ -14,7 +14,7 @@ fn fields(vectors: &[(f64, f64)]) -> DisplacementFields {
     DisplacementFields::from_vectors(vectors.len(), &vectors.iter().map(|&(x, y)| Vector2::new(x, y)).collect::<Vec<_>>())
 }
 
-/// People with one sequence of one field over one node, at places on a line.
+/// People with one sequence of one field over one node, at positions on a line.
 fn line(places: &[f64]) -> Vec<Vec<DisplacementFields>> {
     places.iter().map(|&x| vec![fields(&[(x, 0.0)])]).collect()
 }
@@ -29,7 +29,7 @@ fn the_energy_distance_of_four_people_on_a_line() {
     assert!(tested.exhaustive);
     assert_eq!((tested.permutations, tested.p, tested.least_p), (6, 2.0 / 6.0, 2.0 / 6.0));
     assert_eq!((tested.node_energy, tested.node_p), (vec![6.0], vec![2.0 / 6.0]));
-    // Of H = -3 / 6 four times and 6 / 9 twice, 95 of 100 do not exceed the largest.
+    // H is -3 / 6 four times and 6 / 9 twice, so the 95th percentile is the largest value.
     assert_eq!(tested.effect_by_chance, 6.0 / 9.0);
 }
 
@@ -58,7 +58,7 @@ fn the_nodes_that_differ_are_found_and_no_others() {
     assert!(tested.node_p[1] <= 0.01 && tested.node_p[0] > 0.05 && tested.node_p[2] > 0.05, "{:?}", tested.node_p);
     let mean = tested.node_energy.iter().sum::<f64>() / 3.0;
     approx::assert_relative_eq!(mean, tested.energy, max_relative = 1e-12);
-    // The same seed gives the same numbers, the order of the groups hardly matters.
+    // The same seed gives the same numbers; the order of the groups hardly matters.
     assert_eq!(test(&people, 15, &CompareOptions::default(), 0), tested);
 }
 
@@ -120,7 +120,7 @@ fn large_groups_are_tested_on_a_draw_that_the_seed_decides() {
 
 #[test]
 fn people_are_exchanged_within_strata_only() {
-    // Two sites 50 apart; group A is mostly at the first. Freely exchanged the groups differ, within the sites they do not.
+    // Two sites 50 apart; most of group A is at the first. With free exchange the groups differ, within sites they do not.
     let models: Vec<SequenceModel> =
         (0..24).map(|i| model(&format!("s{i:02}"), "1", f64::from(i % 5) + if i < 12 { 0.0 } else { 50.0 })).collect();
     let in_a = |m: &&SequenceModel| m.id.subject.as_str() < "s10" || m.id.subject.as_str() >= "s22";
@@ -131,7 +131,7 @@ fn people_are_exchanged_within_strata_only() {
     let free = compare(&a, &b, &[NodeId(0)], &options, None, 0).unwrap();
     let within = compare(&a, &b, &[NodeId(0)], &options, Some(&strata), 0).unwrap();
     assert!(free.p <= 0.01 && within.p > 0.1, "{} {}", free.p, within.p);
-    // Where the ways to exchange people within the sites are few, all are tried: of 3 and 3, 1 and 2 in A, nine.
+    // If few exchanges within the sites are possible, all are tried: 3 and 3 people with 1 and 2 in A give nine.
     let few: Vec<&SequenceModel> =
         models.iter().filter(|m| matches!(&m.id.subject[1..], "08" | "09" | "10" | "12" | "22" | "23")).collect();
     let (a, b): (Vec<&SequenceModel>, Vec<&SequenceModel>) = few.into_iter().partition(in_a);

@@ -1,25 +1,25 @@
-//! Whether an expression changes with a number that is known of the people, such as their age.
+//! Tests whether an expression changes with a number known for each person, such as their age.
 //!
-//! **The whole.** The pseudo-F of a regression on distances (`McArdle` & Anderson 2001; Legendre & Anderson 1999) over KP's own distance d
-//! [KP, eq. (5)], as [`super::compare::omnibus`] has it for groups: with G the squared distances -d²/2, centred by rows and columns, and z
-//! the people's numbers, centred and of length 1,
+//! **The whole face.** The pseudo-F of a regression on distances (`McArdle` & Anderson 2001; Legendre & Anderson 1999) with KP's distance
+//! d [KP, eq. (5)], the counterpart of [`super::compare::omnibus`] for groups. G are the squared distances -d²/2, centred by rows and
+//! columns, and z are the people's numbers, centred and of length 1:
 //!
 //! ```text
 //! explained = z' G z,    share = explained / tr G,    F = explained (n - 2) / (tr G - explained)
 //! ```
 //!
-//! **Where.** At every node the share of the people's variance, over all frames, that straight lines over the number explain. The chance of
-//! the largest of them over all nodes corrects for their number (Westfall & Young's single step), as between groups.
+//! **Single nodes.** For every node, the share of the variance between people, over all frames, that straight lines over the number
+//! explain. The p values compare it with the largest share of any node (Westfall & Young's single step), as for groups.
 //!
-//! **Amplitudes.** The least-squares line of the people's amplitudes over the number, with Student's interval of its slope.
+//! **Amplitudes.** The least-squares line of the people's amplitudes over the number, with Student's confidence interval of its slope.
 //!
-//! **Null distribution.** People exchange their numbers, each with all their sequences, within [`Strata`] where there are any; all ways are
-//! tried where there are no more than the permutations asked for, else so many are drawn, and p = (1 + those at least as large) / (1 + drawn).
-//! Strata change nothing but p: shares, slopes and intervals are those of all people together. Of many people a draw is tested
-//! ([`CompareOptions::people`]); lines go through all of them.
+//! **Null distribution.** People exchange their numbers, each with all their sequences, within [`Strata`] if there are any. If there are
+//! no more arrangements than the requested permutations, all are tried. Otherwise that many are drawn, and p = (1 + number at least as
+//! large) / (1 + number drawn). Strata affect only p: shares, slopes and intervals are those of all people together. With many people the
+//! test uses a random draw ([`CompareOptions::people`]); lines are fitted to all people.
 //!
-//! Somebody of whom several numbers are known (sessions at two ages) counts with their mean. What is found is a straight line: what is largest
-//! in the middle is not seen, and a number that goes along with another one may stand for it.
+//! A person with several numbers (sessions at two ages) counts with their mean. Only linear relations are detected: an effect that is
+//! largest in the middle is not. A number can also stand for another one that it is correlated with.
 
 mod slope;
 
@@ -43,25 +43,27 @@ use crate::{
 
 pub use slope::{AmplitudeSlope, adjust_slopes, amplitude_slope};
 
-/// Fewest people: of four, the least p of the whole or a node is 2 of 24.
+/// Smallest number of people. With four, the smallest p of the whole or a node is 2 / 24.
 pub const LEAST_PEOPLE: usize = 5;
 
-/// Relative difference of two numbers that is rounding.
+/// Relative difference of two numbers that counts as rounding error.
 const ROUNDING: f64 = 1e-10;
 
 /// Purposes of the random numbers: draws of people, and permutations.
 const DRAW: u64 = 128;
 const PERMUTATIONS: u64 = 129;
 
-/// Numbers of people by subject.
+/// The number of each person, by subject.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Numbers {
     of: BTreeMap<String, f64>,
 }
 
 impl Numbers {
-    /// Numbers by the values of a column: a row per sequence of subject and value. A person's values are averaged, each different one once;
-    /// people with a value that is no number have none.
+    /// Makes numbers from the values of a column. There is one row per sequence: subject and value, or `None` for a value that is not a
+    /// number.
+    ///
+    /// A person's different values are averaged. People without any number are left out.
     pub fn new<'a>(rows: impl IntoIterator<Item = (&'a str, Option<f64>)>) -> Self {
         let mut values: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
         for (subject, value) in rows {
@@ -77,48 +79,50 @@ impl Numbers {
         Self { of }
     }
 
-    /// The number of a person.
+    /// Returns the number of a person.
     pub fn get(&self, subject: &str) -> Option<f64> {
         self.of.get(subject).copied()
     }
 }
 
-/// How an expression goes with a number.
+/// Relation between an expression and a number.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Covariate {
-    /// People with a number.
+    /// Number of people with a number.
     pub people: usize,
-    /// How many of them the test used.
+    /// Number of people used by the test.
     pub used: usize,
     /// Mean of all their numbers.
     pub mean: f64,
     /// Standard deviation of their numbers.
     pub deviation: f64,
-    /// Share of the squared distances between people that goes with the number; below 0 or above 1 only where distances are those of no space.
+    /// Share of the squared distances between people that the number explains. It can be below 0 or above 1 only if the distances are not
+    /// Euclidean.
     pub share: f64,
-    /// Pseudo-F; `None` where nothing is left that does not go with the number.
+    /// Pseudo-F; `None` if the number explains everything.
     pub f: Option<f64>,
-    /// Chance of an F at least as large if the number meant nothing.
+    /// Probability of an F at least as large if the number has no effect.
     pub p: f64,
-    /// By live node the share of the people's variance there that goes with the number, 0 to 1.
+    /// Share of the variance between people that the number explains, by live node, 0 to 1.
     pub node_share: Vec<f64>,
-    /// By live node the chance of such a share at any node.
+    /// Probability of such a share at any node, by live node.
     pub node_p: Vec<f64>,
-    /// Twice the smaller of [`Covariate::p`] and the least of [`Covariate::node_p`], at most 1: that the whole or one node goes with the number.
+    /// p value for the whole or any node: twice the smaller of [`Covariate::p`] and the smallest [`Covariate::node_p`], at most 1.
     pub p_either: f64,
-    /// [`Covariate::p_either`] after Holm over all that is tested in the analysis; 1 until [`adjust_covariates`] was called.
+    /// [`Covariate::p_either`] with Holm's correction over all tests of the analysis; 1 until [`adjust_covariates`] is called.
     pub p_either_adjusted: f64,
-    /// The smallest p that can come out.
+    /// Smallest possible p.
     pub least_p: f64,
-    /// The smallest [`Covariate::p_either_adjusted`] that can come out: above the significance nothing can be found, whatever the data.
+    /// Smallest possible [`Covariate::p_either_adjusted`]. If it is above the significance level, no data could show a relation.
     pub least_either_adjusted: f64,
-    /// Permutations.
+    /// Number of permutations.
     pub permutations: usize,
-    /// Whether these are all there are.
+    /// Whether these are all possible permutations.
     pub exhaustive: bool,
-    /// Numbers under which 5 and 95 % of the people lie, or the least and the largest where these are one, for which [`Covariate::models`] are.
+    /// Numbers for which [`Covariate::models`] are computed: the 5th and 95th percentiles, or the minimum and the maximum if these are
+    /// equal.
     pub shown: [f64; 2],
-    /// The expression at these numbers: on the line of least squares at every node and frame.
+    /// The expression at these numbers, on the least-squares line of every node and frame.
     pub models: [DynamicExpressionModel<FaceUnit>; 2],
 }
 
@@ -128,13 +132,13 @@ pub enum NoCovariate {
     /// Too few people.
     #[error("only {people} of the people {} a number; at least {LEAST_PEOPLE} are needed", if *people == 1 { "has" } else { "have" })]
     TooFewPeople {
-        /// People with a number.
+        /// Number of people with a number.
         people: usize,
     },
     /// Everybody has the same number.
     #[error("all {people} people have the same number, {}", nine_digits(*.number))]
     Same {
-        /// People with a number.
+        /// Number of people with a number.
         people: usize,
         /// The number.
         number: f64,
@@ -142,9 +146,9 @@ pub enum NoCovariate {
     /// Everybody who was drawn has the same number.
     #[error("all {used} people drawn from {people} have the same number; draw more with --test-people")]
     SameDrawn {
-        /// People who were drawn.
+        /// Number of people drawn.
         used: usize,
-        /// People with a number.
+        /// Number of people with a number.
         people: usize,
     },
     /// Everybody moves alike.
@@ -173,10 +177,10 @@ impl From<StrataError> for NoCovariate {
     }
 }
 
-/// Tests whether an expression goes with a number.
+/// Tests whether an expression changes with a number.
 ///
-/// Models are of one emotion and one shape (as [`super::representative`] checks), in any order. `stream` tells the random numbers of this test
-/// from those of others.
+/// The models are of one emotion and one shape (as [`super::representative`] checks), in any order. `stream` gives this test its own
+/// random numbers.
 ///
 /// # Errors
 /// [`NoCovariate`].
@@ -221,7 +225,7 @@ pub fn covariate(
 
     let shown = shown(&known);
     let everybody = all.iter().enumerate().map(|(i, person)| {
-        // Those of people who were drawn are there.
+        // Courses of drawn people are already computed.
         let drawn = places.binary_search(&i).ok().map(|k| Cow::Borrowed(&courses[k]));
         (person.0 - mean, drawn.unwrap_or_else(|| Cow::Owned(course_of(&person.2, live))))
     });
@@ -255,7 +259,7 @@ pub fn covariate(
     })
 }
 
-/// The mean course of a person's sequences: neutral offsets by frame, by node, x and y.
+/// Returns the mean course of a person's sequences: neutral offsets by frame, by node, x and y.
 fn course_of(models: &[&SequenceModel], live: &[NodeId]) -> DVector<f64> {
     let courses = models.iter().map(|m| offsets_of(m, live));
     courses.fold(DVector::zeros(0), |mean, course| {
@@ -264,7 +268,7 @@ fn course_of(models: &[&SequenceModel], live: &[NodeId]) -> DVector<f64> {
     })
 }
 
-/// The line of least squares through everybody's course, over numbers less their mean: the middle, and the change by 1.
+/// Fits least-squares lines to the people's courses over their numbers minus the mean. Returns the mean course and the change per unit.
 fn line<'a>(people: impl Iterator<Item = (f64, Cow<'a, DVector<f64>>)>, deviation: f64) -> (DVector<f64>, DVector<f64>) {
     let (mut count, mut middle, mut slope) = (0.0, DVector::zeros(0), DVector::zeros(0));
     for (offset, course) in people {
@@ -279,7 +283,7 @@ fn line<'a>(people: impl Iterator<Item = (f64, Cow<'a, DVector<f64>>)>, deviatio
     (middle / count, slope / (steps * deviation))
 }
 
-/// Numbers under which 5 and 95 % of the people lie; the least and the largest where these are one.
+/// Returns the 5th and 95th percentiles of the numbers, or the minimum and the maximum if these are equal.
 fn shown(numbers: &[f64]) -> [f64; 2] {
     let weighted: Vec<(f64, f64)> = numbers.iter().map(|&v| (v, 1.0)).collect();
     let ends = Band::of(&weighted).map_or([0.0; 2], |band| [band.quantiles[0], band.quantiles[4]]);
@@ -287,7 +291,7 @@ fn shown(numbers: &[f64]) -> [f64; 2] {
     if ends[0] < ends[1] { ends } else { [all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max)] }
 }
 
-/// Who may exchange numbers with whom, and the centred number of every label.
+/// Returns the exchange of numbers between people, and the centred number of every label.
 fn exchange(numbers: &[f64], z: &[f64], subjects: &[&str], strata: Option<&Strata>) -> Result<(Exchange, Vec<f64>), StrataError> {
     let mut different = numbers.to_vec();
     different.sort_by(f64::total_cmp);
@@ -298,7 +302,7 @@ fn exchange(numbers: &[f64], z: &[f64], subjects: &[&str], strata: Option<&Strat
     Ok((Exchange::new(labels, subjects, strata)?, by_label))
 }
 
-/// Numbers centred and of length 1, their mean and their standard deviation.
+/// Numbers centred and scaled to length 1, with their mean and standard deviation.
 struct Centred {
     z: Vec<f64>,
     mean: f64,
@@ -311,7 +315,7 @@ impl Centred {
         if people < LEAST_PEOPLE {
             return Err(NoCovariate::TooFewPeople { people });
         }
-        // Over the largest, of which no square is beyond what a number can be.
+        // Divided by the largest magnitude, so that no square overflows.
         let largest = numbers.iter().map(|v| v.abs()).fold(0.0, f64::max);
         let scaled = || numbers.iter().map(|&v| if largest > 0.0 { v / largest } else { 0.0 });
         let mean = scaled().sum::<f64>() / people as f64;
@@ -324,7 +328,7 @@ impl Centred {
     }
 }
 
-/// Minus half the squared distances, centred by rows and columns.
+/// Returns minus half the squared distances, centred by rows and columns.
 fn gower(distances: &[Vec<f64>]) -> Vec<Vec<f64>> {
     let n = distances.len() as f64;
     let of_row: Vec<f64> = distances.iter().map(|row| row.iter().map(|d| -0.5 * d * d).sum::<f64>() / n).collect();
@@ -334,14 +338,14 @@ fn gower(distances: &[Vec<f64>]) -> Vec<Vec<f64>> {
     distances.iter().enumerate().map(row).collect()
 }
 
-/// z' G z of a symmetric matrix.
+/// Returns z' G z for a symmetric matrix G.
 fn quadratic(matrix: &[Vec<f64>], z: &[f64]) -> f64 {
     matrix.iter().zip(z).map(|(row, zi)| zi * row.iter().zip(z).map(|(g, zj)| g * zj).sum::<f64>()).sum()
 }
 
-/// Everybody's courses, centred over people.
+/// The courses of all people, centred over people.
 struct NodeCourses {
-    /// By person: by frame, by node, x and y.
+    /// Course by person: by frame, by node, x and y.
     courses: Vec<DVector<f64>>,
     /// Sum of squares of every node over people and frames.
     squares: Vec<f64>,
@@ -358,26 +362,26 @@ impl NodeCourses {
         Self { courses, squares }
     }
 
-    /// By node the share of the sum of squares that goes with z.
+    /// Returns, by node, the share of the sum of squares that z explains.
     fn shares(&self, z: &[f64]) -> Vec<f64> {
         let mut along = DVector::zeros(self.courses.first().map_or(0, DVector::len));
         self.courses.iter().zip(z).for_each(|(course, z)| along.axpy(*z, course, 1.0));
         let mut explained = vec![0.0; self.squares.len()];
         add_squares(&along, &mut explained);
-        // Where nobody moves differently, nothing is explained.
+        // Nodes that move equally in all people get 0.
         let least = self.squares.iter().copied().fold(0.0, f64::max) * 1e-12;
         explained.iter().zip(&self.squares).map(|(e, all)| if *all > least { e / all } else { 0.0 }).collect()
     }
 }
 
-/// Adds the squares of a course to those of its nodes.
+/// Adds the squares of a course to the sums of its nodes.
 fn add_squares(course: &DVector<f64>, nodes: &mut [f64]) {
     for (k, pair) in course.as_slice().chunks_exact(2).enumerate() {
         nodes[k % nodes.len()] += pair[0] * pair[0] + pair[1] * pair[1];
     }
 }
 
-/// Corrects for the number of all that was tested.
+/// Corrects the p values for the number of tests.
 pub fn adjust_covariates(tests: &mut [&mut Covariate]) {
     let adjusted = holm(&tests.iter().map(|t| t.p_either).collect::<Vec<_>>());
     let least = holm(&tests.iter().map(|t| (2.0 * t.least_p).min(1.0)).collect::<Vec<_>>());
@@ -386,7 +390,7 @@ pub fn adjust_covariates(tests: &mut [&mut Covariate]) {
     }
 }
 
-/// The node of which the largest share goes with the number, and the chance of that.
+/// Returns the node with the largest explained share, and its p value.
 pub fn clearest_node(test: &Covariate, live: &[NodeId]) -> Option<(NodeId, f64)> {
     let nodes = live.iter().zip(test.node_share.iter().zip(&test.node_p));
     nodes.reduce(|most, node| if node.1.0 > most.1.0 { node } else { most }).map(|(&node, (_, &p))| (node, p))
@@ -399,7 +403,7 @@ mod tests {
     use super::*;
     use crate::{model::FrameExpressionModel, units::SequenceId};
 
-    /// Somebody whose nodes all move by (x, 0).
+    /// A person whose nodes all move by (x, 0).
     fn moving((subject, x): (&str, f64)) -> SequenceModel {
         let neutral = Wireframe::candide3().frontal();
         let frame =
@@ -420,7 +424,7 @@ mod tests {
 
     #[test]
     fn on_a_line_it_is_simple_regression() {
-        // Products 200, squares 10 and 5000: r² = 0.8, F = 0.8 · 3 / 0.2. Of 120 orders this and its reverse have such an r².
+        // Products 200, squares 10 and 5000: r² = 0.8, F = 0.8 · 3 / 0.2. Of 120 orders, this and its reverse have an r² as large.
         let found = of(&FIVE, None).unwrap();
         assert_relative_eq!(found.share, 0.8, max_relative = 1e-9);
         assert_relative_eq!(found.f.unwrap(), 12.0, max_relative = 1e-9);
@@ -439,14 +443,14 @@ mod tests {
 
     #[test]
     fn a_person_counts_once_and_one_without_a_number_not_at_all() {
-        // e twice, at 100 on the mean, with two numbers that are 5 on the mean; f without a number.
+        // e has two sequences, at 100 on average, and two numbers, 5 on average; f has no number.
         let mut people = FIVE.to_vec();
         people[4] = ("e", 4.0, 90.0);
         people.extend([("e", 6.0, 110.0), ("f", f64::NAN, 500.0)]);
         let (found, five) = (of(&people, None).unwrap(), of(&FIVE, None).unwrap());
         assert_eq!((found.people, found.shown), (5, [1.0, 5.0]));
         assert!(found.node_share.iter().zip(&five.node_share).all(|(a, b)| (a - b).abs() < 1e-9));
-        // d of two people is the mean over their sequences, which for e is that of the mean: everybody else is farther down.
+        // d of two people is the mean over their sequences. For e it equals that of the mean, since all others are lower.
         assert_relative_eq!(found.f.unwrap(), five.f.unwrap(), max_relative = 1e-9);
     }
 
@@ -454,7 +458,7 @@ mod tests {
     fn numbers_are_exchanged_within_strata_only() {
         let sites =
             |of: [&str; 5]| Strata::new(&["site".to_owned()], FIVE.iter().zip(of).map(|(p, site)| (p.0, vec![site.to_owned()])));
-        // Two pairs and one alone: four ways, of which none has more than the observed one.
+        // Two pairs and one single person: four arrangements, none with a larger share than the observed one.
         let found = of(&FIVE, Some(&sites(["x", "x", "y", "y", "z"]))).unwrap();
         assert_eq!((found.permutations, found.p), (4, 0.25));
         let why = of(&FIVE, Some(&sites(["a", "b", "c", "d", "e"]))).unwrap_err();
@@ -477,21 +481,21 @@ mod tests {
 
     #[test]
     fn rare_numbers_and_huge_ones_and_people_who_are_drawn() {
-        // Nine of ten have 0: both quantiles are 0, and the ends are shown.
+        // All but one of 24 people have 0, so both quantiles are 0; minimum and maximum are shown instead.
         let names: Vec<String> = (0..24).map(|k| format!("p{k:02}")).collect();
         let rare: Vec<(&str, f64, f64)> =
             names.iter().enumerate().map(|(k, who)| (who.as_str(), f64::from(u8::from(k == 3)), k as f64 * k as f64)).collect();
         assert_eq!(of(&rare, None).unwrap().shown, [0.0, 1.0]);
         let huge = of(&FIVE.map(|(who, number, x)| (who, number * 1e300, x)), None).unwrap();
         assert_relative_eq!(huge.f.unwrap(), 12.0, max_relative = 1e-9);
-        // What a draw of five leaves out, lines do not.
+        // Lines also use the people that a draw of five leaves out.
         let models: Vec<SequenceModel> = rare.iter().map(|&(who, _, x)| moving((who, x))).collect();
         let numbers = Numbers::new(rare.iter().enumerate().map(|(k, &(who, ..))| (who, Some(k as f64))));
         let options = CompareOptions { permutations: 99, people: 5, ..CompareOptions::default() };
         let models: Vec<&SequenceModel> = models.iter().collect();
         let drawn = covariate(&models, &numbers, &Wireframe::candide3(), &options, None, 0).unwrap();
         assert_eq!((drawn.people, drawn.used, drawn.mean, drawn.least_p), (24, 5, 11.5, 0.01));
-        // Everybody on a line: nothing is left.
+        // All people lie on a line: no residual is left.
         let line = of(&FIVE.map(|(who, number, _)| (who, number, 10.0 * number)), None).unwrap();
         assert!(line.f.is_none() && (line.share - 1.0).abs() < 1e-9);
         let mut tests = [line];
@@ -501,7 +505,7 @@ mod tests {
 
     #[test]
     fn squares_of_distances_are_parted_as_those_of_coordinates() {
-        // Five people in the plane: what goes with z of the squared distances is the squared length of the sum of z times their places.
+        // Five people in the plane: the squared distances explained by z are the squared length of the sum of z times the positions.
         let places = [(0.0, 1.0), (2.0, -1.0), (3.0, 4.0), (-1.0, 2.0), (0.5, 0.0)].map(|(x, y)| Vector2::<f64>::new(x, y));
         let distances: Vec<Vec<f64>> = places.iter().map(|a| places.iter().map(|b| (a - b).norm()).collect()).collect();
         let z = Centred::new(&[1.0, 2.0, 4.0, 9.0, 3.0]).unwrap().z;

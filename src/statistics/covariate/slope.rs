@@ -1,4 +1,4 @@
-//! How amplitudes go with a number of the people.
+//! Linear relation between amplitudes and a number of the people.
 
 use super::{Centred, NoCovariate, Numbers, ROUNDING, exchange};
 use crate::statistics::{
@@ -10,26 +10,26 @@ use crate::statistics::{
 /// Purpose of the random numbers.
 const PERMUTATIONS: u64 = 130;
 
-/// How amplitudes go with a number.
+/// Least-squares line of amplitudes over a number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AmplitudeSlope {
-    /// People.
+    /// Number of people.
     pub people: usize,
-    /// Change of the amplitude, in times the median, by 1 of the number.
+    /// Change of the amplitude, as a multiple of the median motion, per unit of the number.
     pub slope: f64,
-    /// Student's 95 % interval of the slope.
+    /// Student's 95 % confidence interval of the slope.
     pub interval: [f64; 2],
     /// Pearson's correlation.
     pub correlation: f64,
-    /// Chance of a correlation at least as far from 0, by permutation.
+    /// Probability of a correlation at least as far from 0 by chance, from permutations.
     pub p: f64,
-    /// The same by Student's t.
+    /// The same by Student's t test.
     pub p_t: f64,
-    /// [`AmplitudeSlope::p`] after Holm over all slopes of the analysis; 1 until [`adjust_slopes`] was called.
+    /// [`AmplitudeSlope::p`] with Holm's correction over all slopes of the analysis; 1 until [`adjust_slopes`] is called.
     pub p_adjusted: f64,
 }
 
-/// The line of people's amplitudes over their numbers.
+/// Fits the line of people's amplitudes over their numbers.
 ///
 /// # Errors
 /// [`NoCovariate`].
@@ -56,7 +56,7 @@ pub fn amplitude_slope(
     let r = z.iter().zip(&y).map(|(a, b)| a * b).sum::<f64>().clamp(-1.0, 1.0);
     let correlation = |labels: &[usize]| labels.iter().zip(&y).map(|(&label, b)| by_label[label] * b).sum::<f64>().abs();
     let tried = exchange.permute(options, (stream, PERMUTATIONS), correlation);
-    // In units of the amplitude by those of the number.
+    // Converts a correlation to amplitude per unit of the number.
     let scale = length / (deviation * (n - 1.0).sqrt());
     let freedom = n - 2.0;
     let error = ((1.0 - r * r).max(0.0) / freedom).sqrt();
@@ -73,7 +73,7 @@ pub fn amplitude_slope(
     })
 }
 
-/// Corrects for the number of all slopes.
+/// Corrects the p values for the number of slopes.
 pub fn adjust_slopes(slopes: &mut [&mut AmplitudeSlope]) {
     let adjusted = holm(&slopes.iter().map(|t| t.p).collect::<Vec<_>>());
     slopes.iter_mut().zip(adjusted).for_each(|(slope, p)| slope.p_adjusted = p);

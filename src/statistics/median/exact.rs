@@ -1,13 +1,13 @@
 //! The exact generalized median [KP, eq. (7)] with a proof of optimality.
 //!
-//! The sum of distances of eq. (7) is a sum over slots (displacement field m, node k) of planar distances to the slot's vectors, and
-//! each vector of the answer occurs in one slot only. The minimum is therefore reached slot by slot: (N' - 1) N independent
-//! geometric medians (Fermat-Weber points) in the plane, each a convex problem that damped Newton steps solve in a few passes
-//! over the points.
+//! The sum of distances of eq. (7) is a sum over slots (displacement field m, node k) of planar distances to the slot's vectors. Each
+//! vector of the median occurs in one slot only, so each slot is minimized on its own. This gives (N' - 1) N independent geometric
+//! medians (Fermat-Weber points) in the plane. Each is a convex problem that damped Newton steps solve in a few passes over the points.
 //!
-//! The proof is a lower bound from the dual problem: for any vectors `|u_i| <= 1` with `sum w_i u_i = 0`,
-//! `f(z) = sum w_i |z - p_i| >= sum w_i u_i . (z - p_i) = sum w_i u_i . (x - p_i)` for every z, whatever the fixed x. At the minimum
-//! `u_i = (x - p_i) / |x - p_i|` meets the conditions and the bound is f itself; near it the `u_i` are corrected to meet them.
+//! The proof is a lower bound from the dual problem. For any vectors `|u_i| <= 1` with `sum w_i u_i = 0`,
+//! `f(z) = sum w_i |z - p_i| >= sum w_i u_i . (z - p_i) = sum w_i u_i . (x - p_i)` for every z and any fixed x. At the minimum,
+//! `u_i = (x - p_i) / |x - p_i|` satisfies the conditions and the bound is f itself. Near the minimum the `u_i` are corrected to satisfy
+//! them.
 
 // Formulae are plain text here.
 #![allow(clippy::doc_markdown)]
@@ -21,42 +21,44 @@ use super::{
     points::Evaluation,
 };
 
-/// Largest relative rounding error of the certificate: of the differences from the origin, of each `u_i`, of the sum of the corrected
-/// ones times the distance to the farthest possible minimum (at most 2 f / W from x), and of the compensated sums. Together below
-/// 50 halves of an epsilon; taken more than twice as large.
+/// Bound on the relative rounding error of the certificate.
+///
+/// It covers the differences from the origin, each `u_i`, the sum of the corrected `u_i` times the distance to the farthest possible
+/// minimum (at most 2 f / W from x), and the compensated sums. Together these are below 50 halves of an epsilon; the value is more than
+/// twice that.
 const CERTIFICATE_ROUNDING: f64 = 64.0 * f64::EPSILON;
 
-/// Smallest determinant of a Hessian, relative to the square of its trace, that a Newton step is taken with.
+/// Smallest determinant of a Hessian, relative to the square of its trace, for which a Newton step is taken.
 const LEAST_RELATIVE_DETERMINANT: f64 = 1e-14;
 
-/// Turns of direction and length in [`newton_step_from_vertex`].
+/// Number of iterations between direction and length in [`newton_step_from_vertex`].
 const VERTEX_TURNS: usize = 4;
 
-/// Halvings of a Newton step before the Weiszfeld step is tried, and of that before the search has stalled.
+/// Largest number of halvings of a step. After that the Weiszfeld step replaces the Newton step, or the search has stalled.
 const MAX_HALVINGS: usize = 30;
 
-/// Radii, relative to the mean distance, of the clusters around x that the certificate tries to leave the residual to.
+/// Radii of clusters around x, relative to the mean distance, to which the certificate tries to assign the residual.
 const CERTIFICATE_RADII: [f64; 7] = [1e-14, 1e-13, 1e-12, 1e-10, 1e-8, 1e-5, 1e-2];
 
-/// Relative decrease of the slope that a full step must bring where the sum cannot tell; shorter steps proportionally less.
+/// Smallest relative decrease of the slope by a full step when the sums differ only by rounding; in proportion for shorter steps.
 const LEAST_DECREASE: f64 = 0.01;
 
-/// Distance to the nearest point, relative to the mean distance, below which x may be in a cluster that it cannot be placed in
-/// exactly, so that only the certificate tells whether it is good.
+/// Distance to the nearest point, relative to the mean distance, below which x may be in a cluster narrower than its rounding. Then only
+/// the certificate can tell whether x is good.
 const CROWDED: f64 = 1e-8;
 
-/// Relative change of the sum that is rounding: where a step changes the sum by less, the gradient tells whether it is better.
+/// Relative change of the sum that counts as rounding; below it the gradient decides whether a step is better.
 ///
-/// Times the square root of the number of points, as plain sums of so many positive terms err.
+/// It is multiplied by the square root of the number of points, the typical error of plain sums of so many positive terms.
 const SUM_ROUNDING: f64 = 8.0 * f64::EPSILON;
 
-/// When the exact median is exact enough.
+/// Stopping conditions of the exact median.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ExactOptions {
-    /// Relative gap between the sum of distances and its lower bound that counts as converged, at least 1e-13 (rounding takes
+    /// Relative gap between the sum of distances and its lower bound at which the search has converged, at least 1e-13 (rounding takes
     /// 1.5e-14).
     pub gap_tolerance: f64,
-    /// Steps per slot after which the search gives up.
+    /// Largest number of steps per slot.
     pub max_iterations: usize,
 }
 
@@ -66,32 +68,32 @@ impl Default for ExactOptions {
     }
 }
 
-/// A point that minimizes the sum of distances to a set, and how far it can be from the minimum.
+/// A point that minimizes the sum of distances to a set, with a bound on its error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GeometricMedian {
     /// The median.
     pub point: Vector2<f64>,
     /// Sum of distances from it to the set, in the points' unit.
     pub sum: f64,
-    /// A number that no point's sum of distances is below, rounding included.
+    /// Lower bound on the sum of distances of any point, rounding included.
     pub lower_bound: f64,
-    /// Steps taken.
+    /// Number of steps.
     pub iterations: usize,
     /// How the search ended.
     pub ending: SearchEnding,
 }
 
-/// The geometric median of planar points, with its certificate.
+/// Returns the geometric median of planar points, with its certificate.
 ///
-/// Starts at the componentwise median; takes Newton steps, halved until they lead down, or the Weiszfeld step where the Hessian
-/// is singular; tests the nearest point of the set for optimality, with its multiplicity, where the sum has a kink. Linear in the
-/// number of points per step. Where the minimum is not unique (an even number of points on a line) the answer is in its middle
-/// along the line: the componentwise median.
+/// The search starts at the componentwise median. It takes Newton steps, halved until they lead down, or the Weiszfeld step where the
+/// Hessian is singular. It tests the nearest point of the set, where the sum has a kink, for optimality with its multiplicity. The time
+/// per step is linear in the number of points. If the minimum is not unique (an even number of points on a line), the result is the
+/// componentwise median, the middle of the minima along the line.
 ///
-/// Works on differences from the componentwise median, so that points that differ in their last digits only still have a median
-/// among them, and, where that does not converge, once more on differences from the point nearest to the answer: next to it,
-/// directions need more digits than the other origin leaves. Sum and bound are those of the answer before it is rounded to a
-/// point of its own (which adds at most the weight times that rounding).
+/// The search works on differences from the componentwise median, so that it also resolves points that differ only in their last digits.
+/// If it does not converge, it is repeated once on differences from the point nearest to the result, because directions close to that
+/// point need more digits. Sum and bound are those of the result before it is rounded to absolute coordinates, which adds at most the
+/// weight times the rounding.
 pub fn geometric_median(points: &PointSet, options: &ExactOptions) -> GeometricMedian {
     let origin = points.componentwise_median();
     let first = median_from(points, origin, Vector2::zeros(), options);
@@ -108,7 +110,7 @@ pub fn geometric_median(points: &PointSet, options: &ExactOptions) -> GeometricM
     }
 }
 
-/// The geometric median found from a start, both as differences from an origin.
+/// Searches for the geometric median from a start. `start` is a difference from `origin`.
 fn median_from(points: &PointSet, origin: Vector2<f64>, start: Vector2<f64>, options: &ExactOptions) -> GeometricMedian {
     let differences: Vec<Vector2<f64>> = points.points().iter().map(|p| p - origin).collect();
     let centered = centered_median(&points.with_points(&differences), start, options);
@@ -124,7 +126,7 @@ fn centered_median(points: &PointSet, start: Vector2<f64>, options: &ExactOption
     let is_done = |x: Vector2<f64>, here: &Evaluation| {
         let within_tolerance = |(sum, bound): (f64, f64)| sum - bound <= options.gap_tolerance * sum;
         here.is_optimal_vertex()
-            // A quarter: the certificate's own rounding comes on top.
+            // A quarter, because the certificate's own rounding is added.
             || relative_residual_gap(points, here, x, mean) <= options.gap_tolerance / 4.0
             || (here.nearest_distance <= CROWDED * here.sum / points.total_weight()
                 && within_tolerance(certificate(points, x, options.gap_tolerance)))
@@ -158,7 +160,7 @@ fn centered_median(points: &PointSet, start: Vector2<f64>, options: &ExactOption
     GeometricMedian { point: x, sum, lower_bound, iterations, ending }
 }
 
-/// The exact generalized median of every slot, in parallel over slots.
+/// Returns the exact generalized median of every slot. Slots are processed in parallel.
 pub fn exact_median(slots: &Slots, options: &ExactOptions) -> Median {
     let medians: Vec<GeometricMedian> =
         (0..slots.len()).into_par_iter().map(|slot| geometric_median(&slots.points(slot), options)).collect();
@@ -171,31 +173,32 @@ pub fn exact_median(slots: &Slots, options: &ExactOptions) -> Median {
     }
 }
 
-/// Whether a step of length `share` times the full one from `here` to `there` is worth taking: by the sum, or by the slope where the
-/// sums differ by rounding only.
+/// Returns whether a step from `here` to `there`, of length `share` times the full step, is an improvement.
 ///
-/// The sum alone would stop too early: it is flat to 1e-16 where the slope, and with it the lower bound, is only good to 1e-8.
+/// The sum decides, or the slope where the sums differ only by rounding. The sum alone would stop too early: it is flat to 1e-16 where
+/// the slope, and with it the lower bound, is accurate only to 1e-8.
 fn is_better(points: &PointSet, here: &Evaluation, there: &Evaluation, share: f64) -> bool {
     let rounding = sum_rounding(points, here);
     let flatter = there.slope() <= here.slope() * (1.0 - LEAST_DECREASE * share);
     there.sum < here.sum - rounding || (flatter && there.sum <= here.sum + rounding)
 }
 
-/// The difference below which two sums of distances near `here` count as equal.
+/// Returns the difference below which two sums of distances near `here` count as equal.
 fn sum_rounding(points: &PointSet, here: &Evaluation) -> f64 {
     SUM_ROUNDING * (points.points().len() as f64).sqrt() * here.sum
 }
 
-/// The Newton step where the sum is smooth, unless its Hessian is singular.
+/// Returns the Newton step where the sum is smooth, or `None` if the Hessian is singular.
 fn newton_step(here: &Evaluation) -> Option<Vector2<f64>> {
     let regular = here.hessian.determinant() > LEAST_RELATIVE_DETERMINANT * here.inverse_distances.powi(2);
     here.hessian.try_inverse().filter(|_| regular).map(|inverse| -(inverse * here.gradient))
 }
 
-/// The minimum of the local model `w |s| + g . s + s . H s / 2` at a point of weight w in the set, g and H of the other points.
+/// Returns the minimum of the local model `w |s| + g . s + s . H s / 2` at a point of weight w in the set; g and H are of the other
+/// points.
 ///
-/// In a direction d the model is smallest at length t = (-g . d - w) / (d . H d); the minimum s = t d points along -(g + H s), and few
-/// turns of the two find it, since it is short wherever it matters.
+/// In a direction d the model is smallest at length t = (-g . d - w) / (d . H d). The minimum s = t d points along -(g + H s). A few
+/// iterations between the two are enough, since s is short wherever it matters.
 fn newton_step_from_vertex(here: &Evaluation) -> Option<Vector2<f64>> {
     let mut step = Vector2::zeros();
     for _ in 0..VERTEX_TURNS {
@@ -210,9 +213,9 @@ fn newton_step_from_vertex(here: &Evaluation) -> Option<Vector2<f64>> {
     Some(step)
 }
 
-/// A better point than `x`, or `None` if no step finds one.
+/// Returns a better point than `x`, or `None` if no step finds one.
 ///
-/// Next to a cluster of points the steps out of it are tried too, and taken where they lead lower.
+/// Next to a cluster of points it also tries the steps out of the cluster, and takes them if they lead lower.
 fn descend(points: &PointSet, x: Vector2<f64>, here: &Evaluation) -> Option<(Vector2<f64>, Evaluation)> {
     let newton = if here.weight_here > 0.0 { newton_step_from_vertex(here) } else { newton_step(here) };
     let search = |step: Vector2<f64>| {
@@ -231,7 +234,7 @@ fn descend(points: &PointSet, x: Vector2<f64>, here: &Evaluation) -> Option<(Vec
     best
 }
 
-/// Relative gap between f(x) and the bound with the residual spread over all points; cheap, since all sums are there.
+/// Returns the relative gap between f(x) and the bound with the residual spread over all points. It is cheap because all sums are known.
 fn relative_residual_gap(points: &PointSet, here: &Evaluation, x: Vector2<f64>, mean: Vector2<f64>) -> f64 {
     if here.sum <= 0.0 {
         return 0.0;
@@ -245,7 +248,7 @@ fn relative_residual_gap(points: &PointSet, here: &Evaluation, x: Vector2<f64>, 
     (here.sum - all.bound(&Sums::default())) / here.sum
 }
 
-/// Sums over a part S of the points, seen from x: of w, of w r, of w u and of w (p - x).
+/// Sums over a subset S of the points, relative to x: of w, of w r, of w u and of w (p - x).
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
     weight: f64,
@@ -255,9 +258,9 @@ struct Sums {
 }
 
 impl Sums {
-    /// Compensated sums over the points within `radius` of `x`, and over the rest.
+    /// Computes compensated sums over the points within `radius` of `x`, and over the rest.
     ///
-    /// Points at x, whose u is free in the unit disc, get the one that makes the residual smallest.
+    /// For points at x, u is any vector in the unit disc; the one with the smallest residual is taken.
     fn split(points: &PointSet, x: Vector2<f64>, radius: f64) -> (Self, Self) {
         let mut sums = [[CompensatedSum::default(); 6]; 2];
         let mut weight_here = CompensatedSum::default();
@@ -286,12 +289,12 @@ impl Sums {
         (within, rest)
     }
 
-    /// Lower bound of f from the u_i of both parts, those of this part corrected to make up for the residual of all.
+    /// Returns a lower bound of f from the u_i of both parts. The u_i of this part are corrected to cancel the residual of all.
     ///
-    /// With c = -(sum of the rest's w u) / W and d = -(residual) / W, both u_i + d and c sum up to what is missing, so does
-    /// (1 - t) (u_i + d) + t c, and t = |d| / (1 + |d| - |c|) makes that no longer than 1. Where |c| > 1 this part is too light to
-    /// hold the rest: all its u_i become c / |c|, and what is still missing, e, is spread: each u of all points becomes
-    /// (u - e / W) / (1 + |e| / W), W now of all.
+    /// Let c = -(sum of the rest's w u) / W and d = -(residual) / W. Both u_i + d and c cancel the residual, and so does
+    /// `(1 - t) (u_i + d) + t c`; t = |d| / (1 + |d| - |c|) makes that no longer than 1. If |c| > 1, this part is too light to balance
+    /// the rest. All its u_i then become c / |c|, and the remaining residual e is spread over all points: each u becomes
+    /// `(u - e / W) / (1 + |e| / W)`, where W is now the weight of all.
     fn bound(&self, rest: &Self) -> f64 {
         let c = -rest.unit / self.weight;
         if c.norm() <= 1.0 {
@@ -305,12 +308,11 @@ impl Sums {
     }
 }
 
-/// f(x) and a lower bound of f anywhere.
+/// Returns f(x) and a lower bound of f anywhere.
 ///
-/// The residual is left to all points first. Where that is not good enough, it is left to the points near x, whose u may be changed
-/// at hardly any cost: the nearest and its duplicates, then those within [`CERTIFICATE_RADII`]. At a point of the set this is
-/// the proof of a vertex optimum, and in a cluster too narrow for x to be placed in it exactly it is the only one. The best bound
-/// counts.
+/// The residual is first assigned to all points. If the gap is too large, it is assigned to points near x, whose u can change at almost
+/// no cost: the nearest and its duplicates, then those within each of [`CERTIFICATE_RADII`]. At a point of the set this proves a vertex
+/// optimum. In a cluster narrower than the rounding of x it is the only possible proof. The largest bound is returned.
 fn certificate(points: &PointSet, x: Vector2<f64>, gap_tolerance: f64) -> (f64, f64) {
     let (all, none) = Sums::split(points, x, f64::INFINITY);
     let sum = all.distance;
@@ -364,7 +366,7 @@ mod tests {
 
     #[test]
     fn points_on_a_line_have_the_median_on_the_line() {
-        // Odd: the middle point (2, 4). Even: the middle of the two middle ones. Sums along (1, 2): sqrt 5 times |t - 2| summed.
+        // Odd: the middle point (2, 4). Even: the middle of the two middle points. Sums along (1, 2): sum of sqrt 5 times |t - 2|.
         let odd = median(&[(0.0, 0.0), (10.0, 20.0), (2.0, 4.0), (1.0, 2.0), (3.0, 6.0)]);
         assert_eq!(odd.point, Vector2::new(2.0, 4.0));
         approx::assert_relative_eq!(odd.sum, 5f64.sqrt() * (2.0 + 8.0 + 0.0 + 1.0 + 1.0), max_relative = 1e-15);
@@ -399,7 +401,7 @@ mod tests {
 
     #[test]
     fn a_median_close_to_a_point_of_the_set_is_found() {
-        // A corner of just under 120 degrees: the median is near it, not at it. Half the opening is 60 degrees less 1e-6.
+        // A corner of just under 120 degrees: the median is near it, not at it. Half the angle is 60 degrees minus 1e-6.
         let (s, c) = (60f64.to_radians() - 1e-6).sin_cos();
         let m = median(&[(-s, c), (0.0, 0.0), (s, c)]);
         assert!(m.point.y > 0.0 && m.point.y < 1e-4 && m.point.x.abs() < 1e-12, "{m:?}");
@@ -470,7 +472,7 @@ mod tests {
             let moved: Vec<_> = points.iter().map(|p| p + shift).collect();
             let options = ExactOptions::default();
             let (a, b) = (geometric_median(&PointSet::new(&points).unwrap(), &options), geometric_median(&PointSet::new(&moved).unwrap(), &options));
-            // Nine points have a unique median unless they are on a line, where an odd number has one too; its place is as good as
+            // Nine points have a unique median unless they are on a line, where an odd number has one too. Its position is accurate to
             // the square root of the sum's precision where the sum is flattest.
             approx::assert_relative_eq!(b.sum, a.sum, max_relative = options.gap_tolerance, epsilon = 1e-11);
             approx::assert_relative_eq!(a.point + shift, b.point, epsilon = 1e-4);

@@ -1,13 +1,13 @@
 //! The greedy generalized median [KP, section 4.4].
 //!
-//! From the set median on, one displacement vector at a time is replaced by whatever lowers the sum of distances most, until
-//! nothing lowers it noticeably. Two choices that \[KP\] leaves open:
+//! The search starts at the set median. It repeatedly replaces the one displacement vector whose replacement lowers the sum of distances
+//! most, until no replacement lowers it noticeably. \[KP\] leave two choices open:
 //!
-//! - "Whatever" is, for each slot, the better of two: the vector of a member with the smallest sum in this slot, and the
-//!   Weiszfeld step from the slot's current vector (also with all but equal vectors taken for one). The first makes large moves,
-//!   the second leaves the members' vectors behind.
-//! - After trimming at frame level each field has its own members, so the set median that the search starts at is taken field by
-//!   field: the field of the kept model with the smallest sum of distances `d_f` to the other kept ones.
+//! - The replacement of a slot is the better of two vectors: that of the member with the smallest sum in the slot, and the Weiszfeld step
+//!   from the current vector (also with nearly equal vectors treated as one). The first allows large moves, the second leaves the
+//!   members' vectors.
+//! - After trimming at frame level each field has its own members. The set median at the start is therefore taken field by field: the
+//!   field of the kept model with the smallest sum of distances `d_f` to the other kept ones.
 
 use std::{cmp::Ordering, collections::BinaryHeap};
 
@@ -16,12 +16,12 @@ use rayon::prelude::*;
 
 use super::{Median, PointSet, SearchEnding, Slots};
 
-/// When the greedy search stops.
+/// Stopping conditions of the greedy search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GreedyOptions {
-    /// Smallest gain of a replacement that is still made, as a share of the sum of distances at the start.
+    /// Smallest gain of a replacement, as a share of the sum of distances at the start.
     pub gain_tolerance: f64,
-    /// Replacements per slot, on average, after which the search gives up.
+    /// Largest number of replacements per slot, on average.
     pub max_replacements_per_slot: usize,
 }
 
@@ -31,7 +31,7 @@ impl Default for GreedyOptions {
     }
 }
 
-/// One displacement vector under search.
+/// The search state of one displacement vector.
 struct Slot<'a> {
     points: PointSet<'a>,
     current: Vector2<f64>,
@@ -45,7 +45,7 @@ impl<'a> Slot<'a> {
         Self { points, current, sum: points.evaluate(current).sum, best_member: (points.points()[member], least) }
     }
 
-    /// The vector that lowers the slot's sum most, and the sum there.
+    /// Returns the vector that lowers the slot's sum most, and that sum.
     fn best_replacement(&self) -> (Vector2<f64>, f64) {
         let here = self.points.evaluate(self.current);
         let mut best = self.best_member;
@@ -59,7 +59,7 @@ impl<'a> Slot<'a> {
     }
 }
 
-/// A replacement that waits in the queue. The largest gain comes first, of equal gains the first slot.
+/// A replacement in the queue. Larger gains come first; of equal gains, the lower slot index.
 struct Replacement {
     gain: f64,
     slot: usize,
@@ -94,13 +94,13 @@ impl PartialEq for Replacement {
 
 impl Eq for Replacement {}
 
-/// The greedy generalized median from the given start, one vector per slot.
+/// Returns the greedy generalized median, starting from one vector per slot.
 ///
-/// A queue holds the best replacement of every slot; a replacement changes the gain of its own slot only, so each costs one pass
-/// over one slot's points.
+/// A queue holds the best replacement of every slot. A replacement changes the gain of its own slot only, so each replacement costs one
+/// pass over that slot's points.
 ///
 /// # Panics
-/// If `start` has not one vector per slot (a programmer's error).
+/// If `start` does not have one vector per slot (a programmer's error).
 pub fn greedy_median(slots: &Slots, start: &[Vector2<f64>], options: &GreedyOptions) -> Median {
     assert_eq!(start.len(), slots.len(), "a start vector for every slot");
     let mut search: Vec<Slot> =
@@ -130,7 +130,7 @@ pub fn greedy_median(slots: &Slots, start: &[Vector2<f64>], options: &GreedyOpti
     }
 }
 
-/// The gain below which the search stops, in the points' unit.
+/// Returns the gain below which the search stops, in the points' unit.
 fn least_gain(search: &[Slot], options: &GreedyOptions) -> f64 {
     options.gain_tolerance * search.iter().map(|slot| slot.sum).sum::<f64>()
 }
@@ -150,7 +150,7 @@ mod tests {
         Slots::new(&models, &vec![(0..models.len()).collect(); fields], None)
     }
 
-    /// The search as \[KP\] words it: look at every slot before every replacement.
+    /// The search as \[KP\] describe it: all slots are searched before every replacement.
     fn naive(slots: &Slots, start: &[Vector2<f64>], options: &GreedyOptions) -> (Vec<Vector2<f64>>, usize) {
         let mut search: Vec<Slot> = start.iter().enumerate().map(|(index, &v)| Slot::new(slots.points(index), v)).collect();
         let least_gain = least_gain(&search, options);
@@ -167,7 +167,7 @@ mod tests {
 
     #[test]
     fn the_middle_of_three_on_a_line_is_one_replacement_away() {
-        // Sums on the line: 12 at 0, 11 at 1, 21 at 11. From 11 the best member, 1, gains 10; from there nothing does.
+        // Sums on the line: 12 at 0, 11 at 1, 21 at 11. From 11 the best member, 1, gains 10; no further replacement gains.
         let line = [0.0, 1.0, 11.0].map(|x| Vector2::new(x, 0.0));
         let median = greedy_median(&slots(&line, 1, 1), &[line[2]], &GreedyOptions::default());
         assert_eq!((median.vectors, median.sums), (vec![line[1]], vec![11.0]));
@@ -192,7 +192,7 @@ mod tests {
         #[test]
         fn the_queue_replaces_in_the_order_of_the_naive_search(values in vectors(6 * 8), limit in 0..12usize) {
             let slots = slots(&values, 4, 2);
-            // The limit cuts both short at the same replacement: the order is the same, not only the end.
+            // The limit stops both at the same replacement: the order is the same, not only the end.
             let options = GreedyOptions { max_replacements_per_slot: limit, ..GreedyOptions::default() };
             let queued = greedy_median(&slots, &values[..8], &options);
             prop_assert_eq!((queued.vectors, queued.iterations), naive(&slots, &values[..8], &options));

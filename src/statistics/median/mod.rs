@@ -1,8 +1,8 @@
 //! Generalized medians of sets of displacement fields [KP, section 4.4 and eq. (7)].
 //!
-//! A *slot* is one displacement vector of the answer: node k of field m. Its points are the vectors that the models kept in field m
-//! have there. The sum of distances of eq. (7) is, up to the factor 1 / ((N' - 1) N), the sum over slots of the distances from the
-//! slot's vector to its points.
+//! A *slot* is one displacement vector of the median: node k of field m. Its points are the vectors at this node of the models kept in
+//! field m. The sum of distances of eq. (7) is, up to the factor 1 / ((N' - 1) N), the sum over slots of the distances from the slot's
+//! vector to its points.
 
 mod exact;
 mod greedy;
@@ -29,12 +29,12 @@ pub use points::PointSet;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SearchEnding {
-    /// Within its tolerance.
+    /// Converged within the tolerance.
     #[default]
     Converged,
-    /// No step in double precision lowers the sum any more, though the tolerance is not met.
+    /// No step in double precision lowers the sum further, although the tolerance is not reached.
     Stalled,
-    /// After the largest number of iterations allowed.
+    /// The largest number of iterations was reached.
     IterationLimit,
 }
 
@@ -45,16 +45,16 @@ pub struct Median {
     pub vectors: Vec<Vector2<f64>>,
     /// Sum of distances from each vector to its slot's points.
     pub sums: Vec<f64>,
-    /// Proven lower bound of each sum; 0 where the search proves none.
+    /// Proven lower bound of each sum; 0 if the search gives none.
     pub lower_bounds: Vec<f64>,
-    /// Steps or replacements over all slots.
+    /// Number of steps or replacements over all slots.
     pub iterations: usize,
-    /// How the search ended: the worst over the slots.
+    /// How the search ended: the worst ending of any slot.
     pub ending: SearchEnding,
 }
 
 impl Median {
-    /// Takes the other median's vector in every slot where its sum is smaller (by rounding, if this one is exact).
+    /// Takes the other median's vector in every slot where its sum is smaller (for an exact median, by rounding only).
     pub fn improve_with(&mut self, other: &Median) {
         for slot in 0..self.sums.len().min(other.sums.len()) {
             if other.sums[slot] < self.sums[slot] {
@@ -66,18 +66,18 @@ impl Median {
     }
 }
 
-/// The points of every slot, copied together slot by slot.
+/// The points of all slots, copied slot by slot.
 #[derive(Clone, Debug)]
 pub struct Slots {
     node_count: usize,
-    /// By field: node 0's points, then node 1's, and so on, each as many as the field has members.
+    /// Points by field: node 0's points, then node 1's, and so on, each as many as the field has members.
     fields: Vec<Vec<Vector2<f64>>>,
-    /// By field the weights of its members, where they differ.
+    /// Weights of the members by field, or `None` if all are equal.
     weights: Option<Vec<Vec<f64>>>,
 }
 
 impl Slots {
-    /// The slots of the given models, of which `members[m]` count in field m, each with its model's weight.
+    /// Collects the slots of `models`. `members[m]` are the indices of the models that count in field m; `weights` are by model.
     ///
     /// # Panics
     /// If a field has no member, a member is not in `models`, shapes differ, or a vector is not finite (programmer's errors).
@@ -93,12 +93,12 @@ impl Slots {
         Self { node_count, fields, weights: weights.map(of_members) }
     }
 
-    /// Number of slots, (N' - 1) N.
+    /// Returns the number of slots, (N' - 1) N.
     pub fn len(&self) -> usize {
         self.fields.len() * self.node_count
     }
 
-    /// The points of one slot.
+    /// Returns the points of one slot.
     ///
     /// # Panics
     /// If there is no such slot (a programmer's error).
@@ -110,7 +110,7 @@ impl Slots {
         PointSet::known(&field[k * count..(k + 1) * count], weights)
     }
 
-    /// Sum of distances [KP, eq. (7)] from sums by slot: their sum over (N' - 1) N, in the models' unit.
+    /// Returns the sum of distances [KP, eq. (7)] from the sums of the slots: their sum divided by (N' - 1) N, in the models' unit.
     pub fn total(&self, sums: &[f64]) -> f64 {
         CompensatedSum::of(sums.iter().copied()) / self.len() as f64
     }

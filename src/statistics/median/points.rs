@@ -4,14 +4,14 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::super::{distance::length, sum::CompensatedSum};
 
-/// Relative error allowed for in [`PointSet::best_member`] when a bound decides that a member need not be looked at. Rounding stays
-/// below it for fewer than 10^7 points.
+/// Relative error allowed in the bounds by which [`PointSet::best_member`] skips members. Rounding stays below it for fewer than 10^7
+/// points.
 const BOUND_ERROR: f64 = 1e-9;
 
 /// Radii of clusters, relative to the mean distance, that [`PointSet::cluster_steps`] steps out of.
 const CLUSTER_RADII: [f64; 3] = [1e-12, 1e-8, 1e-4];
 
-/// Why points and weights do not make a set to take a median of.
+/// Why points and weights do not make a set with a median.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PointSetError {
     /// No point.
@@ -20,15 +20,15 @@ pub enum PointSetError {
     /// Not one weight per point.
     #[error("{found} weights for {expected} points")]
     WeightCount {
-        /// Weights given.
+        /// Number of weights.
         found: usize,
-        /// Points given.
+        /// Number of points.
         expected: usize,
     },
     /// A weight that is not a positive number.
     #[error("weight {index} is {weight}; weights must be finite and greater than 0")]
     Weight {
-        /// Place in the list, from 0.
+        /// Index in the list, from 0.
         index: usize,
         /// The weight.
         weight: f64,
@@ -36,21 +36,21 @@ pub enum PointSetError {
     /// A coordinate that is NaN, infinite, or too large to be squared.
     #[error("point {index} is ({x}, {y}); coordinates must be finite and below {limit:e}")]
     Coordinate {
-        /// Place in the list, from 0.
+        /// Index in the list, from 0.
         index: usize,
         /// x.
         x: f64,
         /// y.
         y: f64,
-        /// Largest magnitude.
+        /// Limit of the magnitude.
         limit: f64,
     },
 }
 
-/// Magnitude from which coordinates are refused: their squares and sums of these must stay finite.
+/// Coordinates of this magnitude or larger are refused, so that their squares and the sums of these stay finite.
 const COORDINATE_LIMIT: f64 = 1e100;
 
-/// Points of one slot, at least one, optionally with weights (a weight of 2 is the point twice).
+/// The points of one slot, at least one, optionally with weights (weight 2 counts a point twice).
 #[derive(Clone, Copy, Debug)]
 pub struct PointSet<'a> {
     points: &'a [Vector2<f64>],
@@ -58,7 +58,7 @@ pub struct PointSet<'a> {
     total_weight: f64,
 }
 
-/// The sum of distances f(x) = sum w |x - p| and its derivatives at x, over the points that are not at x.
+/// The sum of distances f(x) = sum w |x - p| and its derivatives at x. The derivatives are over the points that are not at x.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Evaluation {
     /// f(x).
@@ -71,24 +71,25 @@ pub(super) struct Evaluation {
     pub hessian: Matrix2<f64>,
     /// Weight of the points at x.
     pub weight_here: f64,
-    /// The point nearest to x but not at x, if there is one.
+    /// Index of the nearest point that is not at x, if any.
     pub nearest: Option<usize>,
-    /// Its distance; infinite if there is none.
+    /// Distance of the nearest point; infinite if there is none.
     pub nearest_distance: f64,
 }
 
 impl Evaluation {
-    /// Whether x is a point of the set, and the median: no direction leads down [Vardi & Zhang 2000].
+    /// Returns whether x is a point of the set and the median: no direction leads down [Vardi & Zhang 2000].
     pub(super) fn is_optimal_vertex(&self) -> bool {
         self.weight_here > 0.0 && self.gradient.norm() <= self.weight_here
     }
 
-    /// How steeply the sum can fall from x: the length of its shortest subgradient.
+    /// Returns the steepest descent of the sum at x: the length of its shortest subgradient.
     pub(super) fn slope(&self) -> f64 {
         (self.gradient.norm() - self.weight_here).max(0.0)
     }
 
-    /// The Weiszfeld step from x, in the form of Vardi & Zhang (2000), which also leaves points of the set; zero where x is optimal.
+    /// Returns the Weiszfeld step from x in the form of Vardi & Zhang (2000), which also leaves points of the set. It is zero where x is
+    /// optimal.
     pub(super) fn weiszfeld_step(&self) -> Vector2<f64> {
         let slope = self.gradient.norm();
         if slope <= self.weight_here || self.inverse_distances <= 0.0 {
@@ -99,7 +100,7 @@ impl Evaluation {
 }
 
 impl<'a> PointSet<'a> {
-    /// A set of points of weight 1.
+    /// Makes a set of points of weight 1.
     ///
     /// # Errors
     /// [`PointSetError`] for an empty set, or coordinates that are not finite or at least 1e100.
@@ -107,7 +108,7 @@ impl<'a> PointSet<'a> {
         Self::checked(points, None)
     }
 
-    /// A set of points with a weight each.
+    /// Makes a set of points with a weight each.
     ///
     /// # Errors
     /// [`PointSetError`] as for [`PointSet::new`], and for weights that are not one per point, finite and positive.
@@ -116,13 +117,14 @@ impl<'a> PointSet<'a> {
         Self::checked(points, Some(weights))
     }
 
-    /// A set of points that are known to be at least one and finite, with weights that are one for each, finite and positive.
+    /// Makes a set without checks. The caller guarantees at least one point, finite coordinates, and one finite positive weight per
+    /// point.
     pub(in super::super) fn known(points: &'a [Vector2<f64>], weights: Option<&'a [f64]>) -> Self {
         let total_weight = weights.map_or(points.len() as f64, |weights| CompensatedSum::of(weights.iter().copied()));
         Self { points, weights, total_weight }
     }
 
-    /// Other points with the same weights, one for each of these.
+    /// Returns a set of other points with the same weights, one per point.
     pub(super) fn with_points<'b>(&self, points: &'b [Vector2<f64>]) -> PointSet<'b>
     where
         'a: 'b,
@@ -151,12 +153,12 @@ impl<'a> PointSet<'a> {
         Ok(Self { points, weights, total_weight })
     }
 
-    /// The points.
+    /// Returns the points.
     pub fn points(&self) -> &'a [Vector2<f64>] {
         self.points
     }
 
-    /// Sum of the weights: the number of points where they have none.
+    /// Returns the sum of the weights, or the number of points if there are no weights.
     pub fn total_weight(&self) -> f64 {
         self.total_weight
     }
@@ -166,17 +168,17 @@ impl<'a> PointSet<'a> {
         self.weights.map_or(1.0, |weights| weights[index])
     }
 
-    /// Sum of distances from `x` to the points, in their unit.
+    /// Returns the sum of distances from `x` to the points, in their unit.
     pub fn sum_of_distances(&self, x: Vector2<f64>) -> f64 {
         CompensatedSum::of(self.points.iter().enumerate().map(|(i, p)| self.weight(i) * length(x.x - p.x, x.y - p.y)))
     }
 
-    /// The sum of distances and its derivatives at `x`, in one pass over the points.
+    /// Computes the sum of distances and its derivatives at `x`, in one pass over the points.
     pub(super) fn evaluate(&self, x: Vector2<f64>) -> Evaluation {
         self.evaluate_around(x, 0.0)
     }
 
-    /// As [`PointSet::evaluate`], with the derivatives of the points farther than `radius` only; the others count as at `x`.
+    /// As [`PointSet::evaluate`], but points within `radius` count as at `x`, so that they do not enter the derivatives.
     fn evaluate_around(&self, x: Vector2<f64>, radius: f64) -> Evaluation {
         let (mut sum, mut gx, mut gy) = (0.0, 0.0, 0.0);
         let (mut hxx, mut hxy, mut hyy, mut weight_here) = (0.0, 0.0, 0.0, 0.0);
@@ -213,11 +215,11 @@ impl<'a> PointSet<'a> {
         }
     }
 
-    /// Weiszfeld steps from `x` that take the points within a small radius of it for points at `x`, for each of
-    /// [`CLUSTER_RADII`] that has any.
+    /// Returns Weiszfeld steps from `x` that treat the points within a small radius as points at `x`: one for each of [`CLUSTER_RADII`]
+    /// that contains a point.
     ///
-    /// Vectors that should be equal differ by rounding. Among such a cluster the Weiszfeld step is as short as the cluster is wide,
-    /// though far from the minimum; these steps see one point of the cluster's weight and leave it.
+    /// Vectors that should be equal differ by rounding. Within such a cluster the ordinary Weiszfeld step is only as long as the cluster
+    /// is wide, even far from the minimum. These steps treat the cluster as one point of its weight and leave it.
     pub(super) fn cluster_steps(&self, x: Vector2<f64>, here: &Evaluation) -> impl Iterator<Item = Vector2<f64>> {
         let mean_distance = here.sum / self.total_weight;
         let radii = CLUSTER_RADII.into_iter().map(move |radius| radius * mean_distance);
@@ -227,13 +229,13 @@ impl<'a> PointSet<'a> {
             .map(move |radius| self.evaluate_around(x, radius).weiszfeld_step())
     }
 
-    /// Weighted mean of the points.
+    /// Returns the weighted mean of the points.
     pub(super) fn mean(&self) -> Vector2<f64> {
         let of = |axis: usize| CompensatedSum::of(self.points.iter().enumerate().map(|(i, p)| self.weight(i) * p[axis]));
         Vector2::new(of(0), of(1)) / self.total_weight
     }
 
-    /// Median of each coordinate: the mean of the lower and the upper one where half the weight is on either side.
+    /// Returns the median of each coordinate. Where half the weight is on either side, it is the mean of the lower and the upper one.
     ///
     /// For points on one line it is on that line and already the geometric median.
     pub(super) fn componentwise_median(&self) -> Vector2<f64> {
@@ -262,11 +264,10 @@ impl<'a> PointSet<'a> {
         0.0
     }
 
-    /// The point of the set with the smallest sum of distances to all of them, and that sum; the first of several.
+    /// Returns the index of the point with the smallest sum of distances to all points (the first of several), and that sum.
     ///
-    /// The same answer as trying every point, for far fewer sums: the sum is convex, so each one looked at bounds all others from
-    /// below by its tangent plane, and members whose bound is above the best sum are never looked at (Kelley's cutting planes on a
-    /// finite set).
+    /// The result equals that of trying every point, with far fewer sums. The sum is convex, so each sum computed bounds all others from
+    /// below by its tangent plane. Members whose bound is above the best sum are skipped (Kelley's cutting planes on a finite set).
     pub fn best_member(&self) -> (usize, f64) {
         let start = self.componentwise_median();
         let mut bounds = vec![0.0; self.points.len()];
@@ -288,7 +289,7 @@ impl<'a> PointSet<'a> {
                 let error = BOUND_ERROR * (sum + self.total_weight * (step.x.abs() + step.y.abs()));
                 *bound = bound.max(sum + evaluation.gradient.dot(&step) - error);
                 if *bound <= lowest {
-                    // The first of equal bounds: `<=` on entry only, `<` afterwards.
+                    // Of equal bounds the first is taken: `<=` on entry only, `<` afterwards.
                     if next.is_none() || *bound < lowest {
                         (next, lowest) = (Some(i), *bound);
                     }

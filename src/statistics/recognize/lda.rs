@@ -1,20 +1,20 @@
-//! Linear discriminants with a shrunk covariance.
+//! Linear discriminant analysis with a shrunk covariance.
 //!
-//! Models have more coordinates than there are sequences, so the pooled covariance S within labels is shrunk towards a multiple of the
-//! identity, `(1 - lambda) S + lambda mu I`, by the share that Ledoit & Wolf (2004) derive from the data. A sequence's squared distance
-//! to a label's mean is Mahalanobis' in that covariance; with equal priors the label of least distance is the most probable, by
-//! probabilities proportional to `exp(-distance / 2)`.
+//! Models have more coordinates than there are sequences. Therefore the pooled covariance S within labels is shrunk towards a multiple of
+//! the identity, `(1 - lambda) S + lambda mu I`, by the share lambda that Ledoit & Wolf (2004) derive from the data. A sequence's squared
+//! distance to a label's mean is the Mahalanobis distance in that covariance. With equal priors, probabilities are proportional to
+//! `exp(-distance / 2)`, so the nearest label is the most probable.
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
-/// Discriminants of some labels.
+/// Discriminants of a set of labels.
 #[derive(Clone, Debug)]
 pub(super) struct Discriminants {
     /// Mean by label; `None` for a label without sequences.
     means: Vec<Option<DVector<f64>>>,
-    /// The data without their labels' means, a row each.
+    /// The data minus their labels' means, one row each.
     centered: DMatrix<f64>,
-    /// Factor of `X X^T + ridge I`.
+    /// Cholesky factor of `X X^T + ridge I`.
     gram: Cholesky<f64, Dyn>,
     /// lambda mu.
     floor: f64,
@@ -29,7 +29,7 @@ pub enum DiscriminantError {
 }
 
 impl Discriminants {
-    /// Discriminants of `data` (a row per sequence) with the label numbers of the rows, below `labels`.
+    /// Computes the discriminants of `data` (one row per sequence). `label_of` are the label numbers of the rows, less than `labels`.
     pub fn new(data: &DMatrix<f64>, label_of: &[usize], labels: usize) -> Result<Self, DiscriminantError> {
         let (n, p) = (data.nrows(), data.ncols());
         let mut means: Vec<Option<DVector<f64>>> = vec![None; labels];
@@ -67,7 +67,7 @@ impl Discriminants {
         Ok(Self { means, centered, gram, floor })
     }
 
-    /// Squared Mahalanobis distance to the mean of every label.
+    /// Returns the squared Mahalanobis distance to the mean of every label.
     pub fn distances(&self, data: &DVector<f64>) -> Vec<Option<f64>> {
         let of_mean = |mean: &DVector<f64>| {
             let d = data - mean;
@@ -90,7 +90,7 @@ impl FillDiagonal for DMatrix<f64> {
     }
 }
 
-/// Ledoit & Wolf's share, kept off 0 and 1 so that the covariance can be inverted.
+/// Returns Ledoit & Wolf's lambda, kept away from 0 and 1 so that the covariance can be inverted.
 fn shrinkage(products: &DMatrix<f64>, square: f64, mu: f64, p: f64) -> f64 {
     const LEAST: f64 = 1e-6;
     let n = products.nrows() as f64;

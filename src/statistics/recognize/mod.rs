@@ -1,15 +1,20 @@
-//! Which expression a sequence shows: shrinkage discriminants on displacement vectors, with calibrated probabilities and "none of these".
+//! Recognizes the expression of a sequence, with calibrated probabilities and the answer "none of these".
 //!
-//! A sequence is its displacement vectors [KP, eq. (2)], all fields and live nodes. The discriminants (`lda`) give the distances
-//! to the labels; their probabilities are calibrated by two numbers that make the labels of left-out people likeliest: the
-//! temperature t of `exp(-distance / (2 t))`, and the share of lapses, sequences that show anything. Without the second, one
-//! outlier among few people would make every probability that of a guess. A sequence is typical to the degree to which left-out
-//! sequences were as far from the nearest label as it is; below a level it is none of the labels. Of n left-out sequences the smallest share
-//! that can be counted is 1 / (n + 1). How typical a sequence is that is farther off than all of them follows from how the logarithms of
-//! their distances scatter: the chance that one more is as far off, by Student's t. Sequences of one person are no chances of their own, so
-//! its degrees of freedom are counted in people. A face that does not move lies between all labels, and no farther from the nearest than
-//! people do who show it strongly: a sequence that moves less than all that are known is at most as typical as the chance that
-//! any of as many people moves so little.
+//! The data of a sequence are its displacement vectors [KP, eq. (2)], all fields and live nodes. Discriminants with a shrunk covariance
+//! (`lda`) give the distances to the labels.
+//!
+//! **Probabilities** are calibrated by two numbers that maximize the likelihood of the labels of left-out people: the temperature t of
+//! `exp(-distance / (2 t))`, and the share of lapses, which are sequences that show any label. Without lapses, one outlier among few
+//! people would reduce every probability to chance level.
+//!
+//! **Typicality** of a sequence is the share of left-out sequences that are at least as far from their nearest label. Below a given
+//! level, the sequence is none of the labels. With n left-out sequences, the smallest share is 1 / (n + 1). For a sequence farther away
+//! than all of them, typicality is the probability that one more is as far, by Student's t on the logarithms of their distances.
+//! Sequences of one person are not independent, so its degrees of freedom are counted in people.
+//!
+//! **Small motion.** A face that does not move lies between all labels, and is no farther from the nearest than people who show it
+//! strongly. A sequence that moves less than all known ones is therefore at most as typical as the probability that any of as many people
+//! moves so little.
 
 mod lda;
 
@@ -24,13 +29,13 @@ use crate::units::NodeId;
 pub use lda::DiscriminantError;
 use lda::Discriminants;
 
-/// Folds of people that are left out together where there are more people, for up to [`FEW_SEQUENCES`] sequences and for more.
+/// Largest number of folds of people left out together, for up to [`FEW_SEQUENCES`] sequences and for more.
 const MOST_FOLDS: [usize; 2] = [50, 10];
 
-/// Sequences up to which a fold costs little.
+/// Number of sequences up to which a fold is cheap.
 const FEW_SEQUENCES: usize = 500;
 
-/// What a sequence is recognized as.
+/// Recognized expression of a sequence.
 ///
 /// ```
 /// # use grimace::{model, normalize, units, wireframe};
@@ -63,19 +68,20 @@ const FEW_SEQUENCES: usize = 500;
 pub struct Recognized {
     /// The most probable label.
     pub label: String,
-    /// Its probability.
+    /// Probability of that label.
     pub probability: f64,
-    /// Probabilities by label, in the order of [`Recognizer::labels`]; 0 for a label without sequences of others.
+    /// Probabilities by label, in the order of [`Recognizer::labels`]; 0 for a label that no other person shows.
     pub probabilities: Vec<f64>,
     /// Squared distance to the most probable label's mean, in within-label standard deviations.
     pub distance: f64,
-    /// Share of left-out sequences that are as far from their nearest label, or farther; beyond all of them, the chance that one is, by the
-    /// scatter of their distances. At most the chance that any of as many people moves as little, where it moves less than all of them.
+    /// Share of left-out sequences that are at least as far from their nearest label. Beyond all of them, it is the probability of such a
+    /// distance from their scatter. If the sequence moves less than all of them, it is at most the probability that any of as many people
+    /// moves as little.
     pub typicality: f64,
 }
 
 impl Recognized {
-    /// Whether it is none of the labels: less typical than `level`.
+    /// Returns whether the sequence is none of the labels: its typicality is below `level`.
     pub fn is_none(&self, level: f64) -> bool {
         self.typicality < level
     }
@@ -110,13 +116,13 @@ pub enum RecognizeError {
     /// Nothing to tell apart.
     #[error("found {found} label{}; recognition needs sequences of at least two labels", if *found == 1 { "" } else { "s" })]
     TooFewLabels {
-        /// Labels.
+        /// Number of labels.
         found: usize,
     },
     /// Nobody to leave out.
     #[error("found {found} {}; recognition needs at least three people, because it is tested on held-out people", if *found == 1 { "person" } else { "people" })]
     TooFewPeople {
-        /// People.
+        /// Number of people.
         found: usize,
     },
     /// A label that nobody shows once its only person is left out.
@@ -134,9 +140,9 @@ pub enum RecognizeError {
     Shape {
         /// The sequence.
         id: String,
-        /// Its vectors.
+        /// Number of its vectors.
         found: usize,
-        /// The others'.
+        /// Number of vectors of the others.
         expected: usize,
     },
     /// No discriminants.
@@ -144,8 +150,9 @@ pub enum RecognizeError {
     Discriminants(#[from] DiscriminantError),
 }
 
-/// The sequences whose labels at least two people show, and the other labels: with their only person left out, nobody shows those. Where
-/// fewer than two labels remain, all sequences. `of` tells the person and the label of one.
+/// Keeps the sequences whose labels at least two people show, and returns the other labels separately. When the only person of such a
+/// label is left out, no one shows it. If fewer than two labels would remain, all sequences are kept. `of` returns person and label of a
+/// sequence.
 pub fn shown_by_several<T>(models: Vec<T>, of: impl Fn(&T) -> (&str, &str)) -> (Vec<T>, Vec<String>) {
     let mut people: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
     for item in &models {
@@ -159,10 +166,11 @@ pub fn shown_by_several<T>(models: Vec<T>, of: impl Fn(&T) -> (&str, &str)) -> (
     (models.into_iter().filter(|item| !alone.iter().any(|label| label == of(item).1)).collect(), alone)
 }
 
-/// The labels that can be learned from sequences of these people and labels, in the order of the project's emotions, then by alphabet.
+/// Returns the labels that can be learned from sequences, given as person and label. The order is that of [`EMOTIONS`], then
+/// alphabetical.
 ///
 /// # Errors
-/// [`RecognizeError`] for fewer than two labels or three people, and a label of one person.
+/// [`RecognizeError`] for fewer than two labels or three people, and for a label that only one person shows.
 pub(crate) fn labels_to_learn<'a>(shown: impl Iterator<Item = (&'a str, &'a str)>) -> Result<Vec<String>, RecognizeError> {
     let rank = |label: &str| EMOTIONS.iter().position(|&e| e == label).unwrap_or(EMOTIONS.len());
     let mut labels: BTreeMap<(usize, &str), BTreeSet<&str>> = BTreeMap::new();
@@ -183,7 +191,7 @@ pub(crate) fn labels_to_learn<'a>(shown: impl Iterator<Item = (&'a str, &'a str)
     }
 }
 
-/// A recognizer made of labelled sequences.
+/// A recognizer trained on labelled sequences.
 ///
 /// ```
 /// # use grimace::{model, normalize, units, wireframe};
@@ -211,15 +219,15 @@ pub(crate) fn labels_to_learn<'a>(shown: impl Iterator<Item = (&'a str, &'a str)
 /// ```
 #[derive(Clone, Debug)]
 pub struct Recognizer {
-    /// Labels in the order of the project's emotions, then by alphabet.
+    /// Labels in the order of the project's emotions, then alphabetical.
     pub labels: Vec<String>,
-    /// Nodes that count.
+    /// Nodes used.
     live: Vec<NodeId>,
     discriminants: Discriminants,
     size: usize,
     calibration: Calibration,
     usual: Usual,
-    /// What the sequences are recognized as when their people are left out, in the order given.
+    /// Recognition results of the training sequences when their people are left out, in the given order.
     pub left_out: Vec<Recognized>,
 }
 
@@ -229,7 +237,7 @@ struct LeftOut {
     subject: usize,
     label: usize,
     distances: Vec<Option<f64>>,
-    /// Length of its displacement vectors, all in one.
+    /// Length of all its displacement vectors taken as one vector.
     amount: f64,
 }
 
@@ -250,10 +258,11 @@ fn rows(data: &[DVector<f64>], chosen: &[usize]) -> DMatrix<f64> {
 }
 
 impl Recognizer {
-    /// A recognizer of models with a label each; `tick` is called, from many threads, for every fold of people left out.
+    /// Trains a recognizer on models with one label each. `tick` is called, from many threads, for every fold of people left out.
     ///
     /// # Errors
-    /// [`RecognizeError`] for fewer than two labels or three people, and sequences that do not scatter or differ in shape.
+    /// [`RecognizeError`] for fewer than two labels or three people, a label that only one person shows, and sequences without scatter or
+    /// of differing shapes.
     pub fn new(models: &[(&SequenceModel, &str)], live: &[NodeId], tick: impl Fn() + Sync) -> Result<Self, RecognizeError> {
         let labels = labels_to_learn(models.iter().map(|(m, label)| (m.id.subject.as_str(), *label)))?;
         let people: BTreeSet<&str> = models.iter().map(|(m, _)| m.id.subject.as_str()).collect();
@@ -282,7 +291,7 @@ impl Recognizer {
         let mut all = (0..folds).into_par_iter().map(fold).collect::<Result<Vec<_>, _>>()?.concat();
         all.sort_by_key(|(i, _)| *i);
         let all: Vec<LeftOut> = all.into_iter().map(|(_, left_out)| left_out).collect();
-        // Nobody's own sequences serve for the calibration and the typical distances that they are judged by.
+        // Calibration and typical distances of a left-out sequence are computed without its own fold.
         let of_fold: Vec<(Calibration, Usual)> = (0..folds)
             .into_par_iter()
             .map(|f| {
@@ -308,13 +317,13 @@ impl Recognizer {
         })
     }
 
-    /// Whether so few sequences are known that none of their shares is less than `level`: what is less typical than that is told by the
-    /// scatter of their distances alone.
+    /// Returns whether there are so few sequences that no counted share is below `level`. Lower typicalities then come only from the
+    /// scatter of the distances.
     pub fn is_beyond_counting(&self, level: f64) -> bool {
         level > 0.0 && level * (1 + self.usual.distances.len()) as f64 <= 1.0
     }
 
-    /// What a sequence of somebody else shows.
+    /// Recognizes a sequence of a person outside the training data.
     ///
     /// # Errors
     /// [`RecognizeError::Shape`].
@@ -328,8 +337,8 @@ impl Recognizer {
     }
 }
 
-/// The fold of every person: dealt one after the other, but for a person who is moved on where all who show a label would be left out
-/// together, and nobody would show it.
+/// Assigns a fold to every person, in turn. If all people who show a label are in one fold, one of them is moved to the next fold,
+/// because otherwise no one would show the label when the fold is left out.
 fn folds_of_people(subject_of: &[usize], label_of: &[usize], labels: usize, folds: usize) -> Vec<usize> {
     let people = subject_of.iter().max().map_or(0, |most| most + 1);
     let mut fold_of: Vec<usize> = (0..people).map(|person| person % folds).collect();
@@ -337,7 +346,7 @@ fn folds_of_people(subject_of: &[usize], label_of: &[usize], labels: usize, fold
     for (&person, &label) in subject_of.iter().zip(label_of) {
         showers[label].insert(person);
     }
-    // A move may leave another label's people together: moves are few, and as many as there are labels settle them all.
+    // A move can bring another label's people together. Moves are few; as many rounds as labels resolve all.
     for _ in 0..=labels {
         for people in &showers {
             let mut of_them = people.iter().map(|&person| fold_of[person]);
@@ -353,14 +362,14 @@ fn folds_of_people(subject_of: &[usize], label_of: &[usize], labels: usize, fold
     fold_of
 }
 
-/// How far left-out sequences are from their nearest label, and how far they move.
+/// Distances of left-out sequences to their nearest labels, and the sizes of their motion.
 #[derive(Clone, Debug)]
 struct Usual {
     /// Squared distances, ascending.
     distances: Vec<f64>,
-    /// Lengths of their displacement vectors.
+    /// Lengths of their displacement vectors, each sequence taken as one vector.
     amounts: Vec<f64>,
-    /// People whose sequences these are.
+    /// Number of people who made these sequences.
     people: usize,
 }
 
@@ -372,22 +381,22 @@ impl Usual {
         Self { distances, amounts: of.iter().map(|l| l.amount).collect(), people }
     }
 
-    /// How typical a sequence is that is so far from its nearest label and moves so far.
+    /// Returns the typicality of a sequence with this distance from its nearest label and this size of motion.
     fn typicality(&self, distance: f64, amount: f64) -> f64 {
         let farther = self.distances.len() - self.distances.partition_point(|&d| d < distance);
         let share = (1 + farther) as f64 / (1 + self.distances.len()) as f64;
         let beyond = if farther == 0 { self.chance_above(&self.distances, distance) } else { None };
-        // The chance to be below is that to be above where all are turned over.
+        // The probability of a smaller value equals that of a larger one after taking reciprocals.
         let is_least = self.amounts.iter().all(|&known| known > amount);
         let turned = || self.amounts.iter().map(|known| known.recip()).collect::<Vec<_>>();
         let below = is_least.then(|| self.chance_above(&turned(), amount.max(f64::MIN_POSITIVE).recip())).flatten();
-        // One of them moves least, whatever they show.
+        // Corrected for the number of people, since one of them always moves least.
         let below = below.map(|chance| chance * (1 + self.people) as f64);
         [beyond, below].into_iter().flatten().fold(share, f64::min)
     }
 
-    /// The chance that a value of one more person is as large, where the logarithms of some values are normally distributed; `None` where
-    /// these do not scatter or are of one person.
+    /// Returns the probability that one more person has a value as large, for log-normally distributed values. Returns `None` if these do
+    /// not scatter or are of one person.
     fn chance_above(&self, values: &[f64], value: f64) -> Option<f64> {
         let logarithms: Vec<f64> = values.iter().filter(|&&v| v > 0.0).map(|v| v.ln()).collect();
         let (n, people) = (logarithms.len() as f64, self.people as f64);
@@ -396,23 +405,23 @@ impl Usual {
         }
         let mean = logarithms.iter().sum::<f64>() / n;
         let variance = logarithms.iter().map(|l| (l - mean).powi(2)).sum::<f64>() / (n - 1.0);
-        // Both the next one and the mean are uncertain.
+        // Both the next value and the mean are uncertain.
         let t = (value.ln() - mean) / (variance * (1.0 + 1.0 / people)).sqrt();
         t_above(t, people - 1.0)
     }
 }
 
-/// How distances become probabilities.
+/// Converts distances to probabilities.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Calibration {
-    /// Squared distance that is as much as two units of log-odds.
+    /// Temperature t of `exp(-distance / (2 t))`: a difference of 2 t in squared distance is one unit of log-odds.
     temperature: f64,
-    /// Share of sequences that show any label, whatever the distances.
+    /// Share of sequences that show any label, independent of the distances.
     lapses: f64,
 }
 
 impl Calibration {
-    /// Probabilities of labels at some distances.
+    /// Returns the probabilities of the labels at the given distances.
     fn probabilities(self, distances: &[Option<f64>]) -> Vec<f64> {
         let least = distances.iter().flatten().copied().fold(f64::INFINITY, f64::min);
         let known = distances.iter().flatten().count().max(1) as f64;
@@ -424,14 +433,16 @@ impl Calibration {
         weights.into_iter().zip(distances).map(of).collect()
     }
 
-    /// Less likely labels of left-out sequences, the larger.
+    /// Returns the negative log-likelihood of the labels of left-out sequences.
     fn loss(self, of: &[&LeftOut]) -> f64 {
         let of_one = |l: &&LeftOut| l.distances[l.label].map(|_| -self.probabilities(&l.distances)[l.label].ln());
         of.iter().filter_map(of_one).sum()
     }
 
-    /// The calibration at which the labels of left-out sequences are likeliest: for each share of lapses the temperature by a coarse search
-    /// and a golden section on its logarithm, from a tenth to ten thousand: sure beyond doubt to hardly more than guessing.
+    /// Finds the calibration that maximizes the likelihood of the labels of left-out sequences.
+    ///
+    /// For each share of lapses, the logarithm of the temperature is found by a coarse search and a golden section, from 0.1 (certainty)
+    /// to 10,000 (little better than chance).
     fn new(of: &[&LeftOut]) -> Self {
         const GOLDEN: f64 = 0.618_033_988_749_895;
         const COARSE: usize = 16;
@@ -439,7 +450,7 @@ impl Calibration {
         const SHARES: i32 = 8;
         let (low, high) = (0.1f64.ln(), 1e4f64.ln());
         let step = (high - low) / COARSE as f64;
-        // Never none: half a sequence more than there are may be a lapse.
+        // Never 0: half a lapse among one sequence more than there are.
         let least = 0.5 / (of.len() + 1) as f64;
         let best = |lapses: f64| {
             let at = |logarithm: f64| Self { temperature: logarithm.exp(), lapses };
@@ -465,7 +476,7 @@ fn recognized(
     usual: &Usual,
 ) -> Recognized {
     let probabilities = calibration.probabilities(distances);
-    // Of two equally near ones the first.
+    // Of two equally near labels the first.
     let at = (0..distances.len())
         .filter(|&k| distances[k].is_some())
         .min_by(|&a, &b| distances[a].unwrap_or(f64::INFINITY).total_cmp(&distances[b].unwrap_or(f64::INFINITY)));

@@ -11,7 +11,7 @@ use crate::{
 
 const NODES: u16 = 6;
 
-/// People with a sequence per label, whose nodes move along the label's direction and by chance.
+/// People with one sequence per label, whose nodes move in the label's direction plus noise.
 fn people(count: usize, noise: f64, seed: u64) -> Vec<(SequenceModel, &'static str)> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut gauss = || -> f64 { StandardNormal.sample(&mut random) };
@@ -41,7 +41,7 @@ fn strangers_are_recognized_and_probabilities_hold() {
     let found: Vec<Recognized> = strangers.iter().map(|(m, _)| recognizer.recognize(m).unwrap()).collect();
     let right = found.iter().zip(&strangers).filter(|(f, (_, label))| f.label == *label).count() as f64 / 400.0;
     let claimed = found.iter().map(|f| f.probability).sum::<f64>() / 400.0;
-    // Means differ by sqrt(12) / 1.6 = 2.2 standard deviations: 86 % are right at best. 0.06 is three standard errors.
+    // Means differ by sqrt(12) / 1.6 = 2.2 standard deviations: at most 86 % can be correct. 0.06 is three standard errors.
     assert!(right > 0.78 && (claimed - right).abs() < 0.06, "{right} {claimed}");
     assert!(found.iter().all(|f| (f.probabilities.iter().sum::<f64>() - 1.0).abs() < 1e-12));
 }
@@ -49,7 +49,7 @@ fn strangers_are_recognized_and_probabilities_hold() {
 #[test]
 fn one_outlier_makes_no_guess_of_all_others() {
     let mut all = people(12, 0.2, 8);
-    // Person 0 shows each under the other's name.
+    // Person 0 has both labels exchanged.
     all[0].1 = "anger";
     all[1].1 = "fear";
     let recognizer = recognizer(&all).unwrap();
@@ -75,7 +75,7 @@ fn what_nobody_showed_is_none_of_the_labels() {
 fn a_face_that_does_not_move_is_none_of_the_labels() {
     for (count, level) in [(5, 0.02), (60, 0.02)] {
         let recognizer = recognizer(&people(count, 0.3, 3)).unwrap();
-        // As far as a tracker's noise, and not at all.
+        // Motion of the size of a tracker's noise, and none.
         for noise in [0.01, 0.0] {
             let mut still = people(1, noise, 4).remove(0).0;
             let frames = still.model.frames().iter().map(|frame| {
@@ -86,14 +86,14 @@ fn a_face_that_does_not_move_is_none_of_the_labels() {
             assert!(found.is_none(level), "{count} people, {noise}: {found:?}");
         }
     }
-    // Those who move least of all known are typical, but for a few.
+    // Almost all known sequences with the smallest motion are typical.
     let recognizer = recognizer(&people(60, 0.5, 3)).unwrap();
     assert!(recognizer.left_out.iter().filter(|found| found.is_none(0.02)).count() <= 5);
 }
 
 #[test]
 fn what_nobody_showed_is_none_of_few_sequences_too() {
-    // 2 labels of 4 people: the smallest share that can be counted is 1/9.
+    // 2 labels of 4 people: the smallest possible share is 1/9.
     let recognizer = recognizer(&people(4, 0.5, 3)).unwrap();
     assert!(recognizer.is_beyond_counting(0.02) && recognizer.is_beyond_counting(1.0 / 9.0));
     assert!(!recognizer.is_beyond_counting(0.12) && !recognizer.is_beyond_counting(0.0));
@@ -110,7 +110,7 @@ fn what_nobody_showed_is_none_of_few_sequences_too() {
 
 #[test]
 fn beyond_all_that_are_known_their_scatter_tells() {
-    // Logarithms 0, 1 and 2: mean 1, standard deviation 1. Of t with 2 degrees of freedom P(T > t) = (1 - t / sqrt(2 + t^2)) / 2.
+    // Logarithms 0, 1 and 2: mean 1, standard deviation 1. For t with 2 degrees of freedom P(T > t) = (1 - t / sqrt(2 + t^2)) / 2.
     let usual = Usual { distances: [0.0, 1.0, 2.0].map(f64::exp).to_vec(), amounts: vec![2.0, 3.0, 4.0], people: 3 };
     let chance = |distance: f64| usual.chance_above(&usual.distances, distance);
     let t = 4.0 / (4.0f64 / 3.0).sqrt();
@@ -118,7 +118,7 @@ fn beyond_all_that_are_known_their_scatter_tells() {
     assert!((chance(5.0f64.exp()).unwrap() - expected).abs() < 1e-9);
     assert_eq!(usual.typicality(5.0f64.exp(), 3.0), chance(5.0f64.exp()).unwrap());
     assert_eq!(usual.typicality(1.5, 3.0), 0.75, "two of three are as far, and it is one more itself");
-    // To move a tenth of something is as rare as that the reciprocal is ten times as large.
+    // Moving a tenth of a value is as rare as a ten times larger reciprocal.
     let turned: Vec<f64> = usual.amounts.iter().map(|amount| 1.0 / amount).collect();
     assert_eq!(usual.typicality(1.5, 0.1), 4.0 * usual.chance_above(&turned, 10.0).unwrap());
     assert_eq!(usual.typicality(1.5, 1.9), 0.75, "one of four moves least");
@@ -152,7 +152,7 @@ fn too_few_labels_or_people_say_so() {
 
 #[test]
 fn no_label_is_left_out_with_all_who_show_it() {
-    // 60 people in 50 folds: persons 0 and 50 share one, and show label 1 alone.
+    // 60 people in 50 folds: persons 0 and 50 share one, and only they show label 1.
     let subjects: Vec<usize> = (0..60).chain([0, 50]).collect();
     let labels: Vec<usize> = vec![0; 60].into_iter().chain([1, 1]).collect();
     let fold_of = folds_of_people(&subjects, &labels, 2, 50);

@@ -42,7 +42,7 @@ fn compute(models: &[SequenceModel], alpha: f64, median: MedianKind) -> Represen
     representative(label(), models, &small_wireframe(), &options(alpha, median)).unwrap()
 }
 
-/// A representative as text, for comparing all bits of it.
+/// A representative as text, to compare all its bits.
 fn fingerprint(r: &Representative) -> String {
     format!("{r:?}")
 }
@@ -63,7 +63,7 @@ fn five_models_by_hand() {
             approx::assert_relative_eq!(row.1, expected, max_relative = 1e-14);
         }
         assert_eq!(rows.iter().map(|r| r.2).collect::<Vec<_>>(), [false, false, false, false, true]);
-        // Sum of the kept: anywhere from 3 to 6 it is (3 + 9) / 3 = 4 face units.
+        // Sum of the kept models: anywhere from 3 to 6 it is (3 + 9) / 3 = 4 face units.
         approx::assert_relative_eq!(r.sums.exact, 4.0, max_relative = 1e-14);
         approx::assert_relative_eq!(r.sums.greedy, 4.0, max_relative = 1e-14);
         assert!(r.sums.lower_bound <= r.sums.exact && r.sums.certificate_gap < 1e-13, "{:?}", r.sums);
@@ -74,7 +74,7 @@ fn five_models_by_hand() {
         approx::assert_relative_eq!(r.dispersion_untrimmed.unwrap(), 1.0, max_relative = 1e-14);
         assert_eq!(r.distances[4], None);
         approx::assert_relative_eq!(r.distances_untrimmed[4], 98.0, max_relative = 1e-14);
-        // Node 1 alone disperses, three times the mean over nodes.
+        // Only node 1 has dispersion, three times the mean over nodes.
         approx::assert_relative_eq!(r.node_dispersion[1], 3.0, max_relative = 1e-14);
         assert_eq!([r.node_dispersion[0], r.node_dispersion[2], r.node_dispersion[3]], [0.0; 3]);
     }
@@ -181,7 +181,7 @@ proptest! {
         let fields: Vec<_> = models.iter().map(|m| DisplacementFields::of_model(&m.model, &live)).collect();
         let sum = |center: &DisplacementFields| fields.iter().map(|f| f.distance(center)).sum::<f64>();
         let of_median = sum(&DisplacementFields::of_model(&r.model, &live));
-        // 1e-9: positions are rounded where vectors are summed up to frames.
+        // 1e-9: positions are rounded when vectors are summed to frames.
         prop_assert!(fields.iter().all(|f| of_median <= sum(f) + 1e-9));
         approx::assert_relative_eq!(of_median, match kind { MedianKind::Greedy => r.sums.greedy, MedianKind::Exact => r.sums.exact }, max_relative = 1e-9);
     }

@@ -1,11 +1,11 @@
-//! Statistics of very many models: linear or nearly linear in their number, in bounded memory.
+//! Statistics of more than [`MANY_MODELS`] models, in bounded memory and in time nearly linear in their number.
 //!
-//! Everything that [KP, eq. (6) to (8)] need splits over the nodes: d is a mean over nodes, so `d_tf`, the sum of distances and the
-//! distance to the median are means over nodes of planar sums, and eq. (7) is a planar problem per node and field. A
-//! [`SlotSource`] hands out the vectors of one node at a time, from memory or from a file, and no more than a few nodes of all models
-//! are in memory at once. Which models are trimmed is decided from bounds ([`trimming`]) instead of from all pairs; the median is the
-//! exact one. What is summed over nodes is summed in their order, so neither the number of threads nor the memory allowed changes a
-//! bit.
+//! All quantities of [KP, eq. (6) to (8)] split over the nodes. The distance d is a mean over nodes, so `d_tf`, the sum of distances and
+//! the distance to the median are means over nodes of planar sums; eq. (7) is a planar problem per node and field. A [`SlotSource`]
+//! supplies the vectors of one node at a time, from memory or from a file. Only a few nodes of all models are in memory at once.
+//!
+//! The trimmed models are determined from bounds ([`trimming`]) instead of from all pairs. The median is the exact one. Sums over nodes
+//! are taken in node order, so the result is identical for any number of threads and any memory limit.
 
 pub mod trimming;
 
@@ -28,44 +28,44 @@ use crate::{units::SequenceId, wireframe::Wireframe};
 
 pub use trimming::{Certificate, CertifiedTrimming, trim_certified};
 
-/// Models of a class above which statistics are computed here; up to it all pairs are, and the greedy median.
+/// Largest number of models in a class for which all pairs and the greedy median are computed. Larger classes are processed here.
 pub const MANY_MODELS: usize = 2048;
 
-/// Memory that is used where nothing else is asked for, bytes.
+/// Default memory limit, bytes.
 pub const DEFAULT_MEMORY: u64 = 1 << 31;
 
-/// Bytes per model and slot of a node that is worked on: its vectors, the copies that the median takes, sums of distances.
+/// Memory per model and slot of a node in work, bytes: its vectors, the copies made for the median, and sums of distances.
 const BYTES_PER_SLOT: u64 = 80;
 
-/// Most nodes worked on at once.
+/// Largest number of nodes processed at once.
 const MOST_NODES_AT_ONCE: usize = 16;
 
-/// Displacement vectors that cannot be read.
+/// Error when displacement vectors cannot be read.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {reason}", path.display())]
 pub struct SourceError {
     /// The file.
     pub path: PathBuf,
-    /// What is wrong.
+    /// Description of the error.
     pub reason: String,
 }
 
 impl SourceError {
-    /// An I/O error of a file.
+    /// Makes an error from an I/O error of a file.
     pub fn io(path: &std::path::Path) -> impl Fn(io::Error) -> Self + '_ {
         move |error| Self { path: path.to_owned(), reason: error.to_string() }
     }
 }
 
-/// Displacement vectors of very many models, node by node.
+/// Displacement vectors of very many models, supplied node by node.
 pub trait SlotSource: Sync {
-    /// Models N''.
+    /// Returns the number of models N''.
     fn model_count(&self) -> usize;
-    /// Live nodes N.
+    /// Returns the number of live nodes N.
     fn node_count(&self) -> usize;
-    /// Displacement fields, N' - 1.
+    /// Returns the number of displacement fields, N' - 1.
     fn field_count(&self) -> usize;
-    /// The vectors of the k-th live node: by field, in the order of the models; finite.
+    /// Returns the vectors of the k-th live node, by field, in the order of the models. They must be finite.
     ///
     /// # Errors
     /// `SourceError` when they cannot be read.
@@ -90,38 +90,39 @@ impl SlotSource for [DisplacementFields] {
     }
 }
 
-/// Nodes that fit into `memory` bytes at once, at least one.
+/// Returns the number of nodes whose data fit into `memory` bytes, at least one.
 fn nodes_at_once<S: SlotSource + ?Sized>(source: &S, memory: u64) -> usize {
     let per_node = BYTES_PER_SLOT * (source.model_count() * source.field_count()).max(1) as u64;
     usize::try_from(memory / per_node).unwrap_or(usize::MAX).clamp(1, MOST_NODES_AT_ONCE)
 }
 
-/// The exact median of the models of a class and their distances to it.
+/// The exact median of a class and the models' distances to it.
 #[derive(Clone, Debug)]
 pub struct StreamedMedian {
     /// The median's vectors, in slot order.
     pub vectors: Vec<Vector2<f64>>,
     /// Sum of distances [KP, eq. (7)] over the kept models, face units.
     pub sum: f64,
-    /// Proven lower bound of it.
+    /// Proven lower bound of `sum`.
     pub lower_bound: f64,
-    /// Steps over all slots.
+    /// Number of steps over all slots.
     pub steps: usize,
-    /// The worst ending over the slots.
+    /// The worst ending of any slot.
     pub ending: SearchEnding,
-    /// Distance of every model over the fields it is kept in; `None` where that is no field.
+    /// Distance of every model over its kept fields; `None` if no field is kept.
     pub distances: Vec<Option<f64>>,
     /// Distance of every model over all fields.
     pub distances_all: Vec<f64>,
-    /// The mean over the fields of the median of `d_f` over the models kept.
+    /// Mean over the fields of the median of `d_f` over the models kept in the field.
     pub field_dispersion: Option<f64>,
-    /// Per live node the median over the models of the mean of `d_v` over the fields kept.
+    /// For every live node the median over the models of the mean of `d_v` over the kept fields.
     pub node_dispersion: Vec<f64>,
 }
 
-/// The exact median in one pass over the nodes.
+/// Computes the exact median in one pass over the nodes.
 ///
-/// `kept[m]` are the models kept in field m, ascending; `None` keeps all. `weights` are the models', where they differ.
+/// `kept[m]` are the indices of the models kept in field m, ascending; `None` keeps all. `weights` are the models' weights, or `None` if
+/// all are equal.
 ///
 /// # Errors
 /// `SourceError`.
@@ -133,7 +134,7 @@ pub fn streamed_median<S: SlotSource + ?Sized>(
 ) -> Result<StreamedMedian, SourceError> {
     let (models, nodes, fields) = (source.model_count(), source.node_count(), source.field_count());
     let options = ExactOptions::default();
-    // By field and model, whether it is kept; all are without trimming.
+    // Whether a model is kept, by field and model; `None` without trimming.
     let is_kept: Option<Vec<Vec<bool>>> = kept.map(|kept| {
         let of_field = |members: &Vec<usize>| {
             let mut flags = vec![false; models];
@@ -147,7 +148,7 @@ pub fn streamed_median<S: SlotSource + ?Sized>(
     let mut vectors = vec![Vector2::zeros(); nodes * fields];
     let (mut sums, mut bounds) = (vec![0.0; nodes * fields], vec![0.0; nodes * fields]);
     let (mut steps, mut ending) = (0, SearchEnding::Converged);
-    // By field and model, the sums over the nodes of d_v.
+    // Sums over the nodes of d_v, by field and model.
     let mut totals = vec![vec![0.0; models]; fields];
     let member_weights: Option<Vec<Vec<f64>>> = kept
         .zip(weights)
@@ -176,7 +177,7 @@ pub fn streamed_median<S: SlotSource + ?Sized>(
             steps += found.iterations;
             ending = ending.max(found.ending);
         }
-        // Per node and field d_v of every model.
+        // d_v of every model, by field, at one node.
         let of_node = |k: usize| -> Vec<Vec<f64>> {
             let of_field = |m: usize| {
                 let center = medians[k * fields + m].point;
@@ -222,7 +223,7 @@ pub fn streamed_median<S: SlotSource + ?Sized>(
     })
 }
 
-/// The mean of a model's distances over the `count` fields that it is kept in; `None` where that is no field.
+/// Returns the mean of a model's distances over the `count` fields in which it is kept, or `None` if `count` is 0.
 fn mean_of_kept(distances: &[Vec<f64>], is_kept: Option<&[Vec<bool>]>, count: usize, model: usize) -> Option<f64> {
     let of_field = |(m, field): (usize, &Vec<f64>)| {
         if is_kept.is_none_or(|flags| flags[m][model]) { field[model] } else { 0.0 }
@@ -230,15 +231,17 @@ fn mean_of_kept(distances: &[Vec<f64>], is_kept: Option<&[Vec<bool>]>, count: us
     (count > 0).then(|| distances.iter().enumerate().map(of_field).sum::<f64>() / (count as f64))
 }
 
-/// The representative of a class of very many models: certified trimming, the exact median, dispersions.
+/// Computes the representative of a class of very many models: certified trimming, exact median, dispersions.
 ///
-/// `ids` are the models' sequences in the order of `source`, ascending and different; `neutral` is the neutral frame they share, all
-/// nodes. One person has one weight in medians and dispersions as for fewer models; `d_tf` and trimming count every sequence alike.
-/// The median is exact whatever the options say ([`Representative::median`]); where alpha trims nothing no `d_tf` is computed,
-/// and the trace is empty.
+/// `ids` are the sequences of the models in the order of `source`, ascending and unique. `neutral` is the neutral frame they share, with
+/// all nodes. In medians and dispersions each person has one weight, as for fewer models; in `d_tf` and trimming each sequence does.
+///
+/// The median is always the exact one ([`Representative::median`]). If alpha trims nothing, no `d_tf` is computed and the trimming trace
+/// is empty.
 ///
 /// # Errors
-/// [`StatisticsError::Source`], [`StatisticsError::AlphaOutOfRange`], [`StatisticsError::Empty`].
+/// [`StatisticsError::Source`], [`StatisticsError::AlphaOutOfRange`], [`StatisticsError::Empty`],
+/// [`StatisticsError::ModelTrimmingOfMany`].
 pub fn representative_of_many<S: SlotSource + ?Sized>(
     label: ClassLabel,
     ids: Vec<SequenceId>,

@@ -13,7 +13,7 @@ use super::{
     *,
 };
 
-/// Models of `fields` fields over `nodes` nodes, scattered more the higher their number's remainder by 10.
+/// Models of `fields` fields over `nodes` nodes. The scatter of a model increases with its number modulo 10.
 fn models(count: usize, nodes: usize, fields: usize, seed: u64) -> Vec<DisplacementFields> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut gauss = || -> f64 { StandardNormal.sample(&mut random) };
@@ -37,7 +37,7 @@ fn certified_trimming_drops_what_all_pairs_drop() {
     let found = trim_certified(models.as_slice(), 150, DEFAULT_MEMORY).unwrap();
     assert_eq!(found.kept, expected.kept);
     assert!(found.undecided.is_empty());
-    // Bounds decide most of the 4,500 pairs of field and model.
+    // Bounds decide most of the 4,500 (field, model) pairs.
     assert!(found.exact < 1200, "{}", found.exact);
     for (found_field, expected_field) in found.distances.iter().zip(&expected.distances) {
         for (f, e) in found_field.iter().zip(expected_field) {
@@ -53,7 +53,7 @@ fn equal_models_are_dropped_in_the_order_of_their_ids() {
     for i in [3, 20, 31] {
         all[i] = far.clone();
     }
-    // Three equal ones are farthest; two are dropped: the later two.
+    // Three equal models are farthest. Two are dropped: the later two.
     let found = trim_certified(all.as_slice(), 2, DEFAULT_MEMORY).unwrap();
     assert!(found.kept.iter().all(|kept| kept.contains(&3) && !kept.contains(&20) && !kept.contains(&31)));
 }

@@ -1,18 +1,19 @@
-//! Certified trimming: which models have the largest `d_tf` [KP, eq. (6)], without all pairs.
+//! Certified trimming: finds the models with the largest `d_tf` [KP, eq. (6)] without computing all pairs.
 //!
-//! `d_tf` of model i is, up to constants, the sum over nodes of `F_k(x) = sum_j |x - p_j|` at its own vector. The length of a planar
-//! vector lies between multiples of the sum of its projections on A directions, evenly spaced over half a turn:
+//! `d_tf` of model i is, up to constants, the sum over nodes of `F_k(x) = sum_j |x - p_j|` at the model's own vector. The length of a
+//! planar vector is bounded by multiples of the sum of its projections on A directions, evenly spaced over half a turn:
 //!
 //! ```text
 //! |v| x cot x  <=  pi / (2 A) sum_a |v . u_a|  <=  |v| x / sin x,    x = pi / (2 A)
 //! ```
 //!
-//! and on a line the sum of distances to all points comes from how many of them, and what sum of them, lie on either side: exactly after
-//! sorting, within narrow bounds where they are only counted in bins, which is cheaper. So A directions bound every `F_k`, and with them every
-//! `d_tf`, within a relative pi^2 / (8 A^2), in about A N'' instead of N''^2 steps. A model is dropped for certain when
-//! its lower bound is above the upper bounds of enough others, and kept for certain when its upper bound is below enough lower bounds;
-//! the few between are tried with more directions and, in the end, computed exactly. Models whose exact sums differ by no more
-//! than rounding across the border are named: there the order is that of the sequence ids.
+//! On a line, the sum of distances from a point to all points follows from the number and the sum of the points on either side. It is
+//! exact after sorting. Counting the points in bins is cheaper and gives narrow bounds. A directions therefore bound every `F_k`, and
+//! with it every `d_tf`, within a relative pi^2 / (8 A^2), in about A N'' instead of N''^2 steps.
+//!
+//! A model is certainly dropped if its lower bound is above the upper bounds of enough others. It is certainly kept if its upper bound is
+//! below enough lower bounds. The few undecided models are bounded with more directions and finally computed exactly. Models at the
+//! border whose exact sums differ only by rounding are reported; their order is that of the sequence ids.
 
 use std::ops::AddAssign;
 
@@ -23,37 +24,38 @@ use serde::{Deserialize, Serialize};
 use super::{SlotSource, SourceError, nodes_at_once};
 use crate::{simd::widest, units::SequenceId};
 
-/// Directions of each turn; the next one is taken while it is cheaper than computing exactly.
+/// Number of directions in each round. The second round is run only if it is cheaper than computing the undecided models exactly.
 const DIRECTIONS: [usize; 2] = [48, 128];
 
-/// Models that can be computed exactly in the time that one direction takes for all, about.
+/// Approximate number of models that can be computed exactly in the time that one direction takes for all models.
 const MODELS_PER_DIRECTION: usize = 5;
 
-/// Outcome of the trimming of a class.
+/// Result of the trimming of a class.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CertifiedTrimming {
-    /// Indices of the models kept, by field, ascending.
+    /// Indices of the kept models by field, ascending.
     pub kept: Vec<Vec<usize>>,
-    /// `d_tf` by field and model, within [`CertifiedTrimming::relative_bound`]; exact where the bounds did not decide.
+    /// `d_tf` by field and model, with a relative error of at most [`CertifiedTrimming::relative_bound`]; exact where the bounds did not
+    /// decide.
     pub distances: Vec<Vec<f64>>,
-    /// Largest relative distance of a stated `d_tf` from the true one.
+    /// Largest relative error of `distances`.
     pub relative_bound: f64,
-    /// (Field, model) pairs that were computed exactly.
+    /// Number of (field, model) pairs computed exactly.
     pub exact: usize,
-    /// Models at the border of which rounding does not tell whether they belong to the dropped.
+    /// Indices of the models at the border whose order rounding does not determine.
     pub undecided: Vec<usize>,
 }
 
-/// How sure the trimming of a class is.
+/// Certainty of the trimming of a class.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Certificate {
-    /// Largest relative error of the stated `d_tf`, in parts per million, rounded up.
+    /// Largest relative error of `d_tf`, in parts per million, rounded up.
     pub distance_error_ppm: u64,
-    /// (Field, model) pairs that bounds decided.
+    /// Number of (field, model) pairs decided by bounds.
     pub decided_by_bounds: usize,
-    /// (Field, model) pairs that were computed exactly.
+    /// Number of (field, model) pairs computed exactly.
     pub decided_exactly: usize,
-    /// Sequences at the border that differ by rounding only; of these the larger ids were dropped.
+    /// Sequences at the border that differ only by rounding. Of these the larger ids were dropped.
     pub undecided: Vec<SequenceId>,
 }
 
@@ -68,15 +70,15 @@ impl CertifiedTrimming {
     }
 }
 
-/// Factors between a length and the mean of its projections: (x cot x, x / sin x), and what rounding adds.
+/// Returns the factors between a length and the mean of its projections, (x cot x, x / sin x), widened by the rounding error.
 fn factors(directions: usize, models: usize) -> (f64, f64) {
     let x = std::f64::consts::FRAC_PI_2 / directions as f64;
-    // Prefix sums of N'' terms err by at most N'' epsilons of the sum of magnitudes, which is within twice the sum itself.
+    // Prefix sums of N'' terms have an error of at most N'' epsilons of the sum of magnitudes, which is at most twice the sum itself.
     let rounding = 8.0 * models as f64 * f64::EPSILON;
     (x / x.tan() * (1.0 - rounding), x / x.sin() * (1.0 + rounding))
 }
 
-/// Bounds of a sum of projected distances.
+/// Lower and upper bound of a sum of projected distances.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Bounds {
     lower: f64,
@@ -90,8 +92,8 @@ impl AddAssign for Bounds {
     }
 }
 
-/// A part of a line: a sum of distances to all points from a place `s` in it is `slope * s + offset`, and the distances to its own
-/// points, of which only number and sum are known.
+/// A segment of a line. The sum of distances from a position `s` in it to all points outside it is `slope * s + offset`. Of its own
+/// points only number and sum are known.
 #[derive(Clone, Copy, Debug, Default)]
 struct Bin {
     count: f64,
@@ -100,19 +102,19 @@ struct Bin {
     offset: f64,
 }
 
-/// Bins of a line for each direction: what they leave open is then a small part of what the directions do, since both fall with the
-/// square of their number.
+/// Number of bins of a line per direction. Both the error of the bins and that of the directions fall with the square of their number, so
+/// the bins' error stays a small part.
 const BINS_PER_DIRECTION: usize = 32;
 
-/// What bins may leave open of a sum, relative to it and to what the directions leave open. Where a few far points leave the others
-/// in too few bins, the line is sorted instead.
+/// Largest error of the bins, relative to the sum and to the error of the directions. Above it the line is sorted instead, for example if
+/// a few distant points leave the others in too few bins.
 const MOST_SLACK: f64 = 0.25;
 
-/// A line on which points are projected, with its buffers.
+/// A line on which points are projected, with reusable buffers.
 #[derive(Default)]
 struct Line {
     values: Vec<f64>,
-    /// Bin of every value.
+    /// Index of the bin of every value.
     places: Vec<i32>,
     bins: Vec<Bin>,
     sorted: Vec<f64>,
@@ -120,8 +122,8 @@ struct Line {
 }
 
 impl Line {
-    /// Bounds of the sums of distances to all values, from the values at `wanted`, added to `sums`; `slack` is the largest share of
-    /// a sum that may stay open.
+    /// Adds to `sums` the bounds of the sums of distances from the values with the indices `wanted` to all values. `slack` is the largest
+    /// allowed error, as a share of the sum.
     fn add(&mut self, bin_count: usize, slack: f64, wanted: &[usize], sums: &mut [Bounds]) {
         let n = self.values.len() as f64;
         let (lowest, highest) =
@@ -152,10 +154,10 @@ impl Line {
         }
         let total: f64 = self.bins.iter().map(|bin| bin.sum).sum();
         let (mut count, mut sum) = (0.0, 0.0);
-        // Of the sums at the edges.
+        // Smallest of the sums at the bin edges.
         let mut smallest = f64::INFINITY;
         let mut most_open: f64 = 0.0;
-        // A value may be outside its bin by rounding.
+        // A value can lie outside its bin by rounding.
         let extent = width * (1.0 + 1e-9);
         for (b, bin) in self.bins.iter_mut().enumerate() {
             let above = n - count - bin.count;
@@ -167,20 +169,20 @@ impl Line {
             count += bin.count;
             sum += bin.sum;
         }
-        // Within a bin the function may be lower than at its edges, by no more than the slopes there allow.
+        // Within a bin the function may be lower than at its edges, but by no more than the slopes there allow.
         if most_open > slack * (smallest - 2.0 * (most_open + extent)) {
             return self.add_sorted(wanted, sums);
         }
         for (to, &i) in sums.iter_mut().zip(wanted) {
             let s = self.values[i];
             let bin = &self.bins[self.places[i] as usize];
-            // The distances within the bin add up to no less than that of the sums, and none is longer than the bin.
+            // The sum of distances within the bin is at least the distance of the sums, and no distance is longer than the bin.
             let outside = bin.slope * s + bin.offset;
             *to += Bounds { lower: outside + (s * bin.count - bin.sum).abs(), upper: outside + (bin.count - 1.0) * extent };
         }
     }
 
-    /// The same sums without slack, by sorting.
+    /// Adds the exact sums, by sorting.
     fn add_sorted(&mut self, wanted: &[usize], sums: &mut [Bounds]) {
         let n = self.values.len() as f64;
         self.sorted.clone_from(&self.values);
@@ -201,7 +203,8 @@ impl Line {
     }
 }
 
-/// Bounds of the sums over all models of the projected distances from the wanted ones, on `directions` directions, times pi / (2 A).
+/// Returns bounds of the sums, over all models, of the projected distances from the `wanted` models on `directions` directions, times
+/// pi / (2 A).
 fn projected_sums(points: &[Vector2<f64>], directions: usize, wanted: &[usize]) -> Vec<Bounds> {
     let step = std::f64::consts::PI / directions as f64;
     let mean = points.iter().sum::<Vector2<f64>>() / points.len() as f64;
@@ -210,7 +213,7 @@ fn projected_sums(points: &[Vector2<f64>], directions: usize, wanted: &[usize]) 
     let mut sums = vec![Bounds::default(); wanted.len()];
     let mut line = Line { values: vec![0.0; points.len()], ..Line::default() };
     for a in 0..directions {
-        // Half a step off the axes, along which many vectors may lie.
+        // Half a step off the axes, since many vectors may lie along the axes.
         let (sin, cos) = ((a as f64 + 0.5) * step).sin_cos();
         widest(
             #[inline(always)]
@@ -229,10 +232,10 @@ fn projected_sums(points: &[Vector2<f64>], directions: usize, wanted: &[usize]) 
     sums
 }
 
-/// Lanes summed side by side.
+/// Number of partial sums computed in parallel.
 const LANES: usize = 8;
 
-/// The sum of distances from a point to all points.
+/// Returns the sum of distances from a point to all points.
 #[inline(always)]
 fn exact_sum(x: &[f64], y: &[f64], px: f64, py: f64) -> f64 {
     let mut lanes = [0.0; LANES];
@@ -250,18 +253,18 @@ fn exact_sum(x: &[f64], y: &[f64], px: f64, py: f64) -> f64 {
     lanes.iter().sum::<f64>() + rest
 }
 
-/// What is known of one field.
+/// Bounds and decisions of one field.
 struct Field {
     lower: Vec<f64>,
     upper: Vec<f64>,
-    /// Models that bounds do not decide.
+    /// Models not decided by the bounds.
     open: Vec<usize>,
-    /// Models dropped for certain.
+    /// Models certainly dropped.
     dropped: Vec<usize>,
 }
 
 impl Field {
-    /// Sorts the models by the bounds into dropped, kept and open.
+    /// Classifies the models by their bounds as dropped, kept or open.
     fn decide(&mut self, drop_count: usize) {
         let n = self.lower.len();
         let threshold = |values: &[f64], rank: usize| {
@@ -269,9 +272,9 @@ impl Field {
             let (_, &mut value, _) = values.select_nth_unstable_by(n - 1 - rank, f64::total_cmp);
             value
         };
-        // The (h + 1)-th largest upper bound: a lower bound above it has at most h upper bounds, its own among them, that reach it.
+        // The (h + 1)-th largest upper bound. If a lower bound is above it, at most h upper bounds, including its own, reach it.
         let sure_above = threshold(&self.upper, drop_count);
-        // The h-th largest lower bound: an upper bound below it has h others that are larger for certain.
+        // The h-th largest lower bound. If an upper bound is below it, h other models are certainly larger.
         let sure_below = threshold(&self.lower, drop_count - 1);
         (self.open, self.dropped) = (Vec::new(), Vec::new());
         for i in 0..n {
@@ -284,7 +287,7 @@ impl Field {
     }
 }
 
-/// Drops from every field the `drop_count` models with the largest `d_tf`, at least one and fewer than all.
+/// Drops from every field the `drop_count` models with the largest `d_tf`. `drop_count` is at least 1 and less than the number of models.
 ///
 /// # Errors
 /// `SourceError`.
@@ -294,7 +297,7 @@ pub fn trim_certified<S: SlotSource + ?Sized>(
     memory: u64,
 ) -> Result<CertifiedTrimming, SourceError> {
     let (n, field_count, node_count) = (source.model_count(), source.field_count(), source.node_count());
-    // Sums over models and nodes to d_tf.
+    // Factor from sums over models and nodes to d_tf.
     let scale = 1.0 / (node_count as f64 * (n - 1).max(1) as f64);
     let all: Vec<usize> = (0..n).collect();
     let mut fields: Vec<Field> = (0..field_count)
@@ -311,7 +314,7 @@ pub fn trim_certified<S: SlotSource + ?Sized>(
         let (least, most) = factors(directions, n);
         for ((field, sums), distances) in fields.iter_mut().zip(sums).zip(&mut distances) {
             for (&i, sum) in field.open.iter().zip(sums) {
-                // Both bounds hold, so does the tighter of each.
+                // All bounds hold, so the tighter ones are kept.
                 let (lower, upper) = (sum.lower / most, sum.upper / least);
                 field.lower[i] = field.lower[i].max(lower);
                 field.upper[i] = field.upper[i].min(upper);
@@ -341,10 +344,10 @@ pub fn trim_certified<S: SlotSource + ?Sized>(
         exactly += field.open.len();
         let mut order: Vec<(f64, usize)> = sums.into_iter().zip(field.open.iter().copied()).collect();
         order.iter().for_each(|&(sum, i)| distances[i] = sum * scale);
-        // The farthest first, of equally far ones the later.
+        // Farthest first; of equally far models the later one first.
         order.sort_by(|a, b| b.0.total_cmp(&a.0).then(b.1.cmp(&a.1)));
         let missing = drop_count - field.dropped.len();
-        // Sums of N'' N terms, by eighths.
+        // Rounding error of sums of N'' N terms in eight partial sums.
         let rounding = 2.0 * (n + node_count) as f64 * f64::EPSILON;
         if missing > 0 && missing < order.len() {
             let (last, first) = (order[missing - 1].0, order[missing].0);
@@ -363,7 +366,8 @@ pub fn trim_certified<S: SlotSource + ?Sized>(
     Ok(CertifiedTrimming { kept, distances, relative_bound, exact: exactly, undecided })
 }
 
-/// By field, sums over the nodes of what `of_slot` makes of a slot's points (and the field's number), in the order of the nodes.
+/// Returns, by field, the sums over the nodes of the values that `of_slot` computes from a slot's points and its field index. Nodes are
+/// added in order.
 fn sum_over_nodes<S: SlotSource + ?Sized, T: AddAssign + Send>(
     source: &S,
     memory: u64,
@@ -396,7 +400,7 @@ mod tests {
 
     #[test]
     fn projections_bound_a_length_from_both_sides() {
-        // A distance of 5 between two points, whatever the direction.
+        // A distance of 5 between two points, in any direction.
         for directions in [2, 8, 32, 128] {
             let (least, most) = factors(directions, 2);
             let mut tightest: (f64, f64) = (0.0, f64::INFINITY);
@@ -410,18 +414,18 @@ mod tests {
                 );
                 tightest = (tightest.0.max(sums[0].lower / most), tightest.1.min(sums[0].upper / least));
             }
-            // The bounds are reached: nothing tighter holds for every direction.
+            // The bounds are reached, so no tighter ones hold for every direction.
             assert!(tightest.0 > 5.0 * (1.0 - 1e-3) && tightest.1 < 5.0 * (1.0 + 1e-3), "{directions} {tightest:?}");
         }
     }
 
     #[test]
     fn a_line_is_summed_as_by_hand() {
-        // From 0, 1, 2, 9: 12, 10, 10, 24 (as in the test of the plain trimming), here times the projection's bounds.
+        // Sums for 0, 1, 2, 9: 12, 10, 10, 24 (as in the test of plain trimming), times the bounds of the projection.
         let points = [0.0, 1.0, 2.0, 9.0].map(|x| Vector2::new(x, 0.0));
         let sums = projected_sums(&points, 128, &[0, 1, 2, 3]);
         for (sum, expected) in sums.iter().zip([12.0, 10.0, 10.0, 24.0]) {
-            // One point a bin leaves nothing open.
+            // With one point per bin the bounds are equal.
             approx::assert_relative_eq!(sum.lower, sum.upper, max_relative = 1e-14);
             approx::assert_relative_eq!(sum.lower, expected, max_relative = 1e-4);
         }
@@ -429,7 +433,7 @@ mod tests {
         assert_eq!(exact_sum(&x, &y, 9.0, 0.0), 24.0);
     }
 
-    /// Sums of distances on a line from every value, by bins or by sorting, and the same from all pairs.
+    /// Sums of distances on a line from every value, by bins or by sorting, and the same sums from all pairs.
     fn line_sums(values: Vec<f64>, bins: usize, slack: f64) -> (Vec<Bounds>, Vec<f64>) {
         let pairs = values.iter().map(|s| values.iter().map(|v| (s - v).abs()).sum()).collect();
         let wanted: Vec<usize> = (0..values.len()).collect();
@@ -442,7 +446,7 @@ mod tests {
     fn bins_bound_the_sums_of_all_pairs() {
         let spread = |k: usize| (k as f64 * 0.618).fract();
         let bell: Vec<f64> = (0..500).map(|k| spread(k) + spread(3 * k + 1) + spread(7 * k + 2) - 1.5).collect();
-        // All in one place but one; a far point; equal ones: these are sorted.
+        // All values equal but one; one distant value; all equal: these are sorted.
         let lonely = (0..100).map(|k| f64::from(u8::from(k == 7))).collect();
         let far = (0..300).map(|k| if k == 5 { -1e9 } else { spread(k) }).collect();
         for (name, values, is_sorted) in

@@ -1,8 +1,8 @@
-//! Candide-3's face beside a bank's.
+//! Converts motion from Candide-3's face to the face of a bank.
 //!
-//! Everything but feature points in a CSV file is seen from the front: two-dimensional, in units of Candide-3's face. It is brought to the bank's face as
-//! the main job makes faces equal: each offset by the ratio of the FAPUs of its facial region, along x and along y. FAPUs of bank and
-//! Candide-3 are measured on the same feature points.
+//! All motion except feature points from a CSV file is a frontal view: two-dimensional, in units of Candide-3's face. Each offset
+//! is scaled to the bank's face along x and y by the ratio of the FAPUs of its facial region, as in the normalization of models.
+//! The FAPUs of the bank and of Candide-3 are measured on the same feature points.
 
 use std::path::Path;
 
@@ -18,24 +18,24 @@ use crate::{
     wireframe::{Face, Fapu, LidUnits},
 };
 
-/// An error of the file that a motion no face can make was read from.
+/// Returns the conversion of an implausible motion into an error that names the file.
 pub(super) fn implausible(path: &Path) -> impl Fn(Implausible) -> SynthesisError {
     move |source| SynthesisError::Implausible { path: path.to_owned(), source }
 }
 
-/// The size of a bank's face: its eye separation; where it has no eyes, as much as its mesh measures from corner to corner.
+/// Size of a bank's face: its eye separation, or the diagonal of its mesh if it has no eyes.
 pub(super) fn face_size(bank: &Bank) -> FaceSize {
     let at = |fp: FeaturePoint| bank.feature_point_position(fp).map(|[x, y, _]| Vector2::new(f64::from(x), f64::from(y)));
     let eye_separation = length(Fapu::Es, &at).filter(|es| *es > 0.0).unwrap_or_else(|| bank.mesh().diagonal());
     FaceSize { eye_separation, unit: "of the bank's units" }
 }
 
-/// Candide-3's face beside the bank's.
+/// The bank's face with Candide-3's face for comparison.
 pub(super) struct BankFace<'b> {
     bank: &'b Bank,
     pub candide: Face,
     pub canonical: Canonical,
-    /// Bank units per face unit, by FAPU.
+    /// Bank units per face unit for each FAPU.
     pub scale: [f64; 5],
 }
 
@@ -84,13 +84,13 @@ impl<'b> BankFace<'b> {
         Ok(Motion { kind, frames, fps, ignored: Vec::new(), not_shown: Vec::new(), scale: Some(self.scale), uneven: None })
     }
 
-    /// Whether a feature point of the bank goes with a node.
+    /// Whether a feature point of the bank corresponds to a node.
     pub fn has(&self, node: NodeId) -> bool {
         let mut nodes = self.bank.feature_points().iter().filter_map(|p| self.candide.tables.feature_point_nodes(p.fp));
         nodes.any(|nodes| nodes.contains(&node))
     }
 
-    /// The motion of the bank's feature points from node offsets, face units.
+    /// Returns the motion of the bank's feature points from node offsets in face units.
     pub fn frame(&self, offset: impl Fn(NodeId) -> Option<Vector2<f64>>) -> FpMotion {
         let ratio = |fapu: Fapu| Fapu::LENGTHS.iter().position(|&u| u == fapu).map_or(self.scale[1], |k| self.scale[k]);
         let of_point = |fp: FeaturePoint| {
@@ -109,8 +109,8 @@ impl<'b> BankFace<'b> {
     }
 }
 
-/// Lengths of the bank over those of the canonical Candide-3 for the five FAPUs. A length that one of them lacks takes the ratio of the
-/// eye separation.
+/// Ratios of the bank's lengths to those of the canonical Candide-3 for the five FAPUs. If a length is missing in either, the
+/// ratio of the eye separation is used.
 fn scale_of(
     bank: &dyn Fn(FeaturePoint) -> Option<Vector2<f64>>,
     candide: &dyn Fn(FeaturePoint) -> Option<Vector2<f64>>,
@@ -126,13 +126,13 @@ fn scale_of(
     Ok(Fapu::LENGTHS.map(|fapu| ratio(fapu).unwrap_or(es)))
 }
 
-/// A FAPU length of a bank's face, in its unit; `None` where its feature points are not there.
+/// Length of a FAPU on a bank's face, in the bank's unit; `None` if the bank lacks its feature points.
 pub fn fapu_length(bank: &Bank, fapu: Fapu) -> Option<f64> {
     let at = |fp: FeaturePoint| bank.feature_point_position(fp).map(|[x, y, _]| Vector2::new(f64::from(x), f64::from(y)));
     length(fapu, &at).filter(|length| *length > 0.0)
 }
 
-/// A FAPU length by feature points of the skin; the pupils stand halfway between the corners of their eye.
+/// Length of a FAPU from feature points of the skin. The pupils are taken halfway between the corners of their eye.
 fn length(fapu: Fapu, at: &dyn Fn(FeaturePoint) -> Option<Vector2<f64>>) -> Option<f64> {
     let at = |group: u8, point: u8| at(FeaturePoint { group, point });
     let pupil = |outer: u8, inner: u8| Some((at(3, outer)? + at(3, inner)?) / 2.0);

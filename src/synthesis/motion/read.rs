@@ -1,4 +1,4 @@
-//! Motions from what other stages write: representatives, normalized models, tracks, FAP files, or a CSV file.
+//! Reads motions from the output of other stages: representatives, normalized models, tracks, FAP files, or a CSV file.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -23,9 +23,10 @@ use crate::{
     wireframe::LidUnits,
 };
 
-/// Reads a motion for a bank. `scale` is in bank units per face unit and stands for the bank's FAPUs where these cannot be measured.
+/// Reads a motion for a bank.
 ///
-/// The kind is known by the name (`.fap`) or the header: a column `fp` for feature points, `state` for a track, else a model.
+/// `scale`, in bank units per face unit, replaces the bank's FAPUs when these cannot be measured. The kind is recognized by the
+/// extension (`.fap`) or the header: a column `fp` means feature points, `state` a track, anything else a model.
 ///
 /// ```
 /// # let mesh = vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
@@ -48,8 +49,8 @@ use crate::{
 /// ```
 ///
 /// # Errors
-/// [`SynthesisError`] for files that do not read, for a bank without the feature points that its size is measured on, and for motions
-/// that have no feature point in common with the bank.
+/// [`SynthesisError`] for files that cannot be read, for a bank without the feature points that its size is measured on, and for
+/// motions that share no feature point with the bank.
 pub fn read_motion(path: &Path, bank: &Bank, scale: Option<f64>) -> Result<Motion, SynthesisError> {
     let motion = if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("fap")) {
         read_fap_motion(path, &BankFace::new(bank, scale)?)?
@@ -123,7 +124,8 @@ fn read_points(file: &CsvFile, bank: &Bank) -> Result<Motion, SynthesisError> {
     filled.map(said).map_err(|reason| SynthesisError::Motion { path: file.path().to_owned(), reason })
 }
 
-/// Key frames by their numbers with those between that are not there: on the curve of FAP files where they are evenly apart, else on a line.
+/// Fills in the frames missing between key frames. The interpolation is the curve of FAP files if the key frames are equally
+/// spaced, otherwise linear.
 fn filled(frames: BTreeMap<u32, FpMotion>, of: impl FnOnce(Vec<FpMotion>) -> Motion) -> Result<Motion, String> {
     let (numbers, keys): (Vec<u32>, Vec<FpMotion>) = frames.into_iter().unzip();
     let (Some(first), Some(last)) = (numbers.first(), numbers.last()) else { return Err("the table has no rows".to_owned()) };
@@ -151,7 +153,7 @@ fn filled(frames: BTreeMap<u32, FpMotion>, of: impl FnOnce(Vec<FpMotion>) -> Mot
 fn read_model(file: CsvFile, face: &BankFace<'_>) -> Result<Motion, SynthesisError> {
     let table = PositionTable::new(file)?;
     let model = table.model()?;
-    // What is too far off to be a face at all is said below.
+    // Models that are too far off to be a face are reported below.
     if FaceSize::CANONICAL.check_model(&model).is_ok() {
         let not_face_units = |source| SynthesisError::NotFaceUnits { path: table.path().to_owned(), source };
         check_face_units(model.neutral().nodes()).map_err(not_face_units)?;
@@ -169,7 +171,7 @@ fn read_track_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, Synthes
     let marks = info.as_ref().map(TrackInfo::mark_places).unwrap_or_default();
     let numbers: Vec<u32> = frames.iter().map(|frame| frame.number).collect();
     let clock = clock_of_frames(&numbers, info.as_ref());
-    // A head that turns would be taken for an expression.
+    // A turning head would look like an expression.
     let track = match without_turns(&face.candide, &frames, &marks) {
         Some(track) => track,
         None => track_model(&frames)?,
@@ -187,10 +189,12 @@ fn read_track_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, Synthes
     })
 }
 
-/// A FAP file's motion. FAPs that no frame sets rest: FAPs are offsets from neutral, and a mixture in which feature points were free
-/// that the file does not speak of would close the eyes or open the mouth for the sake of a brow. So a file that sets few FAPs moves as
-/// the same file with the others at 0, as \[ZL\] have it, whose input is the motion of all 56 feature points, zero or not. A FAP that only
-/// some frames set is 0 in the others: files leave out what rests. What is unknown are points that no frontal FAP drives.
+/// Reads the motion of a FAP file.
+///
+/// FAPs that no frame sets are 0. FAPs are offsets from neutral; if their feature points were free, a mixture could close the
+/// eyes or open the mouth to match a brow. \[ZL\] also give the motion of all 56 feature points, zero or not. A FAP that only
+/// some frames set is 0 in the others, because files leave out what is at rest. Only points that no frontal FAP drives are
+/// unknown.
 fn read_fap_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, SynthesisError> {
     let mut sequence = read_fap(path)?.sequence;
     let set = sequence.set_faps();
@@ -206,7 +210,7 @@ fn read_fap_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, Synthesis
     }
     let mut frames = Vec::with_capacity(sequence.frames.len());
     if sequence.frames.len() == 1 {
-        // A single pose is reached from the neutral face, as `clone` and `play` have it.
+        // A single pose is reached from the neutral face, as in `clone` and `play`.
         frames.push(face.frame(|_| Some(Vector2::zeros())));
     }
     for (number, frame) in (0..).zip(&sequence.frames) {
@@ -216,7 +220,7 @@ fn read_fap_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, Synthesis
             let offset = Vector2::new(offset.x.unwrap_or(0.0), offset.y.unwrap_or(0.0));
             size.check(number, || format!("node {node}"), offset, from).map_err(implausible(path))?;
         }
-        // An axis that no FAP drives rests with its point.
+        // An axis that no FAP drives does not move.
         frames.push(face.frame(|node| offsets.get(&node).map(|o| Vector2::new(o.x.unwrap_or(0.0), o.y.unwrap_or(0.0)))));
     }
     let fps = Some(sequence.fps);

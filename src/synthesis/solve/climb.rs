@@ -1,13 +1,13 @@
-//! Climbing the fitness.
+//! Local maximization of the fitness.
 //!
-//! The fitness of \[ZL\] is smooth but where a feature point rests. Each step climbs a model of it: the gradient g, and for the
-//! curvature the Gauss-Newton matrix of the angles, `H = sum_i c_i A_i' (I - v v') A_i / s_i^2` with v the direction, s the length and c
-//! the cosine of feature point i's motion `A_i w`; the model is maximized and the step halved until the fitness rises. A rest in the
-//! length keeps s from 0; it is made smaller in rounds, and the fitness that is kept is the exact one.
+//! The fitness of \[ZL\] is smooth except where a feature point does not move. Each step maximizes a quadratic model of it: the
+//! gradient g, and as curvature the Gauss-Newton matrix of the angles, `H = sum_i c_i A_i' (I - v v') A_i / s_i^2`, with v the
+//! direction, s the length and c the cosine of feature point i's motion `A_i w`. The step is halved until the fitness rises. A
+//! small constant added to the lengths keeps s from 0; it is reduced in rounds, and the fitness returned is the exact one.
 //!
-//! The fitness says nothing of lengths, and little of surfaces where members nearly cancel. A pull therefore joins it on request,
-//! `- pull (|A w - d|^2 + ridge |w|^2) / (2 |d|^2)`, d the target: of the weights that are about as fit it prefers those whose feature
-//! points also come close, and small ones.
+//! The fitness does not depend on lengths, and hardly on surfaces where members nearly cancel. On request a pull is therefore
+//! added, `- pull (|A w - d|^2 + ridge |w|^2) / (2 |d|^2)`, with d the target. Of weights with about the same fitness it prefers
+//! small ones, and those whose feature points also come close to the target.
 
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
@@ -15,38 +15,38 @@ use serde::{Deserialize, Serialize};
 use super::nonnegative::minimize;
 use crate::synthesis::{Goal, fitness};
 
-/// Which weights are allowed.
+/// Allowed signs of the weights.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Signs {
-    /// Signed for motions in space, non-negative for motions in the plane: those say nothing of depth, and members that are
-    /// subtracted from each other there could do anything.
+    /// Signed for motions in space, non-negative for planar motions. Planar motions do not determine depth, where members
+    /// subtracted from each other could do anything.
     #[default]
     Auto,
-    /// Any: members may be subtracted.
+    /// Any sign: members may be subtracted.
     Any,
     /// Zero or more: mixtures only.
     Nonnegative,
 }
 
-/// What is climbed.
+/// The function to maximize.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Climb {
     /// Whether weights below 0 are allowed.
     pub is_signed: bool,
     /// Weight of the pull towards the target's lengths.
     pub pull: f64,
-    /// Ridge on the weights, as a share of the members' mean squared motion.
+    /// Ridge on the weights, as a fraction of the members' mean squared motion.
     pub ridge: f64,
 }
 
 impl Climb {
-    /// The fitness alone, as the bound climbs it.
+    /// The fitness alone, used for the bound.
     pub fn fitness_alone(is_signed: bool) -> Self {
         Self { is_signed, pull: 0.0, ridge: 0.0 }
     }
 
-    /// The fitness with the pull, as the refinement climbs it.
+    /// The fitness with the pull, used for the refinement.
     pub fn with_pull(is_signed: bool) -> Self {
         Self { is_signed, pull: PULL, ridge: RIDGE }
     }
@@ -55,21 +55,21 @@ impl Climb {
 /// Weight of the refinement's pull, and its ridge.
 const PULL: f64 = 1.0;
 const RIDGE: f64 = 3e-4;
-/// Rest in the lengths by round, as a share of the target's mean length.
+/// Constant added to the lengths in each round, as a fraction of the target's mean length.
 const RESTS: [f64; 3] = [0.3, 0.03, 0.003];
-/// Steps per round; most rounds end earlier.
+/// Largest number of steps per round; most rounds end earlier.
 const STEPS: usize = 30;
-/// Halvings of a step.
+/// Largest number of halvings of a step.
 const HALVINGS: usize = 12;
-/// A rise below this ends a round.
+/// An increase below this ends a round.
 const RISE: f64 = 1e-7;
-/// Damping of the curvature, as a share of its mean.
+/// Damping of the curvature, as a fraction of its mean.
 const DAMPING: f64 = 1e-5;
 
-/// Weights at a local maximum and their fitness, climbed to from `start`.
+/// Climbs from `start` to a local maximum; returns the weights there and their fitness.
 ///
-/// Without a pull never less fit than `start` (made non-negative where that is asked for). The summed length of the motion is the
-/// target's.
+/// Without a pull, the fitness is never below that of `start` (made non-negative if required). The weights are scaled so that the
+/// summed length of the motion is the target's.
 pub fn climb(goal: &Goal, start: &[f64], how: Climb) -> (Vec<f64>, f64) {
     let mut weights: Vec<f64> = start.iter().map(|&w| if how.is_signed { w } else { w.max(0.0) }).collect();
     goal.fit_length(&mut weights);
@@ -145,7 +145,7 @@ fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// A step up; `None` where none was found.
+/// Makes one step up; `None` if none was found.
 fn step(goal: &Goal, weights: &[f64], value: f64, rest: f64, how: Climb, pull: &Pull) -> Option<(Vec<f64>, f64)> {
     let members = goal.member_count();
     let motion = goal.motion(weights);
@@ -153,15 +153,16 @@ fn step(goal: &Goal, weights: &[f64], value: f64, rest: f64, how: Climb, pull: &
     let mut curvature = DMatrix::zeros(members, members);
     let share = 1.0 / goal.moving() as f64;
     let directions = goal.directions().as_chunks::<3>().0;
-    // Of every member at one feature point: its motion over s and the part of it along v, member by member.
+    // For every member at one feature point: its motion divided by s, and the component of that along v.
     let mut at_point = vec![[0.0; 4]; members];
     for (point, (v, u)) in motion.as_chunks::<3>().0.iter().zip(directions).enumerate() {
         let s = (dot(v, v) + rest * rest).sqrt();
         let v = v.map(|c| c / s);
         let cosine = dot(&v, u);
-        // How much a bend of the direction is worth there: the second derivative of the cosine, kept positive.
+        // Weight of a change of direction at this point: the second derivative of the cosine, kept positive.
         let worth = cosine.max(0.1) * share;
-        // (a - (a v) v)(b - (b v) v) = a b - (2 - v v)(a v)(b v); v is shorter than 1 by the rest.
+        // (a - (a v) v)(b - (b v) v) = a b - (2 - v v)(a v)(b v); v is shorter than 1 because of the constant added to the
+        // length.
         let twice = 2.0 - dot(&v, &v);
         for (member, at) in at_point.iter_mut().enumerate() {
             let candidate = goal.moving_candidate(member);

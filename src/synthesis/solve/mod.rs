@@ -1,4 +1,4 @@
-//! Ways to the weights of one goal: the genetic algorithm of \[ZL\] and what stands beside it.
+//! Solvers for the weights of one goal: the genetic algorithm of \[ZL\] and alternatives.
 
 mod climb;
 pub(super) mod nonnegative;
@@ -19,7 +19,7 @@ use super::{
     target::Goal,
 };
 
-/// How a surface is found.
+/// Method that finds a surface.
 ///
 /// ```
 /// use grimace::synthesis::{Solver, SynthesisOptions};
@@ -30,25 +30,27 @@ use super::{
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Solver {
-    /// The fittest member of the bank, alone.
+    /// The single fittest member of the bank.
     Best,
     /// Radial basis functions over the feature points, without the bank.
     Rbf,
-    /// Non-negative least squares: the weights whose feature points come closest, lengths and points at rest included.
+    /// Non-negative least squares: weights that bring the feature points closest to the target, including lengths and points at
+    /// rest.
     Nnls,
     /// The genetic algorithm as published.
     Ga,
-    /// The genetic algorithm, then a climb from its answer: the fitness, with a pull towards the target's lengths (see `Climb`).
+    /// The genetic algorithm, followed by a climb from its answer: the fitness with a pull towards the target's lengths (see
+    /// `Climb`).
     Refined,
-    /// The best of climbs from many starts: the bound that the others are compared with.
+    /// The best of climbs from many starts; it serves as the bound for the other solvers.
     Cosine,
 }
 
 impl Solver {
-    /// All, in the order of reports.
+    /// All solvers, in the order of reports.
     pub const ALL: [Self; 6] = [Self::Best, Self::Rbf, Self::Nnls, Self::Ga, Self::Refined, Self::Cosine];
 
-    /// The word for it.
+    /// Name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Best => "best",
@@ -67,18 +69,18 @@ impl fmt::Display for Solver {
     }
 }
 
-/// Weights of the members, and how fit they are.
+/// Weights of the members, and their fitness.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solution {
-    /// Weights, their summed length of motion that of the target (for [`Solver::Nnls`] whatever least squares gave).
+    /// Weights, scaled so that the summed length of motion is the target's (for [`Solver::Nnls`] as least squares gives them).
     pub weights: Vec<f64>,
     /// Fitness.
     pub fitness: f64,
-    /// The runs of the genetic algorithm, where there were any.
+    /// Runs of the genetic algorithm, if any.
     pub runs: Vec<Run>,
 }
 
-/// The fittest member alone; the first of equally fit ones.
+/// Returns the fittest single member; the first of equally fit ones.
 pub fn best_member(goal: &Goal) -> Solution {
     let value = |m: usize| fitness(goal, goal.moving_candidate(m));
     let best = (1..goal.member_count()).fold((0, value(0)), |best, m| if value(m) > best.1 { (m, value(m)) } else { best });
@@ -88,7 +90,7 @@ pub fn best_member(goal: &Goal) -> Solution {
     Solution { weights, fitness: best.1, runs: Vec::new() }
 }
 
-/// Non-negative least squares over moving and staying feature points.
+/// Solves by non-negative least squares over moving and resting feature points.
 pub fn least_squares(goal: &Goal) -> Solution {
     let (gram, right) = normal_equations(goal);
     let weights = nonnegative::minimize(&gram, &right, &[]);
@@ -100,20 +102,23 @@ fn normal_equations(goal: &Goal) -> (DMatrix<f64>, DVector<f64>) {
     (matrix.tr_mul(&matrix), matrix.tr_mul(&DVector::from_column_slice(goal.target())))
 }
 
-/// The genetic algorithm: the best of its runs.
+/// Runs the genetic algorithm and returns the best of its runs.
 pub fn genetic(goal: &Goal, options: &GaOptions, frame: usize, region: usize) -> Solution {
     let runs: Vec<Run> = (0..options.runs.max(1)).map(|run| evolve(goal, options, frame, region, run)).collect();
     let best = (1..runs.len()).fold(0, |best, k| if runs[k].fitness > runs[best].fitness { k } else { best });
     Solution { weights: runs[best].weights.clone(), fitness: runs[best].fitness, runs }
 }
 
-/// Share of a motion below which an answer shows next to nothing of it, however fit: a direction without a length.
+/// Share of the target motion below which an answer shows almost none of it, whatever its fitness.
 const NEXT_TO_NOTHING: f64 = 0.25;
-/// Fitness of least squares from which they are an answer instead: most points go about the way they are asked to.
+/// Fitness from which least squares can replace such an answer: most points move roughly in the target direction.
 const ABOUT_THAT_WAY: f64 = 0.5;
 
-/// The genetic algorithm's answer refined by a climb. Where points that should stay hold it back, least squares are the answer if they are
-/// fitter, those points counted, or if they show at least twice as much, about the way asked for, where the climb's shows less than a quarter.
+/// Refines the genetic algorithm's answer by a climb.
+///
+/// If points that should rest limit the length, the answer is that of least squares when it is fitter (with those points
+/// counted). It is also that of least squares when the climb's answer shows less than a quarter of the motion, least squares show
+/// more than twice as much, and their fitness exceeds `ABOUT_THAT_WAY`.
 pub fn refined(goal: &Goal, options: &GaOptions, is_signed: bool, frame: usize, region: usize) -> Solution {
     let found = genetic(goal, options, frame, region);
     let (mut weights, fitness) = climb(goal, &found.weights, Climb::with_pull(is_signed));
@@ -131,13 +136,14 @@ pub fn refined(goal: &Goal, options: &GaOptions, is_signed: bool, frame: usize, 
     Solution { weights, fitness, runs: found.runs }
 }
 
-/// Run number of the stream that draws the starts of the bound.
+/// Run number of the random stream for the starts of the bound.
 const BOUND_RUN: usize = (1 << 24) - 1;
 
-/// The fittest of climbs from `starts` places: the refinement of least squares, then the fittest members in turn with random mixtures.
+/// Returns the fittest result of climbs from `starts` starting points: the refined least-squares solution, then the fittest
+/// members in turn with random mixtures.
 ///
-/// What it finds is reached, so the largest fitness there is over the allowed weights is at least that; in practice it is that. It is
-/// no proof.
+/// The result is feasible, so the largest possible fitness over the allowed weights is at least this. In practice they are equal,
+/// but this is no proof.
 pub fn bound(goal: &Goal, starts: usize, is_signed: bool, seed: u64, frame: usize, region: usize) -> Solution {
     let members = goal.member_count();
     let mut random = generator(seed, frame, region, BOUND_RUN);

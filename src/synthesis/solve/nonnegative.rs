@@ -1,16 +1,17 @@
-//! Quadratic minima over non-negative numbers.
+//! Minimizes quadratic functions over non-negative numbers.
 
 use nalgebra::{DMatrix, DVector};
 
-/// Ridge on the diagonal, as a share of its mean: members that are sums of others make the matrix singular.
+/// Ridge on the diagonal, as a fraction of its mean: members that are sums of others make the matrix singular.
 const RIDGE: f64 = 1e-10;
-/// A gradient below this share of the largest entry of `f` counts as zero.
+/// A gradient below this fraction of the largest entry of `f` counts as zero.
 const TOLERANCE: f64 = 1e-10;
 
-/// The z >= 0 that makes `z' H z / 2 - f' z` smallest, H symmetric and positive semidefinite, found from the support of `warm`.
+/// Returns the z >= 0 that minimizes `z' H z / 2 - f' z`, with H symmetric and positive semidefinite, starting from the support
+/// of `warm`.
 ///
-/// Active sets after C. Lawson, R. Hanson: *Solving least squares problems*, 1974, chapter 23, on the normal equations. Ends after at
-/// most `4 n + 8` exchanges, of which well-posed problems need a fraction; the answer is feasible whenever it ends.
+/// Active-set method of C. Lawson, R. Hanson: *Solving least squares problems*, 1974, chapter 23, on the normal equations. It
+/// stops after at most `4 n + 8` exchanges; well-posed problems need a fraction of that. The result is always feasible.
 pub fn minimize(h: &DMatrix<f64>, f: &DVector<f64>, warm: &[f64]) -> Vec<f64> {
     let n = f.len();
     let ridge = RIDGE * h.trace() / n.max(1) as f64;
@@ -21,7 +22,7 @@ pub fn minimize(h: &DMatrix<f64>, f: &DVector<f64>, warm: &[f64]) -> Vec<f64> {
     let mut settled = free.is_empty();
     while exchanges < 4 * n + 8 {
         if settled {
-            // The number at its bound that would gain most.
+            // The number at its bound with the largest gradient.
             let gradient = |k: usize| f[k] - free.iter().map(|&j| h[(k, j)] * z[j]).sum::<f64>();
             let enter = (0..n).filter(|k| !free.contains(k)).map(|k| (k, gradient(k))).max_by(|a, b| a.1.total_cmp(&b.1));
             match enter {
@@ -57,7 +58,7 @@ pub fn minimize(h: &DMatrix<f64>, f: &DVector<f64>, warm: &[f64]) -> Vec<f64> {
     z.iter().map(|v| v.max(0.0)).collect()
 }
 
-/// The minimum over the free numbers, the others 0.
+/// Minimum over the free numbers, with the others at 0.
 fn solve(h: &DMatrix<f64>, f: &DVector<f64>, free: &[usize], ridge: f64) -> Option<Vec<f64>> {
     let part = DMatrix::from_fn(free.len(), free.len(), |a, b| h[(free[a], free[b])] + if a == b { ridge } else { 0.0 });
     let right = DVector::from_iterator(free.len(), free.iter().map(|&k| f[k]));
@@ -93,7 +94,7 @@ mod tests {
             entries in prop::collection::vec(-1.0..1.0_f64, 72), f in prop::collection::vec(-1.0..1.0_f64, 6),
             warm in prop::collection::vec(-1.0..1.0_f64, 6),
         ) {
-            // H = A'A with A 12 x 6. At the minimum the gradient is 0 where z > 0 and nowhere points to larger z.
+            // H = A'A with A 12 x 6. At the minimum the gradient is 0 where z > 0 and points nowhere to larger z.
             let a = DMatrix::from_vec(12, 6, entries);
             let (h, f) = (a.transpose() * &a, DVector::from_vec(f));
             let z = DVector::from_vec(minimize(&h, &f, &warm));

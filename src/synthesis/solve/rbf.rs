@@ -4,11 +4,12 @@ use nalgebra::{DMatrix, Matrix3xX, MatrixXx3, Vector3};
 
 use crate::synthesis::{Bank, FpMotion};
 
-/// The displacement of every vertex, interpolated from the motion of the feature points.
+/// Interpolates the displacement of every vertex from the motion of the feature points.
 ///
-/// Hardy multiquadrics with the distance to the nearest other feature point as each one's softness, as J. Noh, D. Fidaleo and
-/// U. Neumann use them (*Animated deformations with radial basis functions*, 2000; \[ZL\] refer to it). Feature points of which nothing
-/// is known take no part; unknown depth is 0. Feature points at one place share their mean. All zero when nothing is known.
+/// Uses Hardy multiquadrics whose softness is the distance of each feature point to its nearest neighbour, as in J. Noh, D.
+/// Fidaleo and U. Neumann (*Animated deformations with radial basis functions*, 2000), to which \[ZL\] refer. Unknown feature
+/// points are left out; unknown depth is 0. Feature points at the same position use their mean. All displacements are zero when
+/// no feature point is known.
 pub fn interpolate(bank: &Bank, motion: &FpMotion) -> Vec<[f32; 3]> {
     let positions = bank.mesh().positions();
     let mut centres: Vec<(Vector3<f64>, Vector3<f64>, f64)> = Vec::new();

@@ -1,27 +1,26 @@
-//! Alignment of the whole wireframe with the neutral frame, after the springs of each step. Ours, beyond KP.
+//! Aligns the whole wireframe with the neutral frame, after the springs of each step. This is not part of KP.
 //!
-//! KLT from frame to frame drifts, and its square windows mix skin that moves differently on the two sides of a brow, a lid or a lip.
-//! The skin between the nodes does not: the neutral frame's grey values move with the wireframe (see `surface`). So after the
-//! springs every node i is corrected by a vector c such that the current frame, read through the moved wireframe, looks like the
-//! neutral one:
+//! KLT from frame to frame drifts, and its square windows mix skin that moves differently on the two sides of a brow, a lid or a lip. Here
+//! the neutral frame's grey values move with the wireframe (see `surface`). After the springs, every node i is corrected by a vector c such
+//! that the current frame, read through the moved wireframe, looks like the neutral one:
 //!
 //! ```text
 //! min over c   sum_t g_t sum_p w_p (I(x_p(c)) - T_p - b_t)^2  +  sum_i c_i' (a F_i) c_i  +  s sum_edges |c_i - c_j|^2
 //!              +  q sum_corners |(x_i + c_i) - (x_o + c_o) - S (X_i - X_o)|^2
 //! ```
 //!
-//! t: triangles; p: samples of skin around the corners of a triangle; T: neutral grey value, I: current one; b: a triangle's change of
-//! brightness, which is eliminated, so that light may change; w: nearness to a node, times Cauchy weights, so that teeth, wrinkles
-//! and closing lids, which the neutral frame does not show, count little; g: gain over the triangle's remaining mismatch; F: the
-//! force of the step on a tracked node (see `step`), so that a well tracked node stays where it was found unless the skin around it
-//! knows better. Gauss-Newton, a few iterations from where the springs left the nodes. The answer is always measured from the
-//! neutral frame, so errors do not add up over the frames. Triangles that are folded or turned edge-on are left out; eyeballs, which
-//! do not move with the skin, take no part.
+//! t: triangles; p: samples of skin around the corners of a triangle; T: neutral grey value, I: current one; b: change of brightness of a
+//! triangle, which is eliminated, so that light may change; w: nearness to a node, times Cauchy weights, so that teeth, wrinkles and
+//! closing lids, which the neutral frame does not show, have little weight; g: gain over the triangle's remaining mismatch; F: the force of
+//! the step on a tracked node (see `step`), which keeps a well-tracked node in its position unless the skin around it contradicts. The
+//! minimum is found by a few Gauss-Newton iterations from the positions after the springs. Displacements are always measured from the
+//! neutral frame, so errors do not add up over the frames. Folded triangles and those turned edge-on are left out, and so are eyeballs,
+//! which do not move with the skin.
 //!
-//! i and o: inner and outer node of a corner of the mouth, X in the neutral frame, x where the springs left them; S: scale and roll of
-//! the face since. Where lips part nothing marks the place of an inner corner, which slides along them; that of real faces goes with
-//! the outer one, to within 2 % of the eye distance. Candide's mouth opens otherwise (its corner 89 moves by itself), so simulated
-//! mouths are tracked a little worse for it: q is a compromise.
+//! i and o: inner and outer node of a corner of the mouth, X in the neutral frame, x after the springs; S: scale and roll of the face since
+//! the neutral frame. Where lips part, no texture marks the inner corner; on real faces it moves with the outer one to within 2 % of the
+//! eye distance. Candide's mouth opens differently (its corner 89 moves by itself), so simulated mouths are tracked slightly worse with
+//! this term: q is a compromise.
 
 mod normal;
 mod patch;
@@ -62,7 +61,7 @@ pub use patch::Patch;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct AlignOptions {
-    /// Gain g of the grey values over the stiffness of a spring, counted per KLT window of skin; 0 leaves the alignment out.
+    /// Gain g of the grey values over the stiffness of a spring, per KLT window of skin; 0 disables the alignment.
     pub gain: f64,
     /// Weight a of the step's own forces.
     pub anchor: f64,
@@ -72,7 +71,7 @@ pub struct AlignOptions {
     pub reach: f64,
     /// Standard deviation of the smoothing of both frames, px.
     pub smoothing: f64,
-    /// Stiffness q of the springs that hold each inner corner of the mouth to the outer one; 0 leaves it free.
+    /// Stiffness q of the springs that hold each inner corner of the mouth to the outer one; 0 disables them.
     pub corners: f64,
 }
 
@@ -82,49 +81,49 @@ impl Default for AlignOptions {
     }
 }
 
-/// Most iterations.
+/// Largest number of iterations.
 const MAX_ITERATIONS: u32 = 4;
 
-/// First iterations that look at every other sample only: the next ones correct what that leaves.
+/// Number of first iterations that use every other sample only; later ones correct the difference.
 const COARSE: u32 = 2;
 
-/// First iterations that make the matrix of the normal equations anew; the next one does only after a step of more than so many px, and the
-/// last only makes the right side.
+/// Number of first iterations that rebuild the matrix of the normal equations. The next iteration rebuilds it only after a step of more
+/// than this many px; the last one computes the right side only.
 const REBUILT: u32 = 2;
 const FAR_PX: f64 = 0.5;
 
-/// The next step ends them when it is expected to be below this, px: steps shrink as the last two did.
+/// Iterations end when the next step is expected to be below this, px, from the ratio of the last two steps.
 const STEP_PX: f64 = 0.01;
 
-/// A triangle whose area falls below this share of the neutral one is folded or turned away.
+/// A triangle whose area falls below this share of its neutral area counts as folded or turned away.
 const MIN_AREA_SHARE: f64 = 0.25;
 
-/// Weight of the step's force on the nodes of lids and lips: their windows hold what opens between them.
+/// Weight of the step's force on the nodes of lids and lips, whose windows include the opening between them.
 const OPENING_ANCHOR: f64 = 0.1;
 
-/// Weight of the step's force on a node that was let go.
+/// Weight of the step's force on a released node.
 const RELEASED_ANCHOR: f64 = 1e3;
 
 /// Scale of the Cauchy weights over the robust standard deviation of the grey differences, and its floor in grey levels.
 const CAUCHY_SCALE: f64 = 2.5;
 const SCALE_FLOOR: f64 = 1.0;
 
-/// Of a group's grey differences these count for the scale: their median needs no more.
+/// Indices in a group of the grey differences used for the scale: their median needs no more.
 const SCALED: [usize; 2] = [0, 4];
 
-/// Keeps nodes that nothing holds where they are.
+/// Small gain that fixes nodes that nothing else holds.
 const REST_GAIN: f64 = 1e-6;
 
-/// The springs of a wireframe in the layout of the alignment's system: skin couples the nodes of a triangle and their neighbours.
+/// Springs of a wireframe in the layout of the alignment's system: skin couples the nodes of a triangle and their neighbours.
 #[derive(Clone, Debug)]
 pub struct Ties {
     springs: Skyline,
-    /// Places among the live nodes of the mouth's corners, the outer before the inner one.
+    /// Indices of the mouth's corners among the live nodes, each outer before inner.
     corners: Vec<[usize; 2]>,
 }
 
 impl Ties {
-    /// The ties of a wireframe with its springs. `corners`: outer and inner corners of the mouth.
+    /// Creates the ties of a wireframe with its springs. `corners`: outer and inner corners of the mouth.
     pub fn new(wireframe: &Wireframe, springs: &Springs, corners: &[[NodeId; 2]]) -> Self {
         let live = wireframe.live_nodes();
         let place = |node| live.binary_search(&node).ok();
@@ -142,23 +141,23 @@ impl Ties {
 
 #[derive(Clone, Debug)]
 struct Face {
-    /// Places of the corners among the live nodes.
+    /// Indices of the corners among the live nodes.
     corners: [usize; 3],
     /// Twice the signed area in the neutral frame.
     doubled_area: f64,
     motion: Quadratic,
-    /// Its weights, four nodes together.
+    /// Weights of its nodes, in groups of four.
     shares: Vec<Shares>,
-    /// Where the blocks of its nodes lie in the system.
+    /// Positions of its nodes' blocks in the system.
     places: Vec<BlockPlaces>,
-    /// Its samples, and how many there are.
+    /// Samples in groups, and their number.
     groups: Vec<Group>,
     count: usize,
-    /// The same of those for a first look.
+    /// Number of groups and samples of the coarse subset.
     coarse: (usize, usize),
 }
 
-/// The skin of the neutral frame.
+/// Skin of the neutral frame.
 #[derive(Clone, Debug)]
 pub struct Template {
     faces: Vec<Face>,
@@ -166,20 +165,20 @@ pub struct Template {
     neutral: Vec<Point2<f64>>,
     /// Weight of the step's force on each live node.
     anchors: Vec<f64>,
-    /// Area of the tracker's window, squared px: the unit in which skin is counted.
+    /// Area of the tracker's window, squared px: the unit of skin area.
     unit_area: f64,
     ties: Ties,
     room: Room,
 }
 
-/// What one alignment after the other is computed in.
+/// Buffers that are reused from one alignment to the next.
 #[derive(Clone, Debug)]
 struct Room {
-    /// The matrix without the grey values, and with them.
+    /// Matrix without the grey values, and with them.
     ties: Skyline,
     system: Skyline,
     pull: Vec<Vector2<f64>>,
-    /// Samples compared, group by group, and what those of each triangle have in common.
+    /// Compared samples, group by group, and the means over each triangle.
     compared: Vec<Compared>,
     means: Vec<Mean>,
     sizes: Vec<f64>,
@@ -188,8 +187,8 @@ struct Room {
 }
 
 impl Template {
-    /// Samples the neutral frame. `ties`: those of the wireframe; `nodes`: all N positions there; `loose`: places among the live
-    /// nodes of those that do not move with the skin; `window`: side of the tracker's window, px; `eye_distance`: ES0, px.
+    /// Samples the neutral frame. `ties`: those of the wireframe; `nodes`: all N positions there; `loose`: indices, among the live nodes,
+    /// of those that do not move with the skin; `window`: side of the tracker's window, px; `eye_distance`: ES0, px.
     pub fn new(
         wireframe: &Wireframe,
         ties: &Ties,
@@ -223,7 +222,7 @@ impl Template {
             let points = corners.map(|i| neutral[i]);
             let places = places(&motion, ties.springs.layout());
             let (samples, first) = sampler.samples(points);
-            // In whole groups.
+            // Padded to whole groups.
             let (groups, count): (Vec<_>, _) = (samples.chunks(LANES).map(Group::new).collect(), samples.len());
             let first = first.div_ceil(LANES);
             let coarse = (first, count.min(first * LANES));
@@ -244,15 +243,15 @@ impl Template {
         Self { faces, neutral, anchors, unit_area: f64::from(window).powi(2), ties: ties.clone(), room }
     }
 
-    /// Lets a live node (by place) go from the neutral frame: from now on it stays where the step's force puts it.
+    /// Releases a live node (by index) from the neutral frame: from now on it stays where the step's force puts it.
     pub fn release(&mut self, place: usize) {
         if let Some(anchor) = self.anchors.get_mut(place) {
             *anchor = RELEASED_ANCHOR;
         }
     }
 
-    /// The positions of the live nodes in the current frame, corrected. `start`: where they are before; `forces`: the step's force on
-    /// each, zero where lost.
+    /// Returns corrected positions of the live nodes in the current frame. `start`: uncorrected positions; `forces`: the step's force on
+    /// each node, zero if lost.
     pub fn align(
         &mut self,
         patch: &Patch,
@@ -311,7 +310,8 @@ impl Template {
         places
     }
 
-    /// Adds the springs of the mouth's corners to the system and says with what force they pull at which nodes, these at `start`.
+    /// Adds the springs of the mouth's corners to the system and returns their forces with the nodes they act on. `start`: positions of the
+    /// live nodes.
     fn hold_corners(&mut self, start: &[Point2<f64>], stiffness: f64) -> Vec<(usize, Vector2<f64>)> {
         let Ok(face) = Similarity::fit(&self.neutral, start, None) else { return Vec::new() };
         let mut forces = Vec::new();
@@ -324,8 +324,8 @@ impl Template {
         forces
     }
 
-    /// Adds the grey values' part of the normal equations, with the live nodes at `places`: the right side, and the matrix if asked, of all
-    /// samples or of those of a first look.
+    /// Adds the grey values' part of the normal equations for live nodes at `places`: the right side, and optionally the matrix, over all
+    /// samples or the coarse subset.
     #[inline(always)]
     fn add_skin(&mut self, patch: &Patch, places: &[Point2<f64>], gain: f64, (with_matrix, coarse): (bool, bool)) {
         let Room { system, pull, compared, means, sizes, sums, levels, .. } = &mut self.room;
@@ -361,13 +361,13 @@ impl Template {
 }
 
 impl Face {
-    /// The samples of a first look, or all, and how many there are.
+    /// Returns the coarse subset of the samples, or all of them, and their number.
     #[inline(always)]
     fn looked_at(&self, coarse: bool) -> (&[Group], usize) {
         if coarse { (&self.groups[..self.coarse.0], self.coarse.1) } else { (&self.groups, self.count) }
     }
 
-    /// Reads the current frame at samples, with the live nodes at `places`; nothing for a folded triangle.
+    /// Reads the current frame at the samples, with the live nodes at `places`; nothing for a folded triangle.
     #[inline(always)]
     fn compare(
         &self,
@@ -403,7 +403,7 @@ mod tests {
 
     const SIZE: usize = 260;
 
-    /// A patch whose grey value at every pixel is that of a smooth pattern at the place the pixel came from.
+    /// A patch whose grey value at every pixel is that of a smooth pattern at the pixel's original position.
     fn picture(source: impl Fn(Point2<f64>) -> Point2<f64>, change: impl Fn(f64) -> f64) -> Patch {
         let pattern =
             |p: Point2<f64>| 120.0 + 60.0 * (p.x * 0.45).sin() * (p.y * 0.4).cos() + 30.0 * (0.2 * p.x + 0.27 * p.y).sin();
@@ -436,7 +436,7 @@ mod tests {
     fn a_moved_and_stretched_picture_is_found_again() {
         let truth = |p: Point2<f64>| Point2::new(1.02 * p.x + 1.3, 0.98 * p.y + 2.1);
         let current = picture(|p| Point2::new((p.x - 1.3) / 1.02, (p.y - 2.1) / 0.98), |v| v);
-        // Nodes at the outline see skin on one side only.
+        // Nodes at the outline have skin on one side only.
         let off = worst(&current, truth);
         assert!(off < 0.25, "{off} px");
     }
@@ -479,7 +479,7 @@ mod tests {
         let ties = Ties::new(&wireframe, &Springs::new(&wireframe), &[[outer, inner]]);
         let place = |node| wireframe.live_nodes().binary_search(&node).unwrap();
         let flat = picture(|p| p, |_| 100.0);
-        // The face a tenth larger, the corner 5 px beside where it should be: in flat skin nothing else knows of that.
+        // The face is a tenth larger, and the corner 5 px off: in flat skin only the corner springs correct that.
         let start = |n: &NodeId| nodes[n.index()] * 1.1 + if *n == inner { Vector2::new(5.0, 0.0) } else { Vector2::zeros() };
         let start: Vec<_> = wireframe.live_nodes().iter().map(start).collect();
         let off = |corners| {

@@ -1,4 +1,4 @@
-//! What a triangle's grey values say of its motion.
+//! Normal equations of one triangle: its motion from its grey values.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -9,41 +9,41 @@ use super::{
 };
 use crate::fit::{BlockPlaces, Layout, Skyline};
 
-/// Fewest samples that tell a motion from a change of brightness.
+/// Fewest samples that separate a motion from a change of brightness.
 pub const MIN_SAMPLES: usize = 4;
 
-/// Sum of weights below which a triangle says nothing.
+/// Sum of weights below which a triangle is ignored.
 const MIN_WEIGHT: f64 = 0.02;
 
-/// Squared grey levels by which triangles differ that look alike.
+/// Smallest variance assumed for the grey differences of a triangle, squared grey levels.
 const MISMATCH_FLOOR: f64 = 1.0;
 
 /// Standard deviation of a triangle's change of brightness, grey levels.
 const BRIGHTNESS_SIGMA: f64 = 20.0;
 
-/// Place of the first control value that is no corner.
+/// Index of the first control value that is not a corner.
 const EDGES: usize = 3;
 
-/// Of each sample of a group, its grey difference to the neutral frame, the current frame's gradient there along x and y, and 1; all 0 where the
-/// current frame says nothing.
+/// For each sample of a group: grey difference from the neutral frame, gradient of the current frame along x and y, and 1; all 0 outside
+/// the current frame.
 pub type Compared = Readings;
 
-/// The mean grey difference of a triangle's samples, and how many of them there are.
+/// Mean grey difference of a triangle's samples, and their number.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Mean {
     pub difference: f64,
     pub count: usize,
 }
 
-/// Pairs of control weights whose products are all that there are but for a factor: such a product is a quartic of the barycentric coordinates
-/// u, v, w, of which there are 15. Of the edges' weights 2uv, 2vw and 2wu the squares of one and the product of the corners' are the same.
+/// Pairs of control weights whose products are distinct up to a factor. Such a product is a quartic of the barycentric coordinates u, v, w,
+/// of which there are 15. For the edges' weights 2uv, 2vw and 2wu, the square of one and the product of the corners' weights coincide.
 const PAIRS: [[usize; 2]; 15] =
     [[0, 0], [1, 1], [2, 2], [0, 3], [0, 5], [1, 3], [1, 4], [2, 5], [2, 4], [0, 1], [1, 2], [0, 2], [0, 4], [1, 5], [2, 3]];
 
 /// Exponents of u, v, w in the control weights; the last three have a factor of 2 (see `Quadratic::weights`).
 const CONTROL: [[u8; 3]; 6] = [[2, 0, 0], [0, 2, 0], [0, 0, 2], [1, 1, 0], [0, 1, 1], [1, 0, 1]];
 
-/// Which of the pairs the product of the control weights k and l is, and how many times.
+/// For the control weights k and l: index of the pair that their product is a multiple of, and the factor.
 const PRODUCTS: [[(usize, f64); 6]; 6] = {
     let mut table = [[(0, 0.0); 6]; 6];
     let mut at = 0;
@@ -74,23 +74,23 @@ const fn factor(k: usize, l: usize) -> f64 {
     }
 }
 
-/// Room for the sums over the samples of a triangle: of each sample its weight times its gradient along x and y, the same times its difference,
-/// and its weight times the products of the gradient: x with x, x with y, y with y.
+/// Buffers for the sums over the samples of a triangle. For each sample: weight times gradient along x and y, the same times its
+/// difference, and weight times the products of the gradient (x with x, x with y, y with y).
 ///
-/// A sample's row of the Jacobian is its control weights times its gradient, so their products are the products of the control weights, of which
-/// 15 differ, times the three of the gradient, and the sums over the samples need no 12 x 12 product of each.
+/// A sample's row of the Jacobian is its control weights times its gradient. Its products are therefore the 15 distinct products of the
+/// control weights times the three of the gradient, so no 12 x 12 product per sample is needed.
 #[derive(Clone, Debug, Default)]
 pub struct Sums(Vec<[Lanes; 7]>);
 
-/// One triangle's normal equations in its control values, with the change of brightness eliminated: the matrix is that of the products
-/// less the outer product of `level`.
+/// Normal equations of one triangle in its control values, with the change of brightness eliminated: the matrix is that of the products
+/// minus the outer product of `level`.
 pub struct NormalEquations {
     /// Products of x with x, x with y, y with y; only if asked for.
     products: Option<[[[f64; 6]; 6]; 3]>,
-    /// What a change of brightness has in common with each control value along x and y, over the root of its own square.
+    /// Coupling of the change of brightness with each control value along x and y, over the root of its own square.
     level: [[f64; 6]; 2],
     right: [[f64; 6]; 2],
-    /// Squared grey levels left.
+    /// Variance of the remaining differences, squared grey levels.
     pub variance: f64,
 }
 
@@ -115,7 +115,7 @@ impl NormalEquations {
             let (mut rests, mut weights) = ([0.0; LANES], [0.0; LANES]);
             for k in 0..LANES {
                 rests[k] = differences[k] - level;
-                // The larger a difference, the less it weighs.
+                // Large differences get small weights.
                 weights[k] = group.nearness[k] * inside[k] / (1.0 + (rests[k] * inverse) * (rests[k] * inverse));
             }
             let weighed = times(&weights, &rests);
@@ -130,11 +130,11 @@ impl NormalEquations {
             return None;
         }
         let variance = (sum_rr / sum - (sum_r / sum).powi(2)).max(0.0) + MISMATCH_FLOOR;
-        // The brightness b is held near 0 by its expected size: b = (sum w r - ...) / divisor.
+        // A prior of its expected size keeps the brightness b near 0: b = (sum w r - ...) / divisor.
         let divisor = sum + variance / BRIGHTNESS_SIGMA.powi(2);
         let [sum_jx, sum_jy, sum_jrx, sum_jry] = room.rows(groups);
         let (sum_j, sum_jr) = ([sum_jx, sum_jy], [sum_jrx, sum_jry]);
-        // Differences count from 0, not from their mean.
+        // Differences are counted from 0, not from their mean.
         let sum_r = sum_r + mean * sum;
         let right = std::array::from_fn(|axis| {
             std::array::from_fn(|k| {
@@ -147,7 +147,7 @@ impl NormalEquations {
         Some(Self { products, level, right, variance })
     }
 
-    /// Carries the right side from the control values to the nodes.
+    /// Maps the right side from the control values to the nodes.
     #[inline(always)]
     pub fn add_right(&self, motion: &Quadratic, gain: f64, pull: &mut [Vector2<f64>]) {
         for (node, control) in motion.nodes() {
@@ -156,7 +156,7 @@ impl NormalEquations {
         }
     }
 
-    /// Carries the matrix from the control values to the nodes, whose weights `shares` gives in fours.
+    /// Maps the matrix from the control values to the nodes, whose weights are given in `shares` in groups of four.
     #[inline(always)]
     pub fn add_matrix(
         &self,
@@ -183,7 +183,7 @@ impl NormalEquations {
         }
         let mut places = places.iter();
         for (j, (_, control)) in motion.nodes().enumerate() {
-            // Only corners have a part in the control values of corners.
+            // Only corners contribute to the control values of corners.
             let from = if j < EDGES { 0 } else { EDGES };
             let mut carried = [[0.0; 6]; 3];
             for (carried, block) in carried.iter_mut().zip(&products) {
@@ -221,7 +221,8 @@ impl NormalEquations {
 }
 
 impl Sums {
-    /// The sum of one of the factors times weights over all samples. One at a time: of several sums the compiler mixes the lanes.
+    /// Returns the sum of one factor times weights over all samples. Sums are computed one at a time: for several, the compiler mixes the
+    /// lanes.
     #[inline(always)]
     fn of(&self, factor: usize, groups: &[Group], weights: impl Fn(&Group) -> Lanes) -> f64 {
         let mut sums = [0.0; LANES];
@@ -231,7 +232,7 @@ impl Sums {
         f64::from(total(&sums))
     }
 
-    /// Sums of the Jacobians along x and y, and of these times the differences.
+    /// Returns sums of the Jacobians along x and y, and of these times the differences.
     #[inline(always)]
     fn rows(&self, groups: &[Group]) -> [[f64; 6]; 4] {
         let mut rows = [[0.0; 6]; 4];
@@ -248,7 +249,7 @@ impl Sums {
         rows
     }
 
-    /// Sums of products of the control weights, by the products of the gradients.
+    /// Returns sums of products of the control weights, by the products of the gradients.
     #[inline(always)]
     fn products(&self, groups: &[Group]) -> [[[f64; 6]; 6]; 3] {
         let mut products = [[0.0; PAIRS.len()]; 3];
@@ -266,7 +267,7 @@ impl Sums {
     }
 }
 
-/// Where the blocks of a triangle's nodes with each other lie in the system, in the order in which [`NormalEquations::add_matrix`] gives
+/// Returns the positions in the system of the blocks of a triangle's nodes, in the order in which [`NormalEquations::add_matrix`] writes
 /// them.
 pub fn places(motion: &Quadratic, layout: &Layout) -> Vec<BlockPlaces> {
     let nodes: Vec<usize> = motion.nodes().map(|(node, _)| node).collect();

@@ -1,27 +1,27 @@
-//! Grey values of a part of a frame, read between pixels.
+//! Grey values of a part of a frame, interpolated between pixels.
 
 /// A part of a frame: smoothed grey values, row by row.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Patch {
-    /// Column of its left-most pixels in the frame.
+    /// Column of its leftmost pixels in the frame.
     pub left: u32,
-    /// Row of its top pixels in the frame.
+    /// Row of its topmost pixels in the frame.
     pub top: u32,
-    /// Columns.
+    /// Number of columns.
     pub width: usize,
-    /// Rows.
+    /// Number of rows.
     pub height: usize,
     /// `width * height` grey values, 0 to 255.
     pub values: Vec<f32>,
 }
 
-/// Places that are read at once.
+/// Number of positions that are read at once.
 pub const LANES: usize = 8;
 
-/// One number for each of them.
+/// One number for each position.
 pub type Lanes = [f32; LANES];
 
-/// Of each of them grey value, its gradient per px along x and y, and 1; all 0 where nothing was read.
+/// For each position: grey value, gradient per px along x and y, and 1; all 0 where nothing was read.
 pub type Readings = [Lanes; 4];
 
 /// The sum of [`LANES`] numbers.
@@ -50,28 +50,28 @@ pub fn add(sum: &mut Lanes, lanes: &Lanes) {
     }
 }
 
-/// Adding and subtracting it rounds a number below 2^22 to the nearest whole one; the last bits of the sum are that number.
+/// Adding and subtracting it rounds a number below 2^22 to the nearest integer; the low bits of the sum are that integer.
 const ROUND: f32 = 8_388_608.0;
 
 impl Patch {
-    /// Bilinear values and central differences at positions of the frame, px: nothing where the patch does not reach.
+    /// Returns bilinear values and central differences at positions of the frame, px: nothing outside the patch.
     #[inline(always)]
     pub fn read(&self, [x, y]: &[Lanes; 2]) -> Readings {
         let (left, top, width) = (self.left as f32, self.top as f32, self.width);
-        // One pixel more on every side, for the gradient; NaN is nowhere.
+        // One more pixel on every side, for the gradient; NaN counts as outside.
         let (right, bottom) = (width as f32 - 2.0, self.height as f32 - 2.0);
         let (mut starts, mut shares) = ([usize::MAX; LANES], [[0.0; LANES]; 2]);
         for k in 0..LANES {
             let (x, y) = (x[k] - left, y[k] - top);
             if x >= 1.0 && y >= 1.0 && x < right && y < bottom {
-                // The pixel at or before, or the one before that: between them the values are the same.
+                // The nearest pixel at or before the position, or the previous one: the interpolated values are the same.
                 let (column, row) = ((x - 0.5 + ROUND).max(ROUND + 1.0), (y - 0.5 + ROUND).max(ROUND + 1.0));
                 (shares[0][k], shares[1][k]) = (x - (column - ROUND), y - (row - ROUND));
                 let whole = |value: f32| (value.to_bits() & 0x7F_FFFF) as usize;
                 starts[k] = (whole(row) - 1) * width + whole(column) - 1;
             }
         }
-        // Between rows, in four columns: values, and differences of the two middle ones.
+        // Interpolated between rows, in four columns: values, and differences of the two middle ones.
         let (mut values, mut differences, mut out) = ([[0.0; LANES]; 4], [[0.0; LANES]; 2], Readings::default());
         for k in 0..LANES {
             let row = |number: usize| {
@@ -102,7 +102,7 @@ impl Patch {
         out
     }
 
-    /// The same at one position.
+    /// Same at one position.
     pub fn read_one(&self, [x, y]: [f32; 2]) -> Option<[f32; 4]> {
         let readings = self.read(&[[x; LANES], [y; LANES]]).map(|lanes| lanes[0]);
         (readings[3] > 0.0).then_some(readings)
@@ -129,7 +129,7 @@ mod tests {
         for at in [[0.9, 2.0], [2.0, 0.9], [4.0, 2.0], [2.0, 3.0], [f32::NAN, 2.0], [1e9, 2.0]] {
             assert_eq!(patch.read_one(at), None, "{at:?}");
         }
-        // Fewer values than its size says, or none: nothing is read, nothing panics.
+        // Fewer values than its size requires, or none: nothing is read, and it does not panic.
         for patch in [Patch { values: vec![1.0; 10], ..patch }, Patch { left: 0, top: 0, width: 0, height: 0, values: vec![] }] {
             assert_eq!(patch.read_one([3.0, 2.0]), None);
         }

@@ -1,4 +1,4 @@
-//! Places on the skin of the neutral frame.
+//! Sample points on the skin of the neutral frame.
 
 use nalgebra::Point2;
 
@@ -10,19 +10,19 @@ use super::{
 /// Most samples of one triangle; larger ones are sampled more sparsely.
 const MAX_SAMPLES: f64 = 200.0;
 
-/// Nearness weight below which a place is not sampled.
+/// Nearness weight below which a point is not sampled.
 const MIN_NEARNESS: f64 = 0.02;
 
 /// Smallest triangle that is used, squared px in the neutral frame.
 const MIN_AREA: f64 = 4.0;
 
-/// Samples nearer than this to an edge of the skin, px, count less: beyond it something else moves.
+/// Distance from an edge of the skin, px, below which samples get less weight: the area beyond it moves differently.
 const BORDER_PX: f64 = 1.0;
 
-/// Fewer samples than this in all, and a first look takes no part of them.
+/// Fewer samples than this have no coarse subset.
 const MIN_PARTED: usize = 64;
 
-/// A place on the skin of the neutral frame, and its grey value there.
+/// A sample point on the skin of the neutral frame, with its grey value.
 #[derive(Clone, Debug)]
 pub struct Sample {
     at: [f32; 2],
@@ -32,9 +32,9 @@ pub struct Sample {
     weights: [f32; 6],
 }
 
-/// Up to [`LANES`] samples of a triangle: places, weights of the control values, grey values, nearness; where they are fewer, zeros: the corner
-/// of the picture, at which nothing is read, for it has no gradient. What is read at once stands side by side, so that little memory is gone
-/// through for each.
+/// Up to [`LANES`] samples of a triangle: positions, weights of the control values, grey values, nearness. Missing samples are zeros: they
+/// lie in the corner of the picture, where nothing is read because there is no gradient. Values that are read together are stored together,
+/// for memory locality.
 #[derive(Clone, Debug)]
 pub struct Group {
     at: [Lanes; 2],
@@ -54,7 +54,7 @@ impl Group {
         }
     }
 
-    /// Where the samples are when the control values move.
+    /// Returns the positions of the samples for moved control values.
     #[inline(always)]
     pub fn moved(&self, control: &[[f32; 2]; 6]) -> [Lanes; 2] {
         let mut at = self.at;
@@ -78,7 +78,8 @@ pub struct Sampler<'a> {
 }
 
 impl Sampler<'_> {
-    /// Samples of a triangle on a grid of at least one px, none of a very small one, and how many of them, the first, do for a look at all of it.
+    /// Samples a triangle on a grid of at least one px (none for a very small triangle). Also returns the number of the first samples that
+    /// form the coarse subset.
     pub fn samples(&self, points: [Point2<f64>; 3]) -> (Vec<Sample>, usize) {
         let [a, b, c] = points;
         let doubled = doubled_area(points);
@@ -94,7 +95,7 @@ impl Sampler<'_> {
             (0..=count).map(move |k| (k, low + (f64::from(k) + 0.5) * step))
         };
         let border = self.border_near(points);
-        // As on a chessboard: all white squares, then all black ones.
+        // As on a chessboard: first all white squares, then all black ones.
         let (mut white, mut black) = (Vec::new(), Vec::new());
         for ((row, y), (column, x)) in grid(1).flat_map(|y| grid(0).map(move |x| (y, x))) {
             let p = Point2::new(x, y);
@@ -119,7 +120,7 @@ impl Sampler<'_> {
         (white, first)
     }
 
-    /// Edges of the skin that may lie within [`BORDER_PX`] of a place in a triangle.
+    /// Returns the edges of the skin that may lie within [`BORDER_PX`] of a point in a triangle.
     fn border_near(&self, corners: [Point2<f64>; 3]) -> Vec<[Point2<f64>; 2]> {
         let apart = |axis: usize, [a, b]: &[Point2<f64>; 2]| {
             let (low, high) = (a[axis].min(b[axis]) - BORDER_PX, a[axis].max(b[axis]) + BORDER_PX);
@@ -128,7 +129,8 @@ impl Sampler<'_> {
         self.border.iter().filter(|edge| !apart(0, edge) && !apart(1, edge)).copied().collect()
     }
 
-    /// Weight of a place: near a corner, and not at the border, of which `border` are the edges near the triangle.
+    /// Returns the weight of a point: high near a corner of the triangle, low at the border, of which `border` are the edges near the
+    /// triangle.
     fn nearness(&self, p: Point2<f64>, corners: [Point2<f64>; 3], border: &[[Point2<f64>; 2]]) -> f64 {
         let corner = corners.iter().map(|q| (p - q).norm_squared()).fold(f64::INFINITY, f64::min);
         let edge = |[a, b]: &[Point2<f64>; 2]| {

@@ -1,9 +1,9 @@
-//! How the neutral frame's skin moves with the nodes: a smooth surface through them, cut open at lids and lips.
+//! Motion of the neutral frame's skin with the nodes: a smooth surface through them, cut open at lids and lips.
 //!
-//! Displacements are carried from the nodes to the skin by a quadratic on every triangle (Bézier form). Its corner values are the
-//! nodes' displacements; the value of an edge's middle control point is the mean of the edge's ends plus what their gradients say about
-//! the bend between them. A gradient is the least-squares plane over a node's ring. All of it is linear in the nodes, so it is
-//! worked out once, on the neutral frame. Plain linear triangles are wrong by up to a pixel in their middles when a face bends.
+//! A quadratic on every triangle (Bézier form) interpolates displacements from the nodes to the skin. Its corner values are the nodes'
+//! displacements. The value of an edge's middle control point is the mean of the edge's ends plus the bend between them estimated from
+//! their gradients. A gradient is the least-squares plane over a node's ring. All of it is linear in the nodes, so it is computed once, on
+//! the neutral frame. Linear triangles have errors of up to a pixel in their middles when a face bends.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,20 +12,20 @@ use nalgebra::{Matrix2, Point2, Vector2};
 /// Share of the estimated bend that is applied.
 const BEND: f64 = 0.85;
 
-/// Twice the signed area of a triangle.
+/// Returns twice the signed area of a triangle.
 pub fn doubled_area([a, b, c]: [Point2<f64>; 3]) -> f64 {
     (b - a).perp(&(c - a))
 }
 
-/// Control values on one triangle in terms of nodes.
+/// Control values on one triangle as linear functions of nodes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Quadratic {
-    /// Nodes that the control values depend on, the corners first, and their weights in the six control values: 0 to 2 the
-    /// corners; 3 to 5 the edges from corner 0 to 1, 1 to 2, 2 to 0.
+    /// Nodes that the control values depend on, corners first, and their weights in the six control values: 0 to 2 are the corners; 3 to 5
+    /// the edges from corner 0 to 1, 1 to 2, 2 to 0.
     weights: Vec<(usize, [f64; 6])>,
 }
 
-/// For each of the six control values the weights of four nodes.
+/// For each of the six control values, the weights of four nodes.
 pub type Shares = [[f64; 4]; 6];
 
 impl Quadratic {
@@ -58,12 +58,12 @@ impl Quadratic {
         self.weights[place].1[value] += weight;
     }
 
-    /// The nodes that the control values depend on, each with its weight in all six.
+    /// Returns the nodes that the control values depend on, each with its weight in all six.
     pub fn nodes(&self) -> impl Iterator<Item = (usize, &[f64; 6])> {
         self.weights.iter().map(|(node, weights)| (*node, weights))
     }
 
-    /// The weights of the nodes, four nodes together: 0 where the last four are fewer.
+    /// Returns the weights of the nodes in groups of four, padded with 0.
     pub fn shares(&self) -> Vec<Shares> {
         let of = |four: &[(usize, [f64; 6])]| {
             std::array::from_fn(|control| std::array::from_fn(|k| four.get(k).map_or(0.0, |(_, weights)| weights[control])))
@@ -71,7 +71,7 @@ impl Quadratic {
         self.weights.chunks(4).map(of).collect()
     }
 
-    /// The six control values of a function on the nodes.
+    /// Returns the six control values of a function on the nodes.
     pub fn values(&self, function: impl Fn(usize) -> Vector2<f64>) -> [Vector2<f64>; 6] {
         let mut out = [Vector2::zeros(); 6];
         for (node, weights) in self.nodes() {
@@ -81,7 +81,7 @@ impl Quadratic {
         out
     }
 
-    /// Weights of the control values at barycentric coordinates.
+    /// Returns the weights of the control values at barycentric coordinates.
     pub fn weights([u, v, w]: [f64; 3]) -> [f32; 6] {
         [u * u, v * v, w * w, 2.0 * u * v, 2.0 * v * w, 2.0 * w * u].map(|weight| weight as f32)
     }
@@ -90,7 +90,7 @@ impl Quadratic {
 /// Weights of nodes in the gradient at a node.
 type NodeGradient = Vec<(usize, Vector2<f64>)>;
 
-/// One quadratic for every triangle. A node with fewer than three neighbours bends nothing.
+/// Creates one quadratic for every triangle. Nodes with fewer than three neighbours have no gradient.
 pub fn quadratics(positions: &[Point2<f64>], triangles: &[[usize; 3]]) -> Vec<Quadratic> {
     let mut rings = vec![BTreeSet::new(); positions.len()];
     for &[a, b, c] in triangles {
@@ -99,7 +99,7 @@ pub fn quadratics(positions: &[Point2<f64>], triangles: &[[usize; 3]]) -> Vec<Qu
         }
     }
     let gradient = |(node, ring): (usize, &BTreeSet<usize>)| -> NodeGradient {
-        // Neighbours weigh by the inverse square of their distance; two nodes at one place say nothing of each other.
+        // Neighbours are weighted by the inverse square of their distance; coinciding nodes are skipped.
         let spoke = |&other: &usize| (other, positions[other] - positions[node]);
         let spokes: Vec<_> = ring.iter().map(spoke).filter(|(_, d)| d.norm_squared() > 1e-9).collect();
         let normal: Matrix2<f64> = spokes.iter().map(|(_, d)| d * d.transpose() / d.norm_squared()).sum();
@@ -112,7 +112,7 @@ pub fn quadratics(positions: &[Point2<f64>], triangles: &[[usize; 3]]) -> Vec<Qu
     triangles.iter().map(|&corners| Quadratic::new(corners, positions, &gradients)).collect()
 }
 
-/// The border of the triangles: edges that only one of them has.
+/// Returns the border of the triangles: edges that belong to one triangle only.
 pub fn border(triangles: &[[usize; 3]]) -> Vec<(usize, usize)> {
     let mut uses: BTreeMap<(usize, usize), u32> = BTreeMap::new();
     for t in triangles {
@@ -123,10 +123,10 @@ pub fn border(triangles: &[[usize; 3]]) -> Vec<(usize, usize)> {
     uses.into_iter().filter(|(_, n)| *n == 1).map(|(edge, _)| edge).collect()
 }
 
-/// The nodes of openings: of all parts of the border but the tallest, which is the outline of the face.
+/// Returns the nodes of openings: all parts of the border except the tallest, which is the outline of the face.
 pub fn openings(positions: &[Point2<f64>], border: &[(usize, usize)]) -> BTreeSet<usize> {
     let mut part: BTreeMap<usize, usize> = border.iter().flat_map(|&(a, b)| [(a, a), (b, b)]).collect();
-    // Each round carries the smallest number one edge further; a part has no more edges than the border.
+    // Each round propagates the smallest index one edge further; a part has no more edges than the border.
     for _ in border {
         for &(a, b) in border {
             let smallest = part[&a].min(part[&b]);

@@ -1,9 +1,9 @@
-//! Image pyramids: every level half the size of the one below it, smoothed by 1 4 6 4 1 in both directions, with a
-//! border of mirrored pixels so that windows may reach beyond the image.
+//! Image pyramids. Every level is half the size of the previous one, smoothed by 1 4 6 4 1 in both directions, with a border of mirrored
+//! pixels so that windows may reach beyond the image.
 
 use crate::simd::widest;
 
-/// Pixels of the border beyond the largest window.
+/// Width of the border beyond the largest window, px.
 const SLACK: i32 = 12;
 
 /// One level.
@@ -16,7 +16,7 @@ pub struct Level {
     pixels: Vec<u8>,
 }
 
-/// Coordinate of the pixel that stands at a coordinate outside: mirrored at the outermost pixels, which do not repeat.
+/// Maps a coordinate outside the image to the mirrored one inside; the outermost pixels do not repeat.
 fn mirrored(at: i32, size: i32) -> i32 {
     if size <= 1 {
         return 0;
@@ -27,7 +27,7 @@ fn mirrored(at: i32, size: i32) -> i32 {
 }
 
 impl Level {
-    /// Makes the level one of a size, keeping its memory; pixels are undefined until filled.
+    /// Resizes the level, keeping its memory; pixels are undefined until filled.
     fn reshape(&mut self, width: i32, height: i32, border: i32) {
         (self.width, self.height, self.border) = (width, height, border);
         self.stride = (width + 2 * border) as usize;
@@ -38,7 +38,7 @@ impl Level {
         (y + self.border) as usize * self.stride + (x + self.border) as usize
     }
 
-    /// Pixels of a row from `x` on, `count` of them; both may reach into the border.
+    /// Returns `count` pixels of a row from `x` on; both may reach into the border.
     pub fn row(&self, x: i32, y: i32, count: usize) -> &[u8] {
         let at = self.offset(x, y);
         &self.pixels[at..at + count]
@@ -47,7 +47,7 @@ impl Level {
     /// Fills the border from the image.
     fn mirror(&mut self) {
         let (width, height, border) = (self.width, self.height, self.border);
-        // The same in every row: what stands left of the image, and right of it.
+        // The same in every row: source pixels of the left and the right border.
         let sources = |from: i32| (from..from + border).map(|x| (mirrored(x, width) + border) as usize).collect::<Vec<_>>();
         let (left, right) = (sources(-border), sources(width));
         let begin = self.offset(-border, 0);
@@ -61,7 +61,7 @@ impl Level {
         }
     }
 
-    /// The bottom level.
+    /// Fills the bottom level.
     fn fill_from(&mut self, pixels: &[u8], width: i32, height: i32, border: i32) {
         self.reshape(width, height, border);
         for (y, row) in (0..height).zip(pixels.chunks_exact(width.max(1) as usize)) {
@@ -71,12 +71,12 @@ impl Level {
         self.mirror();
     }
 
-    /// The level above another one.
+    /// Fills the level from the next larger one.
     #[inline(always)]
     fn halve(&mut self, below: &Self, column: &mut Vec<u16>) {
         let (width, height) = ((below.width + 1) / 2, (below.height + 1) / 2);
         self.reshape(width, height, below.border);
-        // Two columns more than the width below on either side.
+        // Two more columns than the width of the larger level on either side.
         let count = 2 * width as usize + 3;
         column.resize(count, 0);
         for y in 0..height {
@@ -97,11 +97,11 @@ impl Level {
         self.mirror();
     }
 
-    /// Pixels from (`x`, `y`) on as numbers, `row` of them in a row, `count` in all, into `out`. The border must reach as far, and 7 pixels
-    /// further to the right.
+    /// Writes pixels from (`x`, `y`) on into `out` as numbers, `row` of them per row, `count` in all. The border must extend as far, and 7
+    /// pixels further to the right.
     #[inline(always)]
     pub fn read(&self, x: i32, y: i32, row: usize, count: usize, out: &mut Vec<f32>) {
-        // Eight pixels at a time: what a row has too many the next one writes over.
+        // Eight pixels at a time: the next row overwrites the surplus of a row.
         let parts = row.div_ceil(8);
         let rows = count.div_ceil(row.max(1));
         let room = rows * row + 8;
@@ -130,11 +130,11 @@ pub struct Pyramid {
 }
 
 impl Pyramid {
-    /// Fills the pyramid, in the memory it has. A level is as large as a window of `max_window` px at least, the frame aside.
+    /// Fills the pyramid in its existing memory. Every level except the first is at least as large as a window of `max_window` px.
     pub fn build(&mut self, pixels: &[u8], (width, height): (u32, u32), levels: usize, max_window: i32) {
         let (mut width, mut height) = (width as i32, height as i32);
         self.levels.resize_with(levels.max(1), Level::default);
-        // Windows begin up to their side outside, their rows are read up to a multiple of four, and derivatives look further.
+        // Windows start up to their side outside the image, rows are read in multiples of four, and derivatives reach further.
         self.levels[0].fill_from(pixels, width, height, max_window + SLACK);
         for k in 1..levels {
             (width, height) = ((width + 1) / 2, (height + 1) / 2);
@@ -151,7 +151,7 @@ impl Pyramid {
         }
     }
 
-    /// The levels, none before the first frame.
+    /// Returns the levels, none before the first frame.
     pub fn levels(&self) -> &[Level] {
         &self.levels
     }

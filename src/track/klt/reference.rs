@@ -1,4 +1,4 @@
-//! Pyramidal KLT by OpenCV, the field's reference, in the program `grimace-opencv`.
+//! Pyramidal KLT of OpenCV, the field's reference, in the program `grimace-opencv`.
 
 use nalgebra::{Matrix2, Point2};
 
@@ -12,7 +12,7 @@ use crate::{
     track::{Found, Patch, PointTracker, Probe, Slot, TrackError},
 };
 
-/// The tracker of OpenCV. It searches; gradients and grey values, which are the same to the last digit or two, are those of [`Klt`].
+/// The tracker of OpenCV. OpenCV does the search; gradients and grey values, which agree to the last digit or two, come from [`Klt`].
 #[derive(Debug)]
 pub struct OpenCvKlt {
     companion: Companion,
@@ -20,7 +20,7 @@ pub struct OpenCvKlt {
 }
 
 impl OpenCvKlt {
-    /// A tracker with `levels` pyramid levels (1: the image itself only), for windows up to `max_window_px`.
+    /// Creates a tracker with `levels` pyramid levels (1: the image itself only), for windows up to `max_window_px`.
     ///
     /// # Errors
     /// [`TrackError::Program`] when `grimace-opencv` does not start.
@@ -38,7 +38,7 @@ impl OpenCvKlt {
     }
 }
 
-/// Number of a slot in the messages.
+/// Returns the number of a slot in the messages.
 fn number(slot: Slot) -> u8 {
     match slot {
         Slot::Neutral => 0,
@@ -66,7 +66,7 @@ impl PointTracker for OpenCvKlt {
     }
 
     fn find(&mut self, from: Slot, to: Slot, window_px: u32, levels: u32, probes: &[Probe]) -> Result<Vec<Found>, TrackError> {
-        // JSON has no numbers that are none.
+        // JSON cannot represent NaN or infinity.
         let single = |p: &Point2<f64>| [p.x as f32, p.y as f32].map(|v| if v.is_finite() { v } else { f32::MIN });
         self.companion.send(&Request::Find {
             from: number(from),

@@ -2,8 +2,8 @@
 
 use crate::simd::widest;
 
-/// Smooths an image, row by row, by a Gaussian of standard deviation `sigma` px that reaches 4 of them; mirrored at the borders, whose
-/// pixels do not repeat. Nothing changes for a `sigma` of 0.
+/// Smooths an image, row by row, by a Gaussian of standard deviation `sigma` px, cut off at 4 `sigma`. The image is mirrored at the
+/// borders, whose pixels do not repeat. A `sigma` of 0 changes nothing.
 pub fn smoothed(values: Vec<f32>, width: usize, sigma: f64) -> Vec<f32> {
     if sigma <= 0.0 || width == 0 {
         return values;
@@ -43,7 +43,7 @@ fn smooth(mut values: Vec<f32>, width: usize, sigma: f64) -> Vec<f32> {
     out
 }
 
-/// The middle of the kernel and what follows to one side.
+/// Returns the middle of the kernel and the weights to one side.
 fn half_kernel(sigma: f64) -> Vec<f32> {
     let reach = (((sigma * 8.0 + 1.0).round() as usize) | 1) / 2;
     let weights: Vec<f64> = (0..=reach).map(|k| (-0.5 * (k as f64 / sigma).powi(2)).exp()).collect();

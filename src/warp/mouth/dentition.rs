@@ -1,8 +1,8 @@
-//! Teeth as uneven as people's.
+//! Teeth with individual irregularities.
 //!
-//! A mean has crowns of one brightness in a row that is even on both sides, and the same on everybody: it looks like the keys of a piano. No two
-//! crowns of a person are alike. So every face has a row of its own: the crowns of the mean picture, each with its own length, turn, brightness
-//! and colour, nearly as much as crowns of people differ from it, drawn by what its face is, and with the wet light that each of them reflects.
+//! The mean picture alone has an even, symmetric row that is the same on everybody and looks like the keys of a piano. Here each face gets
+//! a row of its own: the crowns of the mean picture, each with its own length, turn, brightness and colour, and with the wet light that it
+//! reflects. They vary nearly as much as people's crowns vary around the mean; the values are a deterministic function of the face's proportions.
 
 use image::Rgba32FImage;
 
@@ -13,30 +13,31 @@ use super::{
 };
 use crate::interpolation::smooth_step;
 
-/// Where crowns end, from the midline outwards, over the eye distance: two incisors, the canine, two premolars.
+/// Ends of the crowns, outwards from the midline, in eye distances: two incisors, the canine, two premolars.
 const CROWNS: [f64; 5] = [0.130, 0.217, 0.295, 0.368, 0.43];
-/// Where their edges are on the mean picture, over the eye distance, y down.
+/// Heights of the crowns' edges on the mean picture, in eye distances, y down.
 const EDGES: [f64; 5] = [0.002, -0.025, -0.048, -0.066, -0.093];
-/// How far apart faces lie in what is drawn: by their lips and jaws, and by their mouths' width. Twice an error of a fit is no other mouth.
+/// Scales from the face's value ([`Proportions::own`]) and the size of its teeth to positions on the lattice of irregular values. Measurements
+/// of one mouth that differ by twice the error of a fit still give similar teeth.
 const APART: (f64, f64) = (0.4, 12.0);
-/// Standard deviations of what crowns of one mouth differ by from the mean picture's, from the midline outwards, as far as both of a pair do, and each by
-/// itself, at whole numbers of the lattice (a seventh less between them): logarithm of brightness, place of the edge over the eye distance, logarithm
-/// of red over blue. The 24 smiles that the picture is of have a half more of brightness, a quarter more of edges and more than twice of the
-/// colour; some of that is the light in them, the gums beside what is measured and its errors, and teeth that differ by all of it look patched.
+/// Standard deviations of the crowns around the mean picture, outwards from the midline: shared by the two crowns of a pair, and of each by
+/// itself. They hold at the lattice points and are a seventh smaller between them. Quantities: logarithm of brightness, height of the edge in
+/// eye distances, logarithm of red over blue. The 24 smiles of the picture vary a half more in brightness, a quarter more in edges and
+/// more than twice as much in colour. Part of that is light, gums and measurement errors, and teeth with all of it look patched.
 const BRIGHT: [(f64, f64); 5] = [(0.024, 0.015), (0.009, 0.035), (0.017, 0.045), (0.017, 0.045), (0.017, 0.045)];
 const EDGE: [(f64, f64); 5] = [(0.006, 0.004), (0.0, 0.0055), (0.0055, 0.006), (0.0055, 0.005), (0.0055, 0.005)];
 const RED: [(f64, f64); 5] = [(0.010, 0.004), (0.006, 0.008), (0.015, 0.008), (0.015, 0.008), (0.015, 0.008)];
-/// The same of their turn, radians: no picture shows it apart from the edge's; of the order of what dentists call straight.
+/// Standard deviation of the crowns' turn, radians. No picture separates it from that of the edge; it is of the order that dentists call straight.
 const TURN: f64 = 0.030;
-/// A value drawn evenly from -1 to 1, as a number of standard deviations.
+/// Factor from a standard deviation to the range of a uniform distribution: the square root of 3.
 const SPREAD: f64 = 1.732;
-/// Half the width over which one crown's becomes the next one's, over the eye distance.
+/// Half the width of the transition between two crowns, in eye distances.
 const BETWEEN: f64 = 0.008;
-/// How high above the row's edge a crown turns, over the eye distance.
+/// Height of a crown's axis of turning above the row's edge, in eye distances.
 const AXIS: f64 = 0.055;
-/// Wet light on a crown: its strength on the mean, and how much of that varies; its place from the middle of the crown, over its width, at most to
-/// either side; its height above the edge, and by how much that varies; its extent across and down, all over the eye distance. Of the same
-/// smiles the brightest fiftieth of a crown is 0.06 to 0.13 above its median, as a logarithm.
+/// Wet light on a crown: mean strength and its relative variation; greatest offset from the middle of the crown, over its width;
+/// height above the edge and its variation; extent across and down. Lengths are in eye distances. In the same smiles the brightest
+/// fiftieth of a crown is 0.06 to 0.13 above its median, as a logarithm.
 struct WetLight {
     strength: [f64; 5],
     varies: f64,
@@ -54,26 +55,26 @@ const WET_LIGHT: WetLight = WetLight {
     extent: (0.011, 0.020),
 };
 
-/// What one crown has of its own.
+/// Individual values of one crown.
 #[derive(Clone, Copy, Debug)]
 struct Crown {
-    /// Its middle from the midline, over the eye distance, to the right on the picture.
+    /// Distance of its middle from the midline, in eye distances, positive to the right on the picture.
     middle: f64,
     bright: f64,
     edge: f64,
     red: f64,
     turn: f64,
-    /// The height around which it is turned.
+    /// Height of the axis of its turn, in eye distances.
     axis: f64,
-    /// Strength of the wet light, and its place.
+    /// Strength and position of the wet light.
     wet: f64,
     wet_at: (f64, f64),
 }
 
-/// The crowns of a face on one side of the midline (0: left on the picture), from the midline outwards.
+/// The crowns of a face on one side of the midline (0: left on the picture), outwards.
 fn crowns(face: (f64, f64), side: usize) -> [Crown; 5] {
     std::array::from_fn(|k| {
-        // Every number of every crown has its own piece of the lattice, in which faces lie.
+        // Each value of each crown uses its own part of the lattice.
         let at = |what: usize| grain(APART.0 * face.0 + 100.0 * k as f64, APART.1 * face.1 + 50.0 * what as f64);
         let drawn = |what: usize| at(10 * side + what);
         let of_pair = |(pair, one): (f64, f64), what: usize| SPREAD * (pair * at(20 + what) + one * drawn(what));
@@ -94,8 +95,8 @@ fn crowns(face: (f64, f64), side: usize) -> [Crown; 5] {
     })
 }
 
-/// The teeth of a face whose teeth have a size over the picture's, in the place and the levels of the mean picture; `None` if that could not be
-/// decoded.
+/// Draws the teeth of a face. `size` is that of its teeth relative to the picture's. Position and levels are those of the mean picture.
+/// `None` if that cannot be decoded.
 pub fn dentition(proportions: &Proportions, size: f64) -> Option<Rgba32FImage> {
     let mean = picture()?;
     let sides = [0, 1].map(|side| crowns((proportions.own(), size), side));
@@ -146,7 +147,7 @@ mod tests {
                 assert!((0.7..1.1).contains(&(drawn / given)), "{k}: {drawn} of {given}");
             }
         }
-        // A face that was measured a hair's breadth larger has the same teeth; one with another lip has others, and one with another width.
+        // A minimally different measurement gives the same teeth; another lip or another width gives others.
         let bright = |incisors: f64, size: f64| crowns((face(incisors).own(), size), 1).map(|crown| crown.bright);
         let apart = |a: [f64; 5], b: [f64; 5]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         let one = bright(0.058, 1.0);

@@ -1,8 +1,8 @@
-//! What is irregular in a mouth, the same on every machine.
+//! Deterministic irregular patterns for the inside of a mouth.
 
 use crate::interpolation::smooth_step;
 
-/// Values from -1 to 1 that change smoothly from one whole number to the next, the same on every machine: a lattice of hashed values.
+/// Value noise from -1 to 1: a lattice of hashed values, smoothly interpolated, the same on every machine.
 pub fn grain(x: f64, y: f64) -> f64 {
     let corner = |i: i64, j: i64| {
         let mut h = (i as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ (j as u64).wrapping_mul(0xC2B2_AE3D_27D4_EB4F);
@@ -16,7 +16,7 @@ pub fn grain(x: f64, y: f64) -> f64 {
     row(j) + (row(j + 1) - row(j)) * t
 }
 
-/// The pattern in which light is broken on the tongue.
+/// The pattern of the light that the wet tongue reflects.
 pub fn grain_of_light(x: f64, y: f64) -> f64 {
     0.6 * grain(x / 0.035 + 17.0, y / 0.016) + 0.4 * grain(x / 0.017, y / 0.009 + 31.0)
 }

@@ -1,11 +1,11 @@
-//! The inside of a mouth: the photograph's own, or one that is made of what real mouths show.
+//! The inside of a mouth: the photograph's own, or a synthetic one modelled on real mouths.
 //!
-//! The made one has, from back to front: a cavity that is lit the more the further the lips part, a tongue that lies behind the lower
-//! teeth, the lower arch, which goes with the jaw, and the upper arch, which hangs from the skull (a raised lip bares it, a
-//! dropped jaw does not). The teeth are a picture: the mean of what 24 people's smiles show, aligned tooth by tooth and mirrored,
-//! so that they are nobody's own (`candide/teeth.png`; `candide/README.md` says from whom and how), made as uneven as theirs, on every face
-//! otherwise (see `dentition`). Near a lip everything is in
-//! its shadow, and the lip's own colour runs a little way in, because a lip is round and wet and not cut out of paper. The page of `play` draws
+//! The synthetic one has, from back to front: a cavity that gets lighter as the lips part, a tongue behind the lower teeth, the lower arch,
+//! which moves with the jaw, and the upper arch, which is fixed to the skull (a raised lip bares it, a dropped jaw does not). The teeth are a
+//! picture: the mean of the smiles of 24 people, aligned tooth by tooth and mirrored, so that they belong to nobody (`candide/teeth.png`;
+//! `candide/README.md` lists the sources). `dentition` adds irregularities that differ between faces. Near a lip everything lies in its
+//! shadow, and the lip's own colour extends a little inwards, because a lip is round and wet. `player/assets/gl.js`, the page of
+//! `play`, uses the same numbers: change both together.
 //! it after these numbers (`player/assets/gl.js`): who changes one changes the other.
 
 mod dentition;
@@ -35,7 +35,7 @@ pub enum Arches {
     Hidden,
 }
 
-/// Draws the inside of a mouth that the photograph does not show. `layer` holds the colours of the nearest lip.
+/// Draws a synthetic mouth where the photograph shows none. `layer` holds the colours of the nearest lip.
 pub fn made(
     warp: &Warp,
     opening: &OpeningMesh,
@@ -70,7 +70,7 @@ impl<'a> Interior<'a> {
     ) -> Interior<'a> {
         let unit = warp.frame.eye_distance;
         let (across, down) = (warp.frame.across(), warp.frame.down.into_inner());
-        // The skull goes with the base of the nose.
+        // The skull moves with the base of the nose.
         let moved = deformation.nodes[6] - warp.nodes[6];
         let rest = nalgebra::center(&warp.nodes[87], &warp.nodes[40]);
         let origin = rest + moved;
@@ -102,14 +102,14 @@ impl<'a> Interior<'a> {
     }
 }
 
-/// Height of a line at `x`; `None` outside of it.
+/// Height of a line at `x`; `None` beyond its ends.
 pub(super) fn line_at(line: &[(f64, f64)], x: f64) -> Option<f64> {
     let k = line.partition_point(|p| p.0 < x);
     let (a, b) = (line.get(k.checked_sub(1)?)?, line.get(k)?);
     Some(a.1 + (b.1 - a.1) * (x - a.0) / (b.0 - a.0).max(1e-9))
 }
 
-/// Height of a line at `x`; beyond its ends as high as there, and 0 of no line.
+/// Height of a line at `x`; beyond its ends that of the end, and 0 for an empty line.
 pub(super) fn on_line(line: &[(f64, f64)], x: f64) -> f64 {
     let Some(pair) = line.windows(2).find(|pair| x <= pair[1].0).or(line.windows(2).last()) else {
         return line.first().map_or(0.0, |only| only.1);
@@ -123,7 +123,7 @@ pub fn luma([r, g, b]: [f32; 3]) -> f32 {
     0.3 * r + 0.59 * g + 0.11 * b
 }
 
-/// Brightness, less where it is red: skin, and a lid below its crease, are not the white of an eye.
+/// Brightness minus a penalty for red: skin, and a lid below its crease, are not the white of an eye.
 pub fn whiteness(colour: [f32; 3]) -> f32 {
     luma(colour) - 0.8 * (colour[0] - colour[1]).max(0.0)
 }
@@ -135,14 +135,14 @@ pub fn lip_colour(warp: &Warp, texture: &Texture) -> [f32; 3] {
     std::array::from_fn(|c| (lips[0][c] + lips[1][c] + lips[2][c]) / 3.0)
 }
 
-/// How far below its place on the photograph the inside of a mouth is stretched after a lower lip that drops, over the eye distance: further
-/// down there is what the photograph does not show. Up to there, the lip's own colour at its edge fades.
+/// Distance, in eye distances, by which the photograph's inside of a mouth is stretched to follow a dropping lower lip; the photograph shows
+/// nothing further down. Over this distance the lip's own colour at its edge fades.
 const OWN_STRETCH: f64 = 0.02;
-/// Where a lower lip is that far away, so much of its edge on the photograph fades into what is made.
+/// Width, in eye distances, of the fade from the photograph's edge to the synthetic mouth when the lower lip is that far away.
 const OWN_FADE: f64 = 0.022;
 
-/// Draws what the photograph shows in its open mouth over what is made: it stays with the skull, and where the upper lip is now higher than
-/// on the photograph, its edge is stretched to meet it. A lower lip that drops leaves it, as it leaves the upper teeth.
+/// Draws the photograph's own inside of an open mouth over the synthetic one. It is fixed to the skull; where the upper lip is higher than
+/// on the photograph, its edge is stretched to meet the lip. A dropping lower lip moves away from it, as from the upper teeth.
 pub fn own(warp: &Warp, opening: &OpeningMesh, texture: &Texture, deformation: &Deformation, layer: &mut Layer) {
     let moved = deformation.nodes[6] - warp.nodes[6];
     let (unit, down, across) = (warp.frame.eye_distance, warp.frame.down.into_inner(), warp.frame.across());
@@ -185,7 +185,7 @@ mod tests {
         assert_eq!(line_at(&line, 3.0), Some(3.0));
         assert_eq!(line_at(&line, 4.5), None);
         assert_eq!(line_at(&line, -0.5), None);
-        // 2 px are half of the way from 1 to 3, and its ends go on.
+        // 2 is half way from 1 to 3; the ends are extended.
         assert_eq!([-1.0, 0.0, 1.0, 4.0, 9.0].map(|x| on_line(&line, x)), [1.0, 1.0, 2.0, 3.0, 3.0]);
         let line = [(0.0, 2.0), (1.0, 4.0), (3.0, 0.0)];
         assert_eq!([-1.0, 0.5, 2.0, 9.0].map(|x| on_line(&line, x)), [2.0, 3.0, 2.0, 0.0]);

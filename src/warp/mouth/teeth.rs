@@ -8,14 +8,14 @@ use crate::geometry::blur::gaussian;
 
 /// The mean picture of the upper teeth.
 const TEETH: &[u8] = include_bytes!("../../../candide/teeth.png");
-/// Its scale: pixels for each eye distance.
+/// Scale of the picture: pixels per eye distance.
 pub const TEETH_SCALE: f64 = 220.0;
-/// Where in it the midline meets the edge of the incisors, px.
+/// Point of the picture where the midline meets the edge of the incisors, px.
 pub const TEETH_ORIGIN: (f64, f64) = (110.17, 44.5);
-/// Its level of a tooth as bright as the brightest of the mouth it is from.
+/// Level in the picture of a tooth as bright as the brightest one of its mouth.
 pub const TEETH_WHITE: f32 = 200.0;
 
-/// The mean picture of the upper teeth, in levels; `None` if it could not be decoded.
+/// The mean picture of the upper teeth, in levels; `None` if it cannot be decoded.
 pub fn picture() -> Option<&'static Rgba32FImage> {
     static PICTURE: OnceLock<Option<Rgba32FImage>> = OnceLock::new();
     PICTURE
@@ -30,7 +30,7 @@ pub fn picture() -> Option<&'static Rgba32FImage> {
         .as_ref()
 }
 
-/// Colour (levels) and cover (0 to 1) of the upper teeth at a place from the midline at the edge of the incisors, in eye distances, y down.
+/// Colour (levels) and cover (0 to 1) of the upper teeth at a position relative to the midline at the edge of the incisors, in eye distances, y down.
 pub fn sampled(picture: &Rgba32FImage, x: f64, y: f64) -> Option<([f32; 3], f32)> {
     let (x, y) = (TEETH_ORIGIN.0 + x * TEETH_SCALE, TEETH_ORIGIN.1 + y * TEETH_SCALE);
     let (left, top) = (x.floor(), y.floor());
@@ -47,10 +47,10 @@ pub fn sampled(picture: &Rgba32FImage, x: f64, y: f64) -> Option<([f32; 3], f32)
     Some(([sum[0], sum[1], sum[2]], sum[3] / 255.0))
 }
 
-/// The pixel that a sample of a picture stands for, as a sigma: nearly that of a box as wide.
+/// Sigma of the Gaussian for one pixel, nearly that of a box of the same width.
 const PIXEL: f64 = 0.35;
 
-/// A picture as it is seen on one where an eye distance has so many pixels: without what is finer than these, which a sample of it would hit or miss.
+/// Returns the picture blurred to the resolution of a face with `eye_distance` px, so that sampling does not alias finer detail.
 pub fn seen_at(picture: &Rgba32FImage, eye_distance: f64) -> Rgba32FImage {
     let step = TEETH_SCALE / eye_distance.max(1e-6);
     if step <= 1.0 {
@@ -61,7 +61,7 @@ pub fn seen_at(picture: &Rgba32FImage, eye_distance: f64) -> Rgba32FImage {
         let values: Vec<f32> = picture.pixels().map(|pixel| of(pixel.0)).collect();
         gaussian(&values, width, height, (sigma, sigma))
     };
-    // Colours count as much as they cover.
+    // Colours are weighted by their cover.
     let cover = smooth(&|pixel| pixel[3]);
     let planes = [0, 1, 2].map(|c| smooth(&|pixel| pixel[c] * pixel[3]));
     let mut seen = picture.clone();

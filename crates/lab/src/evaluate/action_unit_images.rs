@@ -1,4 +1,7 @@
-//! Action units through images: simulated people who show Candide's own, several at once, rendered, marked and tracked.
+//! Accuracy of action unit intensities through images.
+//!
+//! Simulated people show several of Candide-3's action unit vectors at once. They are rendered, marked and tracked; the measured
+//! intensities are compared with the simulated strengths.
 
 use image::DynamicImage;
 use rand::{RngExt, SeedableRng};
@@ -21,14 +24,14 @@ use grimace::internal::{
     track::track_sequence,
 };
 
-/// Action units of FACS and Candide's vectors that show them.
+/// Action units by FACS number, each with the number of the Candide-3 action unit vector that shows it.
 const UNITS: [(u8, u16); 8] = [(2, 5), (4, 3), (5, 10), (9, 8), (10, 0), (15, 14), (20, 2), (26, 11)];
-/// Blinks are drawn by the lids themselves.
+/// FACS number of the blink, which the renderer draws by closing the lids.
 const BLINK: u8 = 45;
-/// Largest strength of a vector: all of Candide's at once tear a face apart.
+/// Largest strength of a vector; all of Candide-3's vectors at strength 1 distort the face.
 const STRONGEST: f64 = 0.6;
 
-/// Makes the study: people of a simulation (an orthographic camera), marked at `options.marks`, turning by `options.turn`.
+/// Runs the study on simulated people, seen by an orthographic camera, marked at `options.marks` and turning by up to `options.turn`.
 ///
 /// # Errors
 /// [`EvaluateError`] when a sequence fails.
@@ -57,7 +60,7 @@ fn one_person(head: usize, bench: &Workbench, options: &ActionUnitOptions) -> Re
     let who = Subject::new(&simulated, head as u32)?;
     let seen = |m: usize| -> SimulatedFrame {
         let units: Vec<(u16, f64)> = UNITS.iter().zip(&strengths).map(|((_, auv), s)| (*auv, STRONGEST * s[m])).collect();
-        // The neutral frame looks into the camera.
+        // The head faces the camera in the neutral frame and starts to turn gradually.
         let begun = (m as f64 / 10.0).min(1.0);
         let angle = |k: usize| options.turn * begun * (m as f64 / 18.0 + phases[k]).sin();
         show_units(&who, &units, lids[m], [angle(0), angle(1)], &simulated, m)

@@ -1,5 +1,7 @@
-//! How right the intensities of action units are: heads of a dense face model that show several at once while they turn, seen as 68
-//! landmarks with an error.
+//! Accuracy of action unit intensities on landmarks.
+//!
+//! Heads of a dense face model show several action units at once while they turn. A perspective camera sees them as 68 landmarks with
+//! noise; the measured intensities are compared with the strengths that made the frames.
 
 use std::path::Path;
 
@@ -21,11 +23,11 @@ use grimace::internal::{
     report::Stage,
 };
 
-/// Those whose mean is judged.
+/// FACS numbers of the action units in the reported mean correlation.
 const JUDGED: [u8; 10] = [1, 2, 4, 5, 10, 12, 15, 20, 26, 45];
-/// Share of the time in which an action unit is there.
+/// Share of the frames in which an action unit is active.
 const ACTIVE: f64 = 0.3;
-/// Frames that a burst lasts, least and most.
+/// Shortest and longest duration of a burst, frames.
 const BURST: (usize, usize) = (8, 24);
 
 /// Options of the study.
@@ -33,7 +35,7 @@ const BURST: (usize, usize) = (8, 24);
 pub struct ActionUnitOptions {
     /// Number of heads.
     pub heads: usize,
-    /// First identity mode of the heads; 15 leaves out what the shipped head was learned from.
+    /// First identity mode of the heads; 15 leaves out the modes that the shipped head was learned from.
     pub first_mode: usize,
     /// Frames of a sequence.
     pub frames: usize,
@@ -41,11 +43,11 @@ pub struct ActionUnitOptions {
     pub noise_px: f64,
     /// Largest yaw and pitch, degrees.
     pub turn: f64,
-    /// Distance of the camera, px at the size of the head.
+    /// Distance of the camera, in px at an eye distance of 110 px.
     pub camera: f64,
-    /// Through images: marks of the neutral frame.
+    /// Marks of the neutral frame, in the study through images.
     pub marks: LandmarkSelection,
-    /// Seed of heads, strengths and noise.
+    /// Seed of the heads, strengths and noise.
     pub seed: u64,
 }
 
@@ -64,27 +66,27 @@ impl Default for ActionUnitOptions {
     }
 }
 
-/// One action unit of one head.
+/// Accuracy of one action unit on one head.
 #[derive(Clone, Debug)]
 pub struct ActionUnitTrial {
-    /// Number in FACS.
+    /// Number of the action unit in FACS.
     pub number: u8,
-    /// Its name.
+    /// Name of the action unit.
     pub name: &'static str,
-    /// Which head.
+    /// Index of the head.
     pub head: usize,
-    /// Correlation over time of measured and true intensity.
+    /// Pearson correlation of measured and true intensity over the frames.
     pub correlation: f64,
-    /// Mean distance of the two, 0 to 5.
+    /// Mean absolute error of the intensity, on the scale 0 to 5.
     pub error: f64,
-    /// Share of the frames in which the two are nearer than the expected error; half is right.
+    /// Share of the frames whose error is below the expected error; 0.5 is ideal.
     pub within: f64,
 }
 
-/// Makes the study with a workbench that takes the pose out.
+/// Runs the study; `bench` must remove the head pose.
 ///
 /// # Errors
-/// [`EvaluateError`] when the face model does not read or a sequence fails.
+/// [`EvaluateError`] when the face model cannot be read or a sequence fails.
 pub fn evaluate_action_units(
     folder: &Path,
     bench: &Workbench,
@@ -94,7 +96,7 @@ pub fn evaluate_action_units(
     let faces = Faces::read(folder)?;
     let mut random = ChaCha8Rng::seed_from_u64(options.seed);
     let heads = faces.heads(options.heads, options.first_mode, 0.6, &mut random);
-    // Lips that part belong to other shapes, and have no shape of their own.
+    // Parting the lips (AU 25) has no shape of its own; it results from other shapes.
     let shapes: Vec<Vec<Vector3<f64>>> = ACTION_UNITS
         .iter()
         .map(|unit| faces.expression(&unit.shapes.iter().map(|stem| (*stem, 1.0)).collect::<Vec<_>>()))
@@ -113,7 +115,7 @@ pub fn evaluate_action_units(
             for (unit, strength) in shapes.iter().zip(&strengths) {
                 shape.iter_mut().zip(unit).for_each(|(x, d)| *x += d * strength[m]);
             }
-            // The neutral frame looks into the camera.
+            // The head faces the camera in the neutral frame and starts to turn gradually.
             let begun = (m as f64 / 10.0).min(1.0);
             let angle = |k: usize| options.turn * begun * (m as f64 / 18.0 + phases[k]).sin();
             let points = camera.see(head, &shape, [angle(0), angle(1), 0.0]);
@@ -132,7 +134,7 @@ pub fn evaluate_action_units(
     Ok(trials.into_iter().flatten().collect())
 }
 
-/// Compares the intensities measured with the strengths that made the frames.
+/// Compares measured intensities with the strengths that made the frames.
 pub(super) fn judge(head: usize, unit: &ActionUnit, truth: &[f64], features: &[FrameFeatures]) -> ActionUnitTrial {
     let of = |f: &FrameFeatures| f.action_units.iter().find(|found| found.number == unit.number).copied();
     let measured: Vec<Intensity> = features.iter().filter_map(of).collect();
@@ -148,7 +150,7 @@ pub(super) fn judge(head: usize, unit: &ActionUnit, truth: &[f64], features: &[F
     }
 }
 
-/// The course of a strength: rest, and smooth bursts of random height; the first frame is neutral.
+/// Returns a strength over time: rest, and smooth bursts of random height. The first frame is neutral.
 pub(super) fn bursts(frames: usize, random: &mut ChaCha8Rng) -> Vec<f64> {
     let mut course = vec![0.0; frames];
     let mut at = 2 + random.random_range(0..BURST.1);
@@ -165,7 +167,7 @@ pub(super) fn bursts(frames: usize, random: &mut ChaCha8Rng) -> Vec<f64> {
     course
 }
 
-/// The correlation of Pearson; 0 where one of the two does not change.
+/// Returns the Pearson correlation, or 0 when one of the two is constant.
 fn correlation(a: &[f64], b: &[f64]) -> f64 {
     let n = a.len().max(1) as f64;
     let (ma, mb) = (a.iter().sum::<f64>() / n, b.iter().sum::<f64>() / n);
@@ -174,7 +176,7 @@ fn correlation(a: &[f64], b: &[f64]) -> f64 {
     if xx > 0.0 && yy > 0.0 { xy / (xx * yy).sqrt() } else { 0.0 }
 }
 
-/// A row for each action unit.
+/// Returns a table with one row for each action unit.
 pub fn action_unit_table(trials: &[ActionUnitTrial]) -> Table {
     let mut table = Table::new([
         "action unit",
@@ -206,7 +208,7 @@ pub fn action_unit_table(trials: &[ActionUnitTrial]) -> Table {
     table
 }
 
-/// Mean correlation of the action units that are judged.
+/// Returns the mean correlation of the action units in `JUDGED`.
 pub fn judged_mean(trials: &[ActionUnitTrial]) -> f64 {
     let of: Vec<f64> = trials.iter().filter(|t| JUDGED.contains(&t.number)).map(|t| t.correlation).collect();
     of.iter().sum::<f64>() / of.len().max(1) as f64
@@ -218,7 +220,7 @@ mod tests {
 
     #[test]
     fn correlations_are_pearsons() {
-        // (-1, 0, 1) with (1, 3, 5) is one line, with (1, 0, 1) none.
+        // The points (-1, 1), (0, 3), (1, 5) lie on one line; with (1, 0, 1) there is no correlation.
         assert!((correlation(&[-1.0, 0.0, 1.0], &[1.0, 3.0, 5.0]) - 1.0).abs() < 1e-12);
         assert!(correlation(&[-1.0, 0.0, 1.0], &[1.0, 0.0, 1.0]).abs() < 1e-12);
         assert_eq!(correlation(&[2.0, 2.0], &[1.0, 0.0]), 0.0);

@@ -1,4 +1,7 @@
-//! Marks that do not lie on the face of their picture: how many are noticed, and how many good ones are called so.
+//! Detection rate and false alarm rate of the check for marks that do not lie on the face of their picture.
+//!
+//! The check runs on good marks and on marks with deliberate errors: shifted, scaled, taken from another person, or with single marks
+//! moved.
 
 use std::collections::BTreeMap;
 
@@ -22,49 +25,49 @@ use rayon::prelude::*;
 
 use super::{Cell, EvaluateError, Person, Table, TruthNode, placement::marks};
 
-/// What is wrong with good marks.
+/// Value of [`BesideTrial::wrong`] for good marks.
 const GOOD: &str = "nothing";
-/// Name of the picture that everything is tried on.
+/// Name of the neutral photograph, on which every error is tried.
 const NEUTRAL: &str = "neutral";
-/// Marks of five points: corners of eyes and mouth but one, and the chin.
+/// A set of five marks: the outer corners of the eyes, the corners of the mouth, and the chin.
 const FIVE: [u16; 5] = [20, 53, 31, 64, 10];
-/// Nodes of the brows, each with the node of the upper lid below it.
+/// Nodes of the brows, each paired with the node of the upper lid below it.
 const BROW_ON_LID: [(u16, u16); 6] = [(15, 97), (16, 21), (17, 105), (48, 98), (49, 54), (50, 106)];
-/// Shifts, px, and over the eye distance.
+/// Sizes of the shifts, in px and (`SHIFTS`) relative to the eye distance.
 const SHIFTS_PX: [f64; 2] = [20.0, 40.0];
 const SHIFTS: [f64; 3] = [0.05, 0.1, 0.15];
-/// Factors on all coordinates.
+/// Factors by which all coordinates are multiplied.
 const FACTORS: [f64; 2] = [1.3, 0.75];
-/// Eye distances of pictures that are made smaller, px: 40, 60, 80 and 110 px between the outer corners of the eyes.
+/// Eye distances of the reduced pictures, px; they correspond to 40, 60, 80 and 110 px between the outer corners of the eyes.
 const SMALL: [f64; 4] = [31.0, 47.0, 63.0, 86.0];
-/// How far mouth corners are set out, over the eye distance.
+/// Outward displacement of the mouth corners, relative to the eye distance.
 const OUT: f64 = 0.15;
 
-/// A person to judge on.
+/// A person of the study.
 #[derive(Clone, Debug)]
 pub struct BesidePerson {
     /// The neutral photograph with its hand-set points.
     pub neutral: TrainingFace,
-    /// Landmarks of a network on it.
+    /// Landmarks that a network found on the neutral photograph.
     pub landmarks: Option<FacePoints>,
-    /// A photograph of a smile, with landmarks.
+    /// A photograph of a smile, with its landmarks.
     pub smile: Option<(GrayImage, FacePoints)>,
 }
 
-/// One set of marks, held against its picture.
+/// Result of the check for one set of marks on one picture.
 #[derive(Clone, Debug)]
 pub struct BesideTrial {
-    /// Whose.
+    /// Name of the person.
     pub person: String,
-    /// What is wrong with the marks.
+    /// The deliberate error of the marks; `nothing` for good marks.
     pub wrong: String,
-    /// The picture.
+    /// Name of the picture.
     pub picture: &'static str,
-    /// The marks.
+    /// Name of the set of marks.
     pub marks: &'static str,
-    /// `refused` by the fit, `no face`, `not trusted`, or `held`.
+    /// `refused` when the fit fails, `no face` or `not trusted` when no reliable face is found, otherwise `held`.
     pub outcome: &'static str,
-    /// What is said of them; empty where nothing is.
+    /// Messages of the check or of the fit; empty when there are none.
     pub said: String,
 }
 
@@ -81,7 +84,7 @@ struct Shot {
     sets: Vec<(&'static str, Vec<Correspondence>)>,
 }
 
-/// Holds right and wrong marks of all people against their pictures.
+/// Checks good and wrong marks of all people against their pictures.
 pub fn evaluate_beside(people: &[BesidePerson], locator: &Locator, seed: u64, tick: impl Fn() + Sync) -> Vec<BesideTrial> {
     let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
     let fitter = Fitter::new(&wireframe, FitOptions::default());
@@ -167,10 +170,10 @@ pub fn evaluate_beside(people: &[BesidePerson], locator: &Locator, seed: u64, ti
     (0..people.len()).into_par_iter().flat_map_iter(of_person).collect()
 }
 
-/// Holds the landmarks of the first and the last frame of sequences against these frames, as they are and spoilt.
+/// Checks the landmarks of the first and the last frame of every sequence against these frames, unchanged and with errors.
 ///
 /// # Errors
-/// What is wrong with the dataset.
+/// [`EvaluateError`] when the dataset or a frame cannot be read.
 pub fn evaluate_beside_in(
     dataset: &Dataset,
     locator: &Locator,
@@ -183,7 +186,7 @@ pub fn evaluate_beside_in(
         let mut trials = Vec::new();
         for (name, file) in [("first frame", files.first()), ("last frame", files.last())] {
             let Some(file) = file else { continue };
-            // Marks of a file are those of the first frame.
+            // A file of marks belongs to the first frame only.
             if name == "last frame" && entry.landmarks_path()?.is_none() {
                 continue;
             }
@@ -204,7 +207,7 @@ pub fn evaluate_beside_in(
     Ok(trials?.into_iter().flatten().collect())
 }
 
-/// What becomes of marks on a picture, and what is said of them.
+/// Returns the outcome and the messages of the check for a set of marks.
 fn judged(
     locator: &Locator,
     fitter: &Fitter,
@@ -222,7 +225,8 @@ fn judged(
     }
 }
 
-/// Marks of which something is wrong, with what that is; `place` are the hand-set points of the neutral photograph.
+/// Returns copies of the marks with deliberate errors, each with the name of its error. `place` holds the hand-set points of the neutral
+/// photograph.
 fn spoilt(set: &[Correspondence], place: &BTreeMap<NodeId, Point2<f64>>, neutral: bool) -> Vec<(String, Vec<Correspondence>)> {
     let unit = es_of(set);
     let mut all = shifted(set, unit, if neutral { 4 } else { 1 });
@@ -241,12 +245,12 @@ fn spoilt(set: &[Correspondence], place: &BTreeMap<NodeId, Point2<f64>>, neutral
     all.push(("mouth corners 15 % out".to_owned(), moved(set, |m| away(m, out, -out))));
     let cheek = Vector2::new(0.2, -0.2);
     all.push(("a mouth corner on the cheek".to_owned(), moved(set, |m| away(m, cheek, Vector2::zeros()))));
-    // What is not marked cannot be wrong.
+    // Drops errors that concern nodes which are not in this set.
     all.retain(|(_, other)| other.iter().zip(set).any(|(a, b)| a.position != b.position));
     all
 }
 
-/// Distance of the middles of the eyes' corners, px.
+/// Returns the eye distance of a set of marks, px: from the inner and outer corners of the eyes, or from the outer ones alone.
 fn es_of(set: &[Correspondence]) -> f64 {
     let at = |node: u16| set.iter().find(|m| m.node.0 == node).map(|m| m.position);
     match (at(20), at(53), at(23), at(56)) {
@@ -260,7 +264,7 @@ fn moved(set: &[Correspondence], to: impl Fn(&Correspondence) -> Point2<f64>) ->
     set.iter().map(|m| Correspondence { position: to(m), ..*m }).collect()
 }
 
-/// Marks shifted to so many sides.
+/// Returns copies of the marks shifted by every size in the first `sides` of four directions.
 fn shifted(set: &[Correspondence], unit: f64, sides: usize) -> Vec<(String, Vec<Correspondence>)> {
     let ways = [Vector2::x(), Vector2::y(), -Vector2::x(), -Vector2::y()];
     let by = |name: String, px: f64| {
@@ -272,19 +276,19 @@ fn shifted(set: &[Correspondence], unit: f64, sides: usize) -> Vec<(String, Vec<
     px.into_iter().chain(shares).flatten().collect()
 }
 
-/// A picture in less light, with noise of a standard deviation in grey levels.
+/// Returns the picture darkened by the factor `light`, with Gaussian noise of standard deviation `noise` grey levels.
 fn grainy(picture: &GrayImage, light: f64, noise: f64, seed: u64) -> GrayImage {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut out = picture.clone();
     for pixel in out.pixels_mut() {
-        // Twelve uniform numbers are nearly normal.
+        // The sum of twelve uniform numbers is approximately normal.
         let sum: f64 = (0..12).map(|_| random.random_range(-0.5..0.5)).sum();
         *pixel = Luma([(f64::from(pixel[0]) * light + noise * sum).round().clamp(0.0, 255.0) as u8]);
     }
     out
 }
 
-/// All trials: `person`, `picture`, `marks`, what is `wrong` with them, the `outcome`, and what is `said`.
+/// Returns a table of all trials with the columns `person`, `picture`, `marks`, `wrong`, `outcome` and `said`.
 #[must_use]
 pub fn beside_trials(trials: &[BesideTrial]) -> Table {
     let mut table = Table::new(["person", "picture", "marks", "wrong", "outcome", "said"]);
@@ -293,7 +297,7 @@ pub fn beside_trials(trials: &[BesideTrial]) -> Table {
     table
 }
 
-/// By what is wrong, by picture and marks: sets of marks, people, those whose face was not read, and those of which something is said.
+/// Returns a table by error, picture and set of marks: people, sets of marks, sets whose face was not read, and sets with a message.
 #[must_use]
 pub fn beside_table(trials: &[BesideTrial]) -> Table {
     let mut table = Table::new(["wrong", "picture", "marks", "people", "sets", "not_read", "noticed", "percent_noticed"]);

@@ -1,4 +1,6 @@
-//! Whether the probabilities of a recognizer hold: of sequences that are said to be right with 80 %, are 80 % right?
+//! Calibration of a recognizer's probabilities: compares the mean probability of a class of sequences with their accuracy.
+//!
+//! Every sequence is recognized by discriminants that were learned from other people.
 
 use std::fmt::Write as _;
 
@@ -8,34 +10,34 @@ use grimace::internal::{
     wireframe::Wireframe,
 };
 
-/// Upper ends of the classes of probabilities.
+/// Upper ends of the classes of probability.
 const CLASSES: [f64; 6] = [0.5, 0.7, 0.9, 0.97, 0.99, 1.0];
 
-/// Sequences whose most probable label had a probability within one class.
+/// The sequences whose most probable label has a probability within one class.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CalibrationClass {
     /// Upper end of the class.
     pub most: f64,
-    /// Sequences.
+    /// Number of sequences.
     pub sequences: usize,
-    /// Of which right.
+    /// Number of correctly recognized sequences.
     pub right: usize,
-    /// Mean probability.
+    /// Mean probability of the most probable label.
     pub claimed: f64,
 }
 
-/// The discriminants, every person left out in turn.
+/// Results of the discriminants, leaving out every person in turn.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Calibration {
-    /// What was recognized.
+    /// The recognized sequences.
     pub recognition: Recognition,
-    /// By class of probability.
+    /// Calibration by class of probability.
     pub classes: Vec<CalibrationClass>,
-    /// Sequences taken for none of the labels at the level given.
+    /// Number of sequences recognized as none of the labels, at the given level.
     pub none: usize,
 }
 
-/// Recognizes every sequence by discriminants of other people, and counts how often probabilities are right.
+/// Recognizes every sequence by discriminants of other people and counts the correct ones by class of probability.
 ///
 /// # Errors
 /// [`RecognizeError`] for fewer than two labels or three people.
@@ -79,7 +81,7 @@ pub fn evaluate_discriminants(
 }
 
 impl Calibration {
-    /// A row per class of probabilities: what was claimed, and what was right with its 95 % interval.
+    /// Returns a row for each class of probability: mean probability, and accuracy with its 95 % interval.
     pub fn table(&self) -> Table {
         let mut table =
             Table::new(["probability_up_to", "sequences", "claimed_percent", "right_percent", "low_percent", "high_percent"]);
@@ -97,7 +99,7 @@ impl Calibration {
         table
     }
 
-    /// The reliability plot: right over claimed, with intervals; on the line probabilities hold.
+    /// Returns the reliability diagram as SVG: accuracy against probability, with intervals. Calibrated probabilities lie on the diagonal.
     pub fn svg(&self) -> String {
         const SIDE: f64 = 300.0;
         const EDGE: f64 = 50.0;

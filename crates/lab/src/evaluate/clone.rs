@@ -1,8 +1,8 @@
-//! Self-cloning: a sequence's own expression on its own neutral frame, beside the real frames.
+//! Self-cloning: clones a sequence's own expression onto its neutral frame and compares the result with the real apex frame.
 //!
-//! The sequence is tracked as `run` does it, its motion (the head's included) is put back on the neutral frame, and the apex frame is
-//! compared inside the convex hull of the face: with the neutral frame itself, which is the floor, with the warp alone, and with
-//! wrinkles and teeth of the sequence's own frames.
+//! The sequence is tracked as in `run`, and its motion, head motion included, is applied to the neutral frame. The comparison covers the
+//! convex hull of the face. It includes four variants ([`SelfVariant`]): the neutral frame itself (the baseline), a warp by true landmarks,
+//! the clone, and the clone with wrinkles and teeth of the sequence's own frames.
 
 use std::path::Path;
 
@@ -25,12 +25,12 @@ use grimace::internal::{
     warp::{MouthInside, Texture, Warp},
 };
 
-/// What stands for the apex frame.
+/// What is compared with the apex frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum SelfVariant {
-    /// The neutral frame as it is.
+    /// The neutral frame without a change: the baseline.
     Neutral,
-    /// The neutral frame warped by the true positions of all landmarks: what is possible without tracking error.
+    /// The neutral frame warped by the true motion of all landmarks: the best result without tracking error.
     Landmarks,
     /// The clone: the neutral frame warped by the tracked motion.
     Clone,
@@ -39,10 +39,10 @@ pub enum SelfVariant {
 }
 
 impl SelfVariant {
-    /// All, the floor first.
+    /// All variants, the baseline first.
     pub const ALL: [Self; 4] = [Self::Neutral, Self::Landmarks, Self::Clone, Self::Details];
 
-    /// Its name in tables.
+    /// Returns the name of the variant in tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Neutral => "neutral copy",
@@ -53,10 +53,10 @@ impl SelfVariant {
     }
 }
 
-/// One variant on one sequence.
+/// Result of one variant on one sequence.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SelfRow {
-    /// Sequence.
+    /// Name of the sequence.
     pub id: String,
     /// Group of the sequence.
     pub group: String,
@@ -64,17 +64,18 @@ pub struct SelfRow {
     pub emotion: String,
     /// Variant.
     pub variant: SelfVariant,
-    /// Likeness to the real apex frame.
+    /// Similarity to the real apex frame.
     pub likeness: Likeness,
-    /// Mean error of the compared nodes at the apex, percent of the eye distance.
+    /// Mean error of the motion of the compared nodes at the apex, percent of the eye distance.
     pub node_error: f64,
 }
 
-/// Clones every sequence of a dataset that has landmarks onto its own neutral frame. `progress` is called from any thread with every
-/// sequence finished and may return `false` to stop.
+/// Clones every sequence of a dataset that has landmarks onto its own neutral frame.
+///
+/// `progress` is called from any thread after every finished sequence and may return `false` to stop.
 ///
 /// # Errors
-/// [`EvaluateError`] when the dataset does not open or has no landmarks, or on interruption.
+/// [`EvaluateError`] when the dataset cannot be opened or has no landmarks, or on interruption.
 pub fn evaluate_self_cloning(
     path: &Path,
     by: Option<&str>,
@@ -149,7 +150,7 @@ fn self_clone(
     let eye_distance = landmark_eye_distance(first).ok_or("the landmarks of the eyes coincide")?;
     let region = hull(truth);
     let compared = compared_nodes(&bench.tables);
-    // Offsets, so that a fit that starts a little beside the landmark is not counted as motion.
+    // The error is that of the offset from neutral, so that an error of the fit in the neutral frame does not count as motion.
     let error = |nodes: &dyn Fn(NodeId) -> Point2<f64>, start: &dyn Fn(NodeId) -> Point2<f64>| {
         let one =
             |c: &super::truth::ComparedNode| ((nodes(c.node) - start(c.node)) - (truth[c.landmark] - first[c.landmark])).norm();
@@ -178,8 +179,8 @@ fn self_clone(
     Ok(rows)
 }
 
-/// The neutral frame warped by the true motion of the landmarks: the wireframe is fitted to all of them, and its other nodes follow
-/// by the springs.
+/// Returns the neutral frame warped by the true motion of the landmarks. Compared nodes move with their landmarks, and the springs move the
+/// others.
 fn landmark_warp(
     neutral: &RgbImage,
     first: &[Point2<f64>],
@@ -203,12 +204,13 @@ fn landmark_warp(
     Ok(warp.render(&Texture::new(neutral), &deformation, &MouthInside::Dark))
 }
 
-/// Convex hull of points.
+/// Returns the convex hull of points.
 fn hull(points: &[Point2<f64>]) -> Vec<Point2<f64>> {
     grimace::internal::warp::convex_hull(points.to_vec())
 }
 
-/// The mean over the sequences of each group: SSIM, how far of the way from the neutral copy to 1, PSNR, node error.
+/// Returns the means over the sequences of each group and variant: SSIM, PSNR, node error, and `of_the_way`, the share of the SSIM
+/// difference between the neutral frame and 1 that the variant gains.
 pub fn self_table(rows: &[SelfRow]) -> Table {
     let mut table = Table::new(["group", "variant", "sequences", "ssim", "of_the_way", "psnr (dB)", "node error (% ES)"]);
     let mut groups: Vec<&str> = rows.iter().map(|r| r.group.as_str()).collect();
@@ -238,7 +240,7 @@ pub fn self_table(rows: &[SelfRow]) -> Table {
     table
 }
 
-/// Every sequence and variant.
+/// Returns a row for every sequence and variant.
 pub fn self_rows_table(rows: &[SelfRow]) -> Table {
     let mut table = Table::new(["sequence", "group", "emotion", "variant", "ssim", "psnr_db", "node_error_percent_es"]);
     for row in rows {

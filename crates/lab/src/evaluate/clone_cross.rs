@@ -1,9 +1,8 @@
-//! Cross-cloning between simulated people: what one performs, put on another, against what the other looks like performing the same.
+//! Cross-cloning between simulated people: compares a cloned expression with the same expression performed by the target.
 //!
-//! The truth is the other's face with the same units at the same weights. Two kinds of units give two truths: *action units* of
-//! Candide-3, whose vectors are the same lengths on everybody, and *FAPs*, whose lengths are the person's own FAPUs. Neutral nodes
-//! are exact on both sides, so that the error is that of the transfer alone. Pictures of targets have other sizes than those of
-//! sources, as real ones do.
+//! The truth is the target's face with the same units at the same weights. Two kinds of units give two truths: *action units* of Candide-3,
+//! whose vectors have the same lengths on everybody, and *FAPs*, whose lengths are in the person's own FAPUs. Neutral nodes are exact on
+//! both sides, so the error is that of the transfer alone. Pictures of targets and sources differ in size, as real ones do.
 
 use nalgebra::{Point2, Vector2};
 
@@ -18,24 +17,24 @@ use grimace::internal::{
     track::{NodeState, TrackedFrame, TrackedNode, eye_distance_px},
 };
 
-/// Sizes of the targets' pictures over those of the sources, in turn.
+/// Sizes of the targets' pictures relative to those of the sources, used in turn.
 const SIZES: [f64; 3] = [0.8, 1.0, 1.3];
 
-/// How offsets get from one face to the other.
+/// How offsets are transferred from one face to the other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Transfer {
-    /// Not at all: the neutral face.
+    /// No transfer: the neutral face.
     Neutral,
-    /// Scaled.
+    /// Offsets scaled by the given rule.
     Scaled(Rescale),
 }
 
 impl Transfer {
-    /// All, the floor first.
+    /// All transfers, the baseline first.
     pub const ALL: [Self; 4] =
         [Self::Neutral, Self::Scaled(Rescale::None), Self::Scaled(Rescale::Uniform), Self::Scaled(Rescale::Fapu)];
 
-    /// Its name in tables.
+    /// Returns the name of the transfer in tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Neutral => "plain copy of the neutral",
@@ -46,16 +45,16 @@ impl Transfer {
     }
 }
 
-/// One transfer of one pair and emotion.
+/// Result of one transfer for one pair of people and one emotion.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CrossRow {
-    /// Units of the truth.
+    /// Units that make the truth.
     pub scope: UnitScope,
     /// Emotion.
     pub emotion: Emotion,
-    /// Source and target, from 0.
+    /// Indices of source and target, from 0.
     pub pair: (u32, u32),
-    /// How it was scaled.
+    /// The transfer.
     pub transfer: Transfer,
     /// Mean error of the live nodes at the apex, percent of the target's eye distance.
     pub error: f64,
@@ -64,7 +63,7 @@ pub struct CrossRow {
 /// Clones the apex of every emotion from every simulated person to the next three.
 ///
 /// # Errors
-/// [`EvaluateError`] for simulation options out of range or a face that does not serve.
+/// [`EvaluateError`] for simulation options out of range or a face that cannot be fitted or cloned.
 pub fn evaluate_cross_cloning(options: &SimulateOptions, bench: &Workbench) -> Result<Vec<CrossRow>, EvaluateError> {
     options.check()?;
     let mut rows = Vec::new();
@@ -131,7 +130,7 @@ fn tracked(number: u32, nodes: &[Point2<f64>]) -> TrackedFrame {
     TrackedFrame { number, nodes: nodes.iter().map(node).collect() }
 }
 
-/// Mean and 95th percentile of every transfer, over all pairs and by emotion.
+/// Returns the mean and 95th percentile of the error of every transfer, over all pairs and by emotion.
 pub fn cross_table(rows: &[CrossRow]) -> Table {
     let mut table = Table::new(["truth", "emotion", "scaling", "pairs", "mean (% ES)", "95 % of pairs below (% ES)"]);
     for scope in [UnitScope::All, UnitScope::Faps] {

@@ -1,21 +1,21 @@
-//! How alike two pictures of a face are: SSIM and PSNR of grey levels inside a region.
+//! Similarity of two pictures of a face: SSIM and PSNR of the grey levels inside a region.
 //!
-//! SSIM is that of Wang, Bovik, Sheikh and Simoncelli (IEEE Trans. Image Processing 13, 2004): Gaussian window of 11 x 11 pixels with
-//! sigma 1.5, K1 = 0.01, K2 = 0.03, range 255; the mean is taken over the pixels of the region only.
+//! SSIM follows Wang, Bovik, Sheikh and Simoncelli (IEEE Trans. Image Processing 13, 2004): Gaussian window of 11 x 11 pixels with sigma
+//! 1.5, K1 = 0.01, K2 = 0.03, range 255. The mean covers the pixels of the region only.
 
 use grimace::internal::geometry::polygon::inside;
 use image::{GrayImage, RgbImage};
 use nalgebra::Point2;
 
-/// Half the window's side, px.
+/// Half the side of the window, px.
 const RADIUS: i64 = 5;
 /// Standard deviation of the window, px.
 const SIGMA: f64 = 1.5;
-/// (K1 L)^2 and (K2 L)^2.
+/// C1 = (K1 L)^2, and C2 = (K2 L)^2 below.
 const C1: f64 = 6.5025;
 const C2: f64 = 58.5225;
 
-/// SSIM and PSNR.
+/// Similarity of two pictures.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Likeness {
     /// Structural similarity, 1 for equal pictures.
@@ -24,7 +24,7 @@ pub struct Likeness {
     pub psnr_db: f64,
 }
 
-/// Compares two pictures of one size inside a polygon; `None` when no pixel lies in it.
+/// Compares two pictures of equal size inside a polygon. Returns `None` when the polygon contains no pixel.
 pub fn likeness(a: &RgbImage, b: &RgbImage, region: &[Point2<f64>]) -> Option<Likeness> {
     let (a, b) = (image::imageops::grayscale(a), image::imageops::grayscale(b));
     if a.dimensions() != b.dimensions() || region.len() < 3 {
@@ -81,7 +81,7 @@ mod tests {
         let same = likeness(&a, &a, &square(19.5)).unwrap();
         assert!((same.ssim - 1.0).abs() < 1e-12 && same.psnr_db.is_infinite());
         let brighter = RgbImage::from_fn(20, 20, |x, y| Rgb([(x * 9 + y * 3 + 10) as u8; 3]));
-        // Error 10 everywhere: 10 log10(65025 / 100) = 28.13 dB.
+        // An error of 10 everywhere gives 10 log10(65025 / 100) = 28.13 dB.
         assert!((likeness(&a, &brighter, &square(19.5)).unwrap().psnr_db - 28.13).abs() < 0.01);
     }
 

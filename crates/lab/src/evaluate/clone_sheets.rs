@@ -1,8 +1,8 @@
-//! Contact sheets of clones for eyes that did not make them, and what those eyes said.
+//! Contact sheets of clones for blind grading, and a summary of the grades.
 //!
-//! Numbers do not see what an eye sees. A sheet shows a photograph and its clones, every face at one height, numbered in an order of chance
-//! so that neither place nor name says which expression is meant. Whoever grades writes a grade from 1 to 5 and what was read into a
-//! table; the key, which is not shown, says which source each number is.
+//! A sheet shows a photograph and its clones with faces of equal height, numbered in random order, so that neither position nor name tells
+//! the expression. A grader enters a grade from 1 to 5 and the recognized expression into a table. The key, which the grader does not see,
+//! names the source of each number.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -23,12 +23,12 @@ use super::{Cell, ErrorSummary, Table};
 
 /// Height of a face with its surroundings on a sheet, px.
 const FACE_HEIGHT: u32 = 500;
-/// Pictures in a row.
+/// Pictures per row.
 const COLUMNS: usize = 4;
-/// The grades of the rubric, 1 to 5.
+/// Valid grades of the rubric, 1 to 5.
 const GRADES: std::ops::RangeInclusive<f64> = 1.0..=5.0;
 
-/// What moves, with the skin that `clone` gives it.
+/// A motion to clone, with the skin detail that `clone` adds.
 pub struct SheetSource {
     motion: SourceMotion,
     skin: Skin,
@@ -38,31 +38,31 @@ impl SheetSource {
     /// Reads a track, a representative, or a FAP file.
     ///
     /// # Errors
-    /// [`CloneError`] for a file that is none of these.
+    /// [`CloneError`] for any other file.
     pub fn read(path: &Path, bench: &Workbench) -> Result<Self, CloneError> {
         let motion = SourceMotion::read(path, bench)?;
         let (skin, _) = Skin::going_with(path, &motion)?;
         Ok(Self { motion, skin })
     }
 
-    /// Its name: that of its file.
+    /// Returns the name of the source's file.
     pub fn name(&self) -> &str {
         &self.motion.name
     }
 }
 
-/// The sheet of one target, and the names of the sources in the order of its numbers.
+/// The sheet of one target, and its key.
 pub struct TargetSheet {
-    /// The picture.
+    /// The contact sheet.
     pub picture: RgbImage,
-    /// Sources of the pictures 1, 2, ...
+    /// Names of the sources of pictures 1, 2, ...
     pub key: Vec<String>,
 }
 
-/// Draws the sheet of a target: its photograph, and the strongest frame of every source in an order that `seed` and `index` give.
+/// Draws the sheet of a target: its photograph, and the strongest frame of every source. `seed` and `index` determine the order.
 ///
 /// # Errors
-/// [`CloneError`] of the first clone that could not be made.
+/// [`CloneError`] of the first clone that failed.
 pub fn draw_clone_sheet(
     target: &Target,
     sources: &[SheetSource],
@@ -97,7 +97,7 @@ pub fn draw_clone_sheet(
     Ok(TargetSheet { picture: sheet.draw(), key })
 }
 
-/// One line of a table of grades, joined with the key.
+/// One row of a table of grades, joined with the key.
 struct Graded {
     source: String,
     grade: f64,
@@ -105,11 +105,11 @@ struct Graded {
     artefact: String,
 }
 
-/// The mean of the grades of every source and of all, the worst, how many were read as what they are, and the artefact named most often.
-/// Pictures without a grade are left out.
+/// Summarizes grades, for every source and for all: number of pictures, mean and worst grade, number of pictures recognized correctly, and
+/// the most frequent artefact. Pictures without a grade are left out.
 ///
 /// # Errors
-/// [`InputError`] for tables that do not read, a grade that is none, or a picture that the key does not know.
+/// [`InputError`] for tables that cannot be read, an invalid grade, or a picture that is not in the key.
 pub fn clone_grades_table(grades: &Path, key: &Path) -> Result<Table, InputError> {
     let key = CsvFile::open(key)?;
     let columns = key.require(["sheet", "picture", "source"])?;

@@ -1,4 +1,4 @@
-//! The tracker's expected errors against true ones: the fit of the model to samples (`confidence_samples`), and how well it is calibrated.
+//! The tracker's expected errors: fits the model to samples (`confidence_samples`) and compares expected with true errors.
 
 use grimace::internal::{
     track::{Confidence, NodeFeatures, Verdict, expect_errors, summarize},
@@ -9,20 +9,20 @@ use serde::Serialize;
 
 use super::{Cell, ConfidenceSample, ErrorSummary, LineChart, Records, SampledSequence, Series, Table, percentile};
 
-/// Smallest true error that is told from none, over the eye distance: 0.01 px at 100 px.
+/// Lower limit of the true error before its logarithm is taken, relative to the eye distance: 0.01 px at 100 px.
 const ERROR_FLOOR: f64 = 1e-4;
-/// Rounds of reweighted least squares.
+/// Iterations of reweighted least squares.
 const ROUNDS: usize = 40;
-/// Residuals, in the logarithm, below this weigh alike.
+/// Residuals of the logarithm below this limit get equal weight.
 const RESIDUAL_FLOOR: f64 = 0.02;
-/// Ridge on the weights, per sample.
+/// Ridge penalty on the weights, per sample.
 const RIDGE: f64 = 1e-4;
-/// Bins of the calibration.
+/// Number of bins of the calibration.
 const BINS: usize = 24;
-/// Parts that a table of the calibration has.
+/// Number of parts in a calibration table.
 pub const QUINTILES: usize = 5;
 
-/// Learns weights and calibration from samples; `None` of fewer samples than the model has terms, times ten.
+/// Learns weights and calibration from samples. Returns `None` when there are fewer samples than ten times the number of model terms.
 #[must_use]
 pub fn fit_confidence(sequences: &[SampledSequence]) -> Option<Confidence> {
     let samples: Vec<&ConfidenceSample> = sequences.iter().flat_map(|s| &s.samples).collect();
@@ -36,7 +36,7 @@ pub fn fit_confidence(sequences: &[SampledSequence]) -> Option<Confidence> {
     Confidence::new(weights, calibrate(scored, BINS))
 }
 
-/// Weights of the least absolute deviations, by reweighted least squares.
+/// Returns the weights of a least absolute deviations regression, computed by reweighted least squares.
 fn median_regression(rows: &[(Vec<f64>, f64)], size: usize) -> Option<Vec<f64>> {
     let mut weights: Option<Vec<f64>> = None;
     for _ in 0..ROUNDS {
@@ -63,8 +63,8 @@ fn median_regression(rows: &[(Vec<f64>, f64)], size: usize) -> Option<Vec<f64>> 
     weights
 }
 
-/// Knots of the calibration from scores and the logarithms of true errors: medians of equally large bins, made non-decreasing by pooling
-/// neighbours.
+/// Returns the knots of the calibration from pairs of score and logarithm of the true error. The knots are medians of bins of equal size;
+/// neighbouring bins are pooled until the medians do not decrease.
 pub(super) fn calibrate(mut scored: Vec<(f64, f64)>, bins: usize) -> Vec<(f64, f64)> {
     scored.sort_by(|a, b| a.0.total_cmp(&b.0));
     let middle = |part: &[(f64, f64)], pick: fn(&(f64, f64)) -> f64| {
@@ -72,7 +72,7 @@ pub(super) fn calibrate(mut scored: Vec<(f64, f64)>, bins: usize) -> Vec<(f64, f
         values.sort_by(f64::total_cmp);
         percentile(&values, 0.5).unwrap_or(0.0)
     };
-    // Score, logarithm and number of bins of a pool.
+    // Score, logarithm of the error, and number of bins in a pool.
     let mut pools: Vec<(f64, f64, f64)> = Vec::new();
     for bin in parts(&scored, bins) {
         let mut pool = (middle(bin, |s| s.0), middle(bin, |s| s.1), 1.0);
@@ -87,26 +87,26 @@ pub(super) fn calibrate(mut scored: Vec<(f64, f64)>, bins: usize) -> Vec<(f64, f
     pools.into_iter().map(|(score, log, _)| (score, log)).collect()
 }
 
-/// Splits into `count` parts of nearly equal size, leaving out empty ones.
+/// Splits a slice into `count` parts of nearly equal size and omits empty parts.
 fn parts<T>(all: &[T], count: usize) -> impl Iterator<Item = &[T]> {
     (0..count).map(move |k| &all[k * all.len() / count..(k + 1) * all.len() / count]).filter(|part| !part.is_empty())
 }
 
-/// An expected error and the true one.
+/// An expected error with the true error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ExpectedError {
-    /// Expected, percent of the eye distance.
+    /// Expected error, percent of the eye distance.
     pub expected: f64,
-    /// True, percent of the eye distance.
+    /// True error, percent of the eye distance.
     pub truth: f64,
-    /// Pixels of one percent of the eye distance.
+    /// Size of one percent of the eye distance, px.
     pub px: f64,
 }
 
-/// One fifth, or another part, of the nodes by their expected error.
+/// A part (such as one fifth) of the samples, ordered by expected error.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct CalibrationPart {
-    /// Number of nodes and frames.
+    /// Number of samples: one for each node and frame.
     pub count: usize,
     /// Median expected error, percent of the eye distance.
     pub expected: f64,
@@ -114,21 +114,21 @@ pub struct CalibrationPart {
     pub truth: f64,
     /// 95th percentile of the true error, percent of the eye distance.
     pub truth_p95: f64,
-    /// The medians in px.
+    /// Median expected error, px.
     pub expected_px: f64,
-    /// See [`CalibrationPart::expected_px`].
+    /// Median true error, px.
     pub truth_px: f64,
 }
 
 impl CalibrationPart {
-    /// Expected over true median error.
+    /// Returns the ratio of expected to true median error.
     #[must_use]
     pub fn ratio(&self) -> f64 {
         self.expected / self.truth
     }
 }
 
-/// Expected and true errors by parts of equal size, from the least to the most expected error.
+/// Splits expected and true errors into `count` parts of equal size, ordered by ascending expected error.
 #[must_use]
 pub fn calibration(mut errors: Vec<ExpectedError>, count: usize) -> Vec<CalibrationPart> {
     errors.sort_by(|a, b| a.expected.total_cmp(&b.expected));
@@ -148,7 +148,7 @@ pub fn calibration(mut errors: Vec<ExpectedError>, count: usize) -> Vec<Calibrat
     parts(&errors, count).filter_map(part).collect()
 }
 
-/// Expected and true errors of sampled sequences.
+/// Returns expected and true errors of sampled sequences.
 #[must_use]
 pub fn expected_of_samples<'a>(
     sequences: impl IntoIterator<Item = &'a SampledSequence>,
@@ -165,7 +165,7 @@ pub fn expected_of_samples<'a>(
     sequences.into_iter().flat_map(of).collect()
 }
 
-/// Expected and true errors of a tracking experiment, its frames after the neutral, by group.
+/// Returns expected and true errors of one variant and group of a tracking experiment, without the neutral frame.
 #[must_use]
 pub fn expected_of_records(records: &Records, variant: usize, group: usize) -> Vec<ExpectedError> {
     let wanted = records.errors.iter().filter(|e| e.variant == variant && e.group == group && e.frame > 1 && e.percent > 0.0);
@@ -176,7 +176,7 @@ pub fn expected_of_records(records: &Records, variant: usize, group: usize) -> V
     wanted.filter_map(pair).collect()
 }
 
-/// Rows of the table of a calibration.
+/// Returns the rows of a calibration table.
 pub fn calibration_rows(name: &str, parts: &[CalibrationPart]) -> Vec<Vec<Cell>> {
     let row = |(k, p): (usize, &CalibrationPart)| {
         vec![
@@ -194,7 +194,7 @@ pub fn calibration_rows(name: &str, parts: &[CalibrationPart]) -> Vec<Vec<Cell>>
     parts.iter().enumerate().map(row).collect()
 }
 
-/// An empty table for [`calibration_rows`].
+/// Returns an empty table for [`calibration_rows`].
 #[must_use]
 pub fn calibration_table() -> Table {
     Table::new([
@@ -210,7 +210,7 @@ pub fn calibration_table() -> Table {
     ])
 }
 
-/// Expected and true median errors against the twentieth of the nodes, by ascending expectation.
+/// Returns a chart of expected and true median errors by twentieth of the nodes, in order of ascending expected error.
 #[must_use]
 pub fn calibration_chart(title: &str, errors: Vec<ExpectedError>) -> LineChart {
     const TWENTIETHS: usize = 20;
@@ -227,7 +227,7 @@ pub fn calibration_chart(title: &str, errors: Vec<ExpectedError>) -> LineChart {
     }
 }
 
-/// How often each verdict is given, and what the true mean error at the last frame of those sequences is.
+/// Returns a table with the number of sequences for each verdict and their true mean error at the last frame.
 #[must_use]
 pub fn verdict_table(sequences: &[SampledSequence], confidence: &Confidence, wireframe: &Wireframe, tables: &Tables) -> Table {
     let judged: Vec<(&SampledSequence, Verdict)> = sequences
@@ -267,7 +267,7 @@ mod tests {
 
     #[test]
     fn median_regression_ignores_outliers() {
-        // y = 2 x + 1, and one row in five is far off.
+        // y = 2 x + 1, and one row in five is an outlier.
         let rows: Vec<(Vec<f64>, f64)> = (0..200)
             .map(|k| {
                 let x = f64::from(k) / 100.0;
@@ -287,7 +287,7 @@ mod tests {
 
     #[test]
     fn parts_compare_medians() {
-        // Ten nodes of expected 1..10 whose true error is twice that: fifths of two, medians 1.5 and 3.0 in the first.
+        // Ten nodes with expected errors of 1 to 10 and true errors twice as large: fifths of two; the first has medians 1.5 and 3.0.
         let errors = (1..=10).rev().map(|k| ExpectedError { expected: f64::from(k), truth: 2.0 * f64::from(k), px: 0.5 });
         let parts = calibration(errors.collect(), QUINTILES);
         assert_eq!(parts.len(), 5);

@@ -1,9 +1,9 @@
-//! What the tracker's expected errors are learned from and judged by: nodes of tracked sequences whose true motion is known.
+//! Samples for learning and testing the tracker's expected errors: nodes of tracked sequences with known motion.
 //!
-//! People are rendered, or photographed and warped: real skin and hair, whose motion is as exact. Every sequence is tracked twice, from
-//! exact positions of all nodes and from a fit to marks, as both occur: a few marks of rendered people; of photographed ones all that
-//! were set by hand, with the errors that such marks have. What is compared is the error of the neutral offset in every third frame
-//! and in the last.
+//! People are either rendered, or photographed and warped; warped photographs have real skin and hair with equally exact motion. Every
+//! sequence is tracked twice: from exact positions of all nodes, and from a fit to marks. The marks are a few nodes for rendered people,
+//! and all hand-set points, with their errors, for photographed people. A sample is the error of the offset from neutral of one node, taken
+//! in every third frame and in the last.
 
 use grimace::internal::{
     fit::{Correspondence, Fitter},
@@ -23,23 +23,23 @@ use crate::simulate::{
     SimulatedSequence, Subject,
 };
 
-/// Frames between two that samples are taken from.
+/// Interval between sampled frames.
 const FRAME_STEP: usize = 3;
-/// Eye distance to which photographs are brought, over the width of the rendered pictures: that of rendered people.
+/// Eye distance to which photographs are scaled, relative to the width of the rendered pictures; it is that of rendered people.
 const EYE_DISTANCE: f64 = 0.17;
 
-/// One kind of sequences to learn from or to judge by.
+/// One kind of sequence to learn from or to test on.
 #[derive(Debug)]
 pub struct ConfidenceCondition {
     /// Name in tables.
     pub name: String,
-    /// How people move and what camera sees them; the seed says who they are when they are rendered.
+    /// Motion and camera; for rendered people the seed also determines the identities.
     pub simulation: SimulateOptions,
-    /// People who are photographed, or none: [`SimulateOptions::subjects`] people are rendered.
+    /// Photographed people; when empty, [`SimulateOptions::subjects`] people are rendered.
     pub photographs: Vec<PhotographedPerson>,
 }
 
-/// A photograph that is moved, and what was marked on it.
+/// A photograph to animate, with its marked nodes.
 #[derive(Debug)]
 pub struct PhotographedPerson {
     portrait: Portrait,
@@ -47,10 +47,10 @@ pub struct PhotographedPerson {
 }
 
 impl PhotographedPerson {
-    /// The photograph of a person with its hand-set points, as large as pictures of people rendered `width` px wide.
+    /// Prepares a photograph with hand-set points, scaled to the face size of people rendered `width` px wide.
     ///
     /// # Errors
-    /// [`EvaluateError`] when the points determine no fit.
+    /// [`EvaluateError`] when the points do not determine a fit.
     pub fn new(
         face: &TrainingFace,
         width: u32,
@@ -63,7 +63,7 @@ impl PhotographedPerson {
         let (width, height) = face.grey.dimensions();
         let picture = imageops::resize(&face.grey, side(width), side(height), imageops::FilterType::CatmullRom);
         let picture: RgbImage = DynamicImage::ImageLuma8(picture).into_rgb8();
-        // Pixel centres meet.
+        // Coordinates refer to pixel centres.
         let scaled = |at: Point2<f64>| at.map(|v| (v + 0.5) * scale - 0.5);
         let points: Vec<(NodeId, Point2<f64>)> = face.nodes().into_iter().map(|(node, at)| (node, scaled(at))).collect();
         let marks = points.iter().map(|&(node, at)| Correspondence::mark(node, at)).collect();
@@ -78,13 +78,13 @@ impl ConfidenceCondition {
         if self.photographs.is_empty() { self.simulation.subjects } else { self.photographs.len() as u32 }
     }
 
-    /// Number of sequences.
+    /// Returns the number of sequences.
     #[must_use]
     pub fn sequences(&self) -> usize {
         self.people() as usize * self.simulation.emotions.len()
     }
 
-    /// Who performs, and the frames.
+    /// Returns the name of the person, and the frames of an emotion.
     fn frames(
         &self,
         person: u32,
@@ -105,50 +105,52 @@ impl ConfidenceCondition {
     }
 }
 
-/// How the samples are tracked.
+/// Options of the tracking of samples.
 #[derive(Clone, Debug)]
 pub struct ConfidenceOptions {
     /// Options of the tracker.
     pub track: TrackOptions,
-    /// Nodes marked when a sequence of a rendered person starts from a fit.
+    /// Marked nodes for a sequence of a rendered person that starts from a fit.
     pub marks: Vec<NodeId>,
-    /// Standard deviation of those marks, px.
+    /// Standard deviation of the errors of those marks, px.
     pub marks_noise_px: f64,
 }
 
-/// A node in a frame: what the tracker knows, and what is true.
+/// One sample: a node in a frame, with its features and its true error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ConfidenceSample {
-    /// What the tracker knows.
+    /// Features from which the tracker predicts the error.
     pub features: NodeFeatures,
-    /// True error of the neutral offset over the eye distance.
+    /// True error of the offset from neutral, relative to the eye distance.
     pub error: f64,
 }
 
 /// The samples of one tracked sequence.
 #[derive(Clone, Debug)]
 pub struct SampledSequence {
-    /// Name.
+    /// Name of the sequence.
     pub id: String,
     /// Name of the condition.
     pub condition: String,
-    /// How it was started.
+    /// How the tracking started.
     pub start: Start,
     /// Eye distance in the neutral frame, px.
     pub eye_distance: f64,
     /// The samples.
     pub samples: Vec<ConfidenceSample>,
-    /// Mean true error at the last frame over the eye distance, all live nodes.
+    /// Mean true error of all live nodes at the last frame, relative to the eye distance.
     pub last_error: f64,
-    /// The frames as tracked, for the verdict.
+    /// The tracked frames, from which the verdict is computed.
     pub(super) frames: Vec<TrackedFrame>,
 }
 
-/// Makes and tracks every emotion of every person of every condition. `progress` is called from any thread when a sequence is done and
-/// may return `false` to stop. A sequence whose face the tracker loses gives no samples.
+/// Makes and tracks every emotion of every person of every condition.
+///
+/// `progress` is called from any thread after every sequence and may return `false` to stop. A sequence in which the tracker loses the face
+/// gives no samples.
 ///
 /// # Errors
-/// [`EvaluateError`] for options out of range, marks that determine no fit, or an interruption.
+/// [`EvaluateError`] for options out of range, marks that do not determine a fit, or an interruption.
 pub fn confidence_samples(
     conditions: &[ConfidenceCondition],
     fitter: &Fitter,

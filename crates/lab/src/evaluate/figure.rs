@@ -4,7 +4,7 @@ use plotters::{prelude::*, style::RGBColor};
 
 use super::EvaluateError;
 
-/// Colours that stay apart for colour-blind readers (Okabe and Ito 2008, without yellow).
+/// Colours that colour-blind readers can distinguish (Okabe and Ito 2008, without yellow).
 const COLOURS: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -15,22 +15,22 @@ const COLOURS: [RGBColor; 7] = [
     RGBColor(70, 70, 70),
 ];
 const SIZE: (u32, u32) = (860, 500);
-/// Width of the legend beside the curves, px.
+/// Width of the legend to the right of the curves, px.
 const LEGEND_PX: u32 = 220;
 const FONT: &str = "sans-serif";
-/// Space above the highest point, as a share of it.
+/// Upper end of the y axis relative to the highest point.
 const HEADROOM: f64 = 1.06;
 
-/// One curve.
+/// One curve of a chart.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Series {
     /// Name in the legend.
     pub name: String,
-    /// Points by ascending x; not finite ones are left out.
+    /// Points by ascending x; points that are not finite are omitted.
     pub points: Vec<(f64, f64)>,
 }
 
-/// Curves over one axis of whole numbers, y from 0.
+/// A line chart with integer ticks on the x axis and a y axis that starts at 0.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LineChart {
     /// Title.
@@ -39,12 +39,12 @@ pub struct LineChart {
     pub x_label: String,
     /// Name of the y axis, with its unit.
     pub y_label: String,
-    /// Curves; the first is drawn on top.
+    /// Curves; the first one is drawn on top.
     pub series: Vec<Series>,
 }
 
 impl LineChart {
-    /// The chart as SVG text.
+    /// Returns the chart as SVG text.
     ///
     /// # Errors
     /// [`EvaluateError::Figure`] when there is no point to draw, or drawing fails.
@@ -99,14 +99,14 @@ impl LineChart {
             .x_desc(&self.x_label)
             .y_desc(&self.y_label)
             .draw()?;
-        // Drawn from the last to the first, so that the first lies on top.
+        // Draws in reverse order, so that the first curve lies on top.
         for (k, series) in self.series.iter().enumerate().rev() {
             let colour = COLOURS[k % COLOURS.len()];
             let points: Vec<_> = series.points.iter().copied().filter(|p| p.0.is_finite() && p.1.is_finite()).collect();
             chart.draw_series(LineSeries::new(points.iter().copied(), colour.stroke_width(2)))?;
             chart.draw_series(points.iter().map(|&p| Circle::new(p, if k < COLOURS.len() { 3 } else { 2 }, colour.filled())))?;
         }
-        // The legend in the order in which the curves end, top to bottom, beside them.
+        // Orders the legend from top to bottom by the last values of the curves.
         let mut order: Vec<usize> = (0..self.series.len()).collect();
         let end = |k: usize| self.series[k].points.last().map_or(0.0, |p| p.1);
         order.sort_by(|&a, &b| end(b).total_cmp(&end(a)).then(a.cmp(&b)));
@@ -121,7 +121,7 @@ impl LineChart {
     }
 }
 
-/// A tick in as few digits as it needs.
+/// Formats a tick with as few digits as possible.
 fn trimmed(value: f64) -> String {
     let text = format!("{value:.3}");
     text.trim_end_matches('0').trim_end_matches('.').to_owned()

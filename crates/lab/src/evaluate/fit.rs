@@ -1,8 +1,8 @@
-//! The error of the fit by number and choice of marks, for every way to fit.
+//! Error of the fit by number and choice of marks, for every fit method.
 //!
-//! People whose nodes are known are marked at 3 to 15 nodes and fitted; the error of a node is its distance to its true place. For
-//! simulated people the marks carry Gaussian errors and all live nodes are compared. For real people, known at landmarks, the marks
-//! are the landmarks and the *other* landmarks are compared.
+//! People with known nodes are marked at 3 to 15 nodes and fitted; the error of a node is its distance to its true position. For simulated
+//! people the marks have Gaussian errors and all live nodes are compared. For real people, whose landmarks are known, the marks are
+//! landmarks and only the *other* landmarks are compared.
 
 use nalgebra::Point2;
 use rayon::prelude::*;
@@ -15,7 +15,7 @@ use grimace::internal::{
     wireframe::Wireframe,
 };
 
-/// A way to place the wireframe on marks.
+/// A method to fit the wireframe to marks.
 #[derive(Clone, Debug)]
 pub struct FitMethod {
     /// Name in tables and figures.
@@ -25,25 +25,25 @@ pub struct FitMethod {
 
 #[derive(Clone, Debug)]
 enum Solver {
-    /// The least-squares similarity alone: KP's scaling pre-step.
+    /// The least-squares similarity alone: the scaling step of KP.
     Similarity(Vec<Point2<f64>>),
-    /// A whole fit.
+    /// A complete fit.
     Fit(Box<Fitter>),
 }
 
 impl FitMethod {
-    /// The similarity alone.
+    /// Returns the method that fits the similarity alone.
     pub fn similarity(wireframe: &Wireframe) -> Self {
         let frontal = wireframe.frontal().iter().map(|p| Point2::new(p.x, -p.y)).collect();
         Self { name: "similarity".to_owned(), solver: Solver::Similarity(frontal) }
     }
 
-    /// A fit with options.
+    /// Returns a complete fit with options.
     pub fn fit_with(name: impl Into<String>, wireframe: &Wireframe, options: FitOptions) -> Self {
         Self { name: name.into(), solver: Solver::Fit(Box::new(Fitter::new(wireframe, options))) }
     }
 
-    /// Similarity alone, springs alone, and every shape prior ahead of the springs.
+    /// Returns the standard methods: similarity alone, springs alone, and every shape prior followed by the springs.
     pub fn standard(wireframe: &Wireframe) -> Vec<Self> {
         let fit = |name: &str, prior| Self::fit_with(name, wireframe, FitOptions { prior, ..FitOptions::default() });
         vec![
@@ -55,7 +55,7 @@ impl FitMethod {
         ]
     }
 
-    /// Name among [`FitMethod::standard`] of the program's default.
+    /// Returns the name in [`FitMethod::standard`] of the program's default method.
     pub fn default_name() -> &'static str {
         match FitOptions::default().prior {
             PriorKind::None => "springs",
@@ -65,10 +65,10 @@ impl FitMethod {
         }
     }
 
-    /// Positions of all N nodes, px.
+    /// Returns the positions of all N nodes, px.
     ///
     /// # Errors
-    /// [`FitError`] when the marks do not determine them.
+    /// [`FitError`] when the marks do not determine the fit.
     pub fn place(&self, wireframe: &Wireframe, marks: &[Correspondence]) -> Result<Vec<Point2<f64>>, FitError> {
         match &self.solver {
             Solver::Similarity(frontal) => {
@@ -82,17 +82,17 @@ impl FitMethod {
     }
 }
 
-/// Which nodes a row compares.
+/// The nodes that a row compares.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FitArea {
-    /// All nodes whose place is known: the live nodes of simulated people.
+    /// All nodes with a known position: the live nodes of simulated people, or all known landmarks of real people.
     All,
-    /// Those of the inner face, landmarks 17 to 67.
+    /// The nodes of the inner face, landmarks 17 to 67.
     Inner,
 }
 
 impl FitArea {
-    /// The word in tables.
+    /// Returns the name of the area in tables.
     pub fn name(self, population: &Population) -> &'static str {
         match (self, population.real) {
             (Self::All, false) => "live nodes",
@@ -102,31 +102,31 @@ impl FitArea {
     }
 }
 
-/// What is compared.
+/// Inputs of the experiment.
 #[derive(Clone, Debug)]
 pub struct FitStudy<'a> {
     /// The wireframe.
     pub wireframe: &'a Wireframe,
-    /// People.
+    /// Populations of people with known nodes.
     pub populations: Vec<Population>,
-    /// Ways to fit.
+    /// Fit methods.
     pub methods: Vec<FitMethod>,
     /// Ways to choose marks.
     pub choices: Vec<MarkChoice>,
     /// Numbers of marks.
     pub counts: Vec<usize>,
-    /// Standard deviation of the marks of simulated people, px.
+    /// Standard deviation of the errors of the marks of simulated people, px.
     pub marks_noise_px: f64,
-    /// Seed of random choices.
+    /// Seed of the random choices.
     pub seed: u64,
 }
 
-/// One result: population, area, method, choice and number of marks.
+/// Result for one population, area, method, choice and number of marks.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FitRow {
     /// Name of the population.
     pub population: String,
-    /// Nodes compared.
+    /// Name of the area.
     pub area: &'static str,
     /// Name of the method.
     pub method: String,
@@ -134,22 +134,23 @@ pub struct FitRow {
     pub choice: String,
     /// Number of marks.
     pub marks: usize,
-    /// The nodes marked, where they are the same for all people.
+    /// The marked nodes, when they are the same for all people.
     pub nodes: Vec<NodeId>,
-    /// People fitted.
+    /// Number of fitted people.
     pub people: usize,
-    /// People whose marks did not determine a fit; left out of the errors.
+    /// Number of people whose marks did not determine a fit; they are not part of the errors.
     pub failed: usize,
     /// Errors over all people and nodes, px.
     pub px: ErrorSummary,
-    /// The same in percent of the eye distance.
+    /// The same errors in percent of the eye distance.
     pub percent: ErrorSummary,
 }
 
-/// Errors of one person: px, and whether the node is in the inner face.
+/// Errors of one person: px, and whether the node belongs to the inner face.
 type PersonErrors = Vec<(f64, bool)>;
 
-/// Node errors after a fit; marked nodes count unless `others_only`. `None` when the marks do not determine a fit.
+/// Returns the node errors of a fit, without the marked nodes when `others_only` is set. Returns `None` when the marks do not determine a
+/// fit.
 pub(super) fn person_errors(
     wireframe: &Wireframe,
     method: &FitMethod,
@@ -164,7 +165,7 @@ pub(super) fn person_errors(
     Some(compared.map(|t| ((nodes[t.node.index()] - t.position).norm(), t.inner)).collect())
 }
 
-/// Runs the experiment; `progress` is called with rows done and all rows, and may return `false` to stop.
+/// Runs the experiment. `progress` is called with the number of finished rows and of all rows, and may return `false` to stop.
 ///
 /// # Errors
 /// [`EvaluateError::Interrupted`].
@@ -183,7 +184,7 @@ pub fn evaluate_fit(study: &FitStudy, mut progress: impl FnMut(usize, usize) -> 
                     if !progress(done, total) {
                         return Err(EvaluateError::Interrupted);
                     }
-                    // Choices of fewer nodes have no row.
+                    // A choice with fewer nodes than this count has no row.
                     let Some(marked) = &marked else { continue };
                     let errors: Vec<Option<PersonErrors>> = population
                         .people
@@ -234,12 +235,12 @@ fn fit_row(
     })
 }
 
-/// Nodes as a list with spaces.
+/// Returns the nodes as text, separated by spaces.
 pub(super) fn node_list(nodes: &[NodeId]) -> String {
     nodes.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ")
 }
 
-/// All rows.
+/// Returns a table of all rows.
 pub fn fit_table(rows: &[FitRow]) -> Table {
     let mut table = Table::new([
         "population",
@@ -280,13 +281,13 @@ pub fn fit_table(rows: &[FitRow]) -> Table {
     table
 }
 
-/// Error against the number of marks, a curve for every method, marks of one choice.
+/// Returns a chart of the error against the number of marks, with one curve for each method, for one choice of marks.
 pub fn chart_of_methods(rows: &[FitRow], population: &str, area: &str, choice: &str) -> LineChart {
     let rows = rows.iter().filter(|r| r.population == population && r.area == area && r.choice == choice);
     chart(format!("Fit, people: {population}, marks: {choice}"), area, rows.map(|r| (r.method.as_str(), r)))
 }
 
-/// Error against the number of marks, a curve for every choice, one method.
+/// Returns a chart of the error against the number of marks, with one curve for each choice, for one method.
 pub fn chart_of_choices(rows: &[FitRow], population: &str, area: &str, method: &str) -> LineChart {
     let rows = rows.iter().filter(|r| r.population == population && r.area == area && r.method == method);
     chart(format!("Fit, people: {population}, method: {method}"), area, rows.map(|r| (r.choice.as_str(), r)))
@@ -314,7 +315,7 @@ mod tests {
     use super::*;
     use crate::evaluate::{TruthNode, people::Person};
 
-    /// A face that is Candide itself, 100 px per model unit, one node out of place by (3, 4) px.
+    /// A face equal to Candide-3, 100 px per model unit, with one node displaced by (3, 4) px.
     fn people(moved: NodeId, real: bool) -> (Wireframe, Population) {
         let wireframe = Wireframe::candide3();
         let frontal = wireframe.frontal();
@@ -346,7 +347,7 @@ mod tests {
     fn an_error_at_one_node_is_found_there() {
         let (wireframe, population) = people(NodeId(5), false);
         let rows = study(&wireframe, population, &[20, 53, 31, 64, 10], 0.0);
-        // The marks fit exactly, so 103 of 104 errors are 0 and one is 5 px, 10 % of the eye distance of 50 px.
+        // The marks fit exactly, so 103 of 104 errors are 0, and one is 5 px, or 10 % of the eye distance of 50 px.
         assert_eq!(rows.len(), 1, "the choice has no 50 nodes");
         assert_eq!((rows[0].px.count, rows[0].marks, rows[0].failed), (104, 5, 0));
         assert!((rows[0].px.mean - 5.0 / 104.0).abs() < 1e-9);
@@ -357,7 +358,7 @@ mod tests {
     #[test]
     fn marked_nodes_of_real_people_are_not_compared() {
         let (wireframe, population) = people(NodeId(5), true);
-        // Noise would show: marks of real people get none.
+        // Marks of real people get no noise; noise would show in the errors.
         let rows = study(&wireframe, population, &[20, 53, 31, 64, 10], 100.0);
         assert_eq!((rows[0].area, rows[0].px.count), ("other landmarks", 99));
         assert_eq!((rows[1].area, rows[1].px.count), ("other inner-face landmarks", 1));

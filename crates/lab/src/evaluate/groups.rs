@@ -1,4 +1,4 @@
-//! Size and power of the test between groups, and coverage of the bootstrap interval, on people whose truth is known.
+//! Size and power of the test between groups, and coverage of the bootstrap interval, measured on synthetic people whose truth is known.
 
 use std::{collections::BTreeMap, time::Instant};
 
@@ -17,83 +17,84 @@ use grimace::internal::{
     wireframe::FapusError,
 };
 
-/// What is tried.
+/// Options of the study.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GroupStudyOptions {
     /// People in each of the two groups.
     pub people: [usize; 2],
-    /// Pairs of groups per difference.
+    /// Number of pairs of groups for each difference.
     pub pairs: usize,
-    /// How much stronger the second group smiles: 0 is no difference, 0.2 is 20 % stronger.
+    /// Relative differences in the strength of the second group's smile: 0 means no difference, 0.2 means 20 % stronger.
     pub differences: Vec<f64>,
-    /// Permutations of each test.
+    /// Number of permutations in each test.
     pub permutations: usize,
-    /// Classes of people whose interval is tried, of each size and population; 0 for none.
+    /// Number of classes for which an interval is computed, for each size and population; 0 for none.
     pub intervals: usize,
-    /// People of these classes.
+    /// Numbers of people in these classes.
     pub interval_people: Vec<usize>,
-    /// Populations that they are drawn from.
+    /// Populations that the people are drawn from.
     pub populations: Vec<Spread>,
-    /// Replicates of each interval.
+    /// Number of bootstrap replicates of each interval.
     pub replicates: usize,
-    /// People whose dispersion stands for the truth.
+    /// Number of people whose dispersion counts as the true one.
     pub truth: usize,
-    /// Seed.
+    /// Seed of people, permutations and replicates.
     pub seed: u64,
 }
 
-/// Tests at one difference.
+/// Results of the tests at one difference.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GroupTrial {
-    /// How much stronger the second group smiles.
+    /// Relative difference in the strength of the second group's smile.
     pub difference: f64,
-    /// Tests made.
+    /// Number of tests.
     pub pairs: usize,
-    /// Tests with p at most 0.05.
+    /// Number of tests with p at most 0.05.
     pub rejected: usize,
-    /// Tests in which a node that does not differ in truth was named, of all tests.
+    /// Number of tests that reported a node without a true difference.
     pub wrong_nodes: usize,
     /// Mean effect size H.
     pub mean_effect: f64,
 }
 
-/// Intervals of classes of one size from one population.
+/// Results of the intervals for classes of one size from one population.
 #[derive(Clone, Debug, PartialEq)]
 pub struct IntervalTrial {
     /// The population.
     pub population: Spread,
-    /// People of each class.
+    /// Number of people in each class.
     pub people: usize,
-    /// Classes.
+    /// Number of classes with an interval.
     pub tried: usize,
-    /// Intervals that hold the truth: ours, that around the dispersion of people left out, and that around the class's own.
+    /// Number of intervals that contain the truth: the program's own, one around the dispersion of left-out people, and one around the
+    /// dispersion of the class itself.
     pub covered: [usize; 3],
-    /// Mean width of ours, face units.
+    /// Mean width of the program's own interval, face units.
     pub width: f64,
-    /// Mean of the classes' dispersions, face units.
+    /// Mean dispersion of the classes, face units.
     pub mean_dispersion: f64,
-    /// The dispersion of [`GroupStudyOptions::truth`] people, face units.
+    /// True dispersion: that of [`GroupStudyOptions::truth`] people, face units.
     pub truth: f64,
 }
 
-/// Outcome of the study.
+/// Results of the study.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GroupStudy {
-    /// By difference.
+    /// Results of the tests, by difference.
     pub trials: Vec<GroupTrial>,
-    /// By population, then by number of people.
+    /// Results of the intervals, by population, then by number of people.
     pub intervals: Vec<IntervalTrial>,
-    /// Time of one test of 10,000 permutations of the first pair, seconds.
+    /// Duration of one test with 10,000 permutations on the first pair, seconds.
     pub seconds_per_10000: f64,
 }
 
-/// The level of every test.
+/// Significance level of every test.
 const SIGNIFICANCE: f64 = 0.05;
 
-/// People of one pair: a million numbers each, so that no person is in two.
+/// Size of the range of person numbers of one pair; ranges of different pairs do not overlap.
 const PEOPLE_PER_PAIR: u64 = 1 << 20;
 
-/// Why the study cannot be made.
+/// Why the study failed.
 #[derive(Debug, thiserror::Error)]
 pub enum GroupStudyError {
     /// Candide-3 has no FAPUs.
@@ -107,14 +108,14 @@ pub enum GroupStudyError {
     Statistics(#[from] StatisticsError),
 }
 
-/// Tries tests and intervals on synthetic people. `tick` is called from many threads for every pair and interval.
+/// Runs tests and intervals on synthetic people. `tick` is called from many threads after every pair and interval.
 ///
 /// # Errors
-/// [`GroupStudyError`].
+/// [`GroupStudyError`] when models or statistics cannot be made.
 pub fn evaluate_groups(options: &GroupStudyOptions, tick: impl Fn() + Sync) -> Result<GroupStudy, GroupStudyError> {
     let people = SyntheticPeople::new(options.seed)?;
     let [first, second] = options.people;
-    // Nodes that the smile does not move: nothing can differ there.
+    // Nodes that the smile does not move cannot differ.
     let still = people.fields(0, 0.0);
     let strong = people.fields(0, 1.0);
     let is_still: Vec<bool> = (0..still.node_count())
@@ -157,7 +158,7 @@ pub fn evaluate_groups(options: &GroupStudyOptions, tick: impl Fn() + Sync) -> R
     Ok(GroupStudy { trials, intervals, seconds_per_10000 })
 }
 
-/// How many intervals hold the dispersion of a very large class.
+/// Counts the intervals that contain the dispersion of a very large class.
 fn coverage(
     people: &SyntheticPeople,
     population: Spread,
@@ -202,7 +203,7 @@ fn coverage(
 }
 
 impl GroupStudy {
-    /// A row per difference: share rejected with its 95 % interval.
+    /// Returns a row for each difference, with the share of rejected tests and its 95 % interval.
     pub fn table(&self) -> Table {
         let mut table = Table::new([
             "difference_percent",
@@ -232,7 +233,7 @@ impl GroupStudy {
 }
 
 impl GroupStudy {
-    /// A row per population and number of people: share of the intervals that hold the truth, with its 95 % interval.
+    /// Returns a row for each population and number of people, with the share of intervals that contain the truth and its 95 % interval.
     pub fn interval_table(&self) -> Table {
         let mut table = Table::new([
             "population",
@@ -268,7 +269,7 @@ impl GroupStudy {
     }
 }
 
-/// The 95 % interval of a share (Wilson 1927).
+/// Returns the 95 % interval of a share (Wilson 1927).
 pub fn wilson(successes: usize, trials: usize) -> (f64, f64) {
     const Z: f64 = 1.959_963_985;
     if trials == 0 {
@@ -308,7 +309,7 @@ mod tests {
             seed: 3,
         };
         let study = evaluate_groups(&options, || {}).unwrap();
-        // Of 40 true nulls at 5 %, more than 8 are rejected once in a hundred thousand seeds; this one is fixed.
+        // With 40 true null hypotheses at 5 %, more than 8 rejections occur for one in a hundred thousand seeds; this seed is fixed.
         assert!(study.trials[0].rejected <= 8, "{:?}", study.trials);
         assert!(study.trials[1].rejected >= 38, "{:?}", study.trials);
         assert_eq!(evaluate_groups(&options, || {}).unwrap().trials, study.trials);

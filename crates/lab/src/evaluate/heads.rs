@@ -1,4 +1,4 @@
-//! Heads of a dense face model as 68 landmarks, and a camera in perspective that sees them.
+//! Heads of a dense face model, reduced to 68 landmarks, and the perspective camera that sees them.
 
 use std::path::Path;
 
@@ -9,12 +9,12 @@ use rand_distr::{Distribution, StandardNormal};
 use super::EvaluateError;
 use grimace::internal::{pose::HeadPose, synthesis::read_dense_faces};
 
-/// Distance of the pupils in the pictures, px.
+/// Distance between the pupils in the pictures, px.
 const ES_PX: f64 = 110.0;
-/// Middle of the pictures, px.
+/// Centre of the pictures, px.
 const MIDDLE: Point2<f64> = Point2::new(320.0, 240.0);
 
-/// Landmarks of a face model.
+/// Neutral face, identity modes and expression shapes of a face model, at its landmarks.
 pub(super) struct Faces {
     pub neutral: Vec<Vector3<f64>>,
     identity: Vec<Vec<Vector3<f64>>>,
@@ -23,7 +23,7 @@ pub(super) struct Faces {
 }
 
 impl Faces {
-    /// Reads the folder of a dense face model.
+    /// Reads a dense face model from its folder.
     pub fn read(folder: &Path) -> Result<Self, EvaluateError> {
         let dense = read_dense_faces(folder, usize::MAX).map_err(|e| EvaluateError::Synthesis(e.into()))?;
         let pick = |all: &[[f32; 3]]| -> Vec<Vector3<f64>> {
@@ -38,7 +38,7 @@ impl Faces {
         })
     }
 
-    /// The sum of shapes by their stems, both sides alike.
+    /// Returns the sum of shapes, each named by its stem with a strength; left and right shapes are both used.
     pub fn expression(&self, recipe: &[(&str, f64)]) -> Vec<Vector3<f64>> {
         let mut sum = vec![Vector3::zeros(); self.neutral.len()];
         for (stem, strength) in recipe {
@@ -51,7 +51,7 @@ impl Faces {
         sum
     }
 
-    /// Heads of random weights of the modes from `first_mode` on.
+    /// Returns heads with normal weights of standard deviation `spread` on the identity modes from `first_mode` on.
     pub fn heads(&self, count: usize, first_mode: usize, spread: f64, random: &mut ChaCha8Rng) -> Vec<Vec<Vector3<f64>>> {
         let mut one = || {
             let mut head = self.neutral.clone();
@@ -65,17 +65,17 @@ impl Faces {
     }
 }
 
-/// A camera in perspective that sees landmarks with an error.
+/// A perspective camera that sees landmarks with noise.
 pub(super) struct Camera<'a> {
-    /// Distance, px at the size of the head.
+    /// Distance of the camera from the middle of the head, px; the eyes of an unturned head are 110 px apart.
     pub distance: f64,
-    /// Standard deviation of the error, px.
+    /// Standard deviation of the noise, px.
     pub noise_px: f64,
     pub random: &'a mut ChaCha8Rng,
 }
 
 impl Camera<'_> {
-    /// Where a head's landmarks with an expression are seen, the head turned by yaw, pitch and roll in degrees about its middle.
+    /// Returns the image positions of the landmarks `shape`, px, turned by yaw, pitch and roll (degrees) about the middle of `neutral`.
     pub fn see(&mut self, neutral: &[Vector3<f64>], shape: &[Vector3<f64>], [yaw, pitch, roll]: [f64; 3]) -> Vec<Point2<f64>> {
         let middle = neutral.iter().sum::<Vector3<f64>>() / neutral.len().max(1) as f64;
         let eye = |from: usize| neutral[from..from + 6].iter().sum::<Vector3<f64>>() / 6.0;

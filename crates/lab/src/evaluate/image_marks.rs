@@ -1,4 +1,4 @@
-//! The marks that studies through images start from.
+//! Marks of the neutral frame for studies through images.
 
 use image::{DynamicImage, RgbImage};
 use nalgebra::Point2;
@@ -13,8 +13,10 @@ use grimace::internal::{
     sequence::Frame,
 };
 
-/// The marks of a rendered neutral face: of the nodes that are chosen, exactly where they are (`nodes`, by number, px), or, with
-/// [`LandmarkSelection::Auto`], those that are found in its picture, as by `run`.
+/// Returns the marks of a rendered neutral face.
+///
+/// The marks lie at the exact positions of the chosen nodes (`nodes` holds the positions of all nodes, px). With
+/// [`LandmarkSelection::Auto`] they are found in the picture, as in `run`.
 ///
 /// # Errors
 /// [`EvaluateError`] when a chosen node has no landmark, or no face is found.

@@ -1,4 +1,4 @@
-//! How right the locator is: hand-set points of people against the points found, and whether errors are as expected.
+//! Accuracy of the locator: compares found points with hand-set points, and expected with true errors.
 
 use std::collections::BTreeMap;
 
@@ -8,23 +8,23 @@ use rayon::prelude::*;
 
 use super::table::{Cell, Table};
 
-/// A face with hand-set points, and what was found of it.
+/// A face with hand-set points, and the locator's result for it.
 #[derive(Clone, Debug)]
 pub struct LocatedPerson {
-    /// Who.
+    /// Name of the person.
     pub person: String,
     /// The largest face found, if any.
     pub face: Option<LocatedFace>,
-    /// Error of every point, percent of the eye distance; empty where nothing was found.
+    /// Error of every point, percent of the eye distance; empty when no face was found.
     pub errors: Vec<f64>,
     /// Expected error of every point, percent of the true eye distance.
     pub expected: Vec<f64>,
 }
 
-/// Points this far off, percent of the eye distance on the mean over a face, are grossly wrong.
+/// A face whose mean error exceeds this value is grossly wrong, percent of the eye distance.
 pub const GROSS: f64 = 10.0;
 
-/// Looks for every person's face in their picture.
+/// Locates every person's face in their picture.
 pub fn evaluate_locate(faces: &[TrainingFace], locator: &Locator, tick: impl Fn() + Sync) -> Vec<LocatedPerson> {
     let one = |training: &TrainingFace| {
         let truth: Vec<Point2<f64>> = training.shape.iter().map(|p| Point2::new(f64::from(p[0]), f64::from(p[1]))).collect();
@@ -41,8 +41,9 @@ pub fn evaluate_locate(faces: &[TrainingFace], locator: &Locator, tick: impl Fn(
     faces.par_iter().map(one).collect()
 }
 
-/// Errors by part of the face and group of people: `group`, `part`, number of faces, mean, 95 %, worst (percent of the eye distance), and
-/// who is worst.
+/// Returns a table of the errors by group of people and part of the face, in percent of the eye distance.
+///
+/// Columns: `group`, `part`, number of faces, mean, 95th percentile, worst, and the person with the worst error.
 pub fn locate_table(people: &[LocatedPerson], group_of: &BTreeMap<String, String>) -> Table {
     let mut groups: Vec<&str> = group_of.values().map(String::as_str).collect();
     groups.sort_unstable();
@@ -74,7 +75,7 @@ pub fn locate_table(people: &[LocatedPerson], group_of: &BTreeMap<String, String
     table
 }
 
-/// By fifths of the points by expected error: the expected and the real median, percent of the eye distance.
+/// Returns the expected and true median errors by fifths of the points in order of expected error, percent of the eye distance.
 pub fn locate_calibration(people: &[LocatedPerson]) -> Table {
     let mut pairs: Vec<(f64, f64)> =
         people.iter().flat_map(|p| p.expected.iter().copied().zip(p.errors.iter().copied())).collect();
@@ -95,7 +96,7 @@ pub fn locate_calibration(people: &[LocatedPerson]) -> Table {
     table
 }
 
-/// How many faces were missed, grossly wrong ([`GROSS`]), and not trusted.
+/// Returns the numbers of missed faces, and of accepted faces that are grossly wrong ([`GROSS`]) or not trusted.
 pub fn locate_failures(people: &[LocatedPerson]) -> [usize; 3] {
     let mean = |p: &LocatedPerson| p.errors.iter().sum::<f64>() / p.errors.len().max(1) as f64;
     let accepted = |p: &&LocatedPerson| p.face.as_ref().is_some_and(|f| f.score >= f64::from(LEAST_SCORE));

@@ -1,10 +1,12 @@
-//! Which nodes are marked: choices to compare, and the order in which marks are best set.
+//! Choices of nodes to mark, and the search for the best order of marks.
 //!
-//! Which nodes are marked by default is decided by the motion that they lead to (`candide/README.md`); here it is asked in which order
-//! those are worth most, and what is best marked beside them. The measure is the mean node error in percent of the eye distance, over all
-//! known nodes of all people, averaged over the populations, when every mark carries the error that its feature allows
-//! (`candide/markable_nodes.csv`). One order of nodes serves all numbers of marks: a prefix of it is marked. Of the default marks, the one
-//! whose loss costs least goes last, again and again; behind them comes what lowers the error most, one at a time, to fifteen.
+//! The default marks were chosen by the accuracy of the resulting motion (`candide/README.md`). The search ranks them by their value for
+//! the fit, and adds the best further nodes. Its criterion is the mean node error in percent of the eye distance, over all known nodes of
+//! all people, averaged over the populations; every mark has the typical error of its feature (`candide/markable_nodes.csv`).
+//!
+//! One order of nodes is used for all numbers of marks: a prefix of it is marked. The search removes default marks one at a time, always
+//! the one whose removal raises the error least, until three remain; marks removed later come earlier in the order. Then it appends the
+//! node that lowers the error most, one at a time, up to fifteen.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -17,13 +19,13 @@ use grimace::internal::{
     wireframe::{MarkableNode, Region, SuggestedMark, Tables, Wireframe, markable_nodes, suggested_marks},
 };
 
-/// Length of the suggested order.
+/// Length of the suggested order of marks.
 pub const SUGGESTED_COUNT: usize = 15;
 
-/// Fewest marks that determine a fit.
+/// Smallest number of marks that determines a fit.
 const FEWEST: usize = 3;
 
-/// A way to choose which nodes are marked.
+/// A rule to choose which nodes are marked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MarkChoice {
     /// Name in tables and figures.
@@ -33,24 +35,24 @@ pub struct MarkChoice {
 
 #[derive(Clone, Debug, PartialEq)]
 enum Order {
-    /// The first so many of these.
+    /// The first nodes of this list.
     Fixed(Vec<NodeId>),
-    /// So many of these, drawn anew for every person.
+    /// A random sample of these nodes, drawn for each person.
     Random(Vec<NodeId>),
 }
 
 impl MarkChoice {
-    /// The first so many of an order of nodes; nodes that a person's data lack are passed over.
+    /// Returns a choice of the first nodes of an order; nodes that a person's data lack are skipped.
     pub fn fixed(name: impl Into<String>, nodes: Vec<NodeId>) -> Self {
         Self { name: name.into(), order: Order::Fixed(nodes) }
     }
 
-    /// So many of the nodes, drawn anew for every person.
+    /// Returns a choice of random nodes, drawn for each person.
     pub fn random(name: impl Into<String>, nodes: Vec<NodeId>) -> Self {
         Self { name: name.into(), order: Order::Random(nodes) }
     }
 
-    /// The `count` nodes marked on a person, the `index`-th; `None` when there are not so many.
+    /// Returns the `count` marked nodes of the person with index `index`, or `None` when there are too few nodes.
     pub fn nodes(&self, person: &Person, index: u32, count: usize, seed: u64) -> Option<Vec<NodeId>> {
         let known = |nodes: &[NodeId]| nodes.iter().copied().filter(|&n| person.knows(n)).collect::<Vec<_>>();
         let mut nodes = match &self.order {
@@ -58,7 +60,7 @@ impl MarkChoice {
             Order::Random(nodes) => {
                 let mut nodes = known(nodes);
                 let mut random = ChaCha8Rng::seed_from_u64(seed);
-                // The top bit keeps the stream apart from those of the marks' errors.
+                // The top bit separates this stream from the streams of the marks' errors.
                 random.set_stream(1 << 63 | u64::from(index));
                 for k in 0..nodes.len() {
                     let other = random.random_range(k..nodes.len());
@@ -75,11 +77,11 @@ impl MarkChoice {
     }
 }
 
-/// The choices compared: suggested, the landmarks used by default and on, upper face only, random.
+/// Returns the standard choices: suggested order, corners and chin followed by other features, upper face only, and random.
 pub fn standard_choices(tables: &Tables) -> Vec<MarkChoice> {
     let markable: Vec<NodeId> = markable_nodes().iter().map(|m| m.node).collect();
     let suggested = suggested_marks().iter().map(|m| m.node).collect();
-    // Corners of eyes and mouth and the chin, with three of them far apart; then nose, brows, lips.
+    // Corners of eyes and mouth and the chin, in an order whose first three are far apart; then nose, lips and brows.
     let [left_outer, left_inner, right_outer, right_inner, left_mouth, right_mouth, chin, ..] = DEFAULT_LANDMARK_NODES;
     let further = [6, 7, 8, 15, 48, 26, 59, 16].map(NodeId);
     let first = [left_outer, right_outer, chin, left_mouth, right_mouth, left_inner, right_inner];
@@ -94,7 +96,7 @@ pub fn standard_choices(tables: &Tables) -> Vec<MarkChoice> {
     ]
 }
 
-/// The search.
+/// Inputs of the search for the best order.
 struct Search<'a> {
     wireframe: &'a Wireframe,
     populations: &'a [Population],
@@ -103,8 +105,8 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// Mean node error, percent of the eye distance: over a person's nodes, over people, over populations. Infinite when a person
-    /// cannot be fitted.
+    /// Returns the mean node error in percent of the eye distance, averaged over nodes, then people, then populations. The result is
+    /// infinite when a person cannot be fitted.
     fn error(&self, nodes: &[NodeId]) -> f64 {
         let noise = MarkNoise::Reliability(self.markable);
         let of_person = |person: &Person| {
@@ -119,16 +121,16 @@ impl Search<'_> {
         self.populations.iter().map(of_population).sum::<f64>() / self.populations.len() as f64
     }
 
-    /// The candidate whose order of nodes has the smallest error; the first of equals.
+    /// Returns the candidate with the smallest error of the order that `order_with` makes with it; the first one in case of a tie.
     fn best(&self, candidates: &[NodeId], order_with: impl Fn(NodeId) -> Vec<NodeId> + Sync) -> Option<NodeId> {
         let errors: Vec<f64> = candidates.par_iter().map(|&node| self.error(&order_with(node))).collect();
         (0..candidates.len()).min_by(|&a, &b| errors[a].total_cmp(&errors[b]).then(a.cmp(&b))).map(|k| candidates[k])
     }
 }
 
-/// Searches the best order of marks for people and a method: see the module's text.
+/// Searches for the best order of marks for a fit method on populations, as described in the module's documentation.
 ///
-/// `progress` is called with steps done and all steps, and may return `false` to stop.
+/// `progress` is called with the number of finished steps and of all steps, and may return `false` to stop.
 ///
 /// # Errors
 /// [`EvaluateError::TooFewCandidates`] when fewer than [`SUGGESTED_COUNT`] nodes can be marked on every person, or
@@ -180,7 +182,7 @@ pub fn suggest_marks(
     Ok(order.iter().enumerate().map(mark).collect())
 }
 
-/// Suggested marks in the columns of `suggested_marks.csv`.
+/// Returns the suggested marks in the columns of `suggested_marks.csv`.
 pub fn suggested_table(marks: &[SuggestedMark]) -> Table {
     let mut table = Table::new(["rank", "node", "fp", "error_after_percent_es", "description"]);
     for m in marks {
@@ -213,7 +215,7 @@ mod tests {
             assert!(wireframe.live_nodes().contains(&m.node), "{}", m.node);
             assert!((0.005..=0.1).contains(&m.deviation_es) && !m.description.is_empty(), "{}", m.node);
         }
-        // A mirrored node is as easy to click.
+        // A node and its mirror image are equally easy to click.
         let frontal = wireframe.frontal();
         for m in nodes {
             let p = frontal[m.node.index()];
@@ -242,7 +244,7 @@ mod tests {
             }
         }
         let errors: Vec<f64> = marks.iter().filter_map(|m| m.error_after).collect();
-        // The default marks are chosen by the motion: to the neutral fit one of them may add nothing.
+        // The default marks are chosen by the motion, so one of them may add nothing to the neutral fit.
         assert!(errors.windows(2).all(|w| w[1] < 1.01 * w[0]), "{errors:?}");
         let defaults: std::collections::BTreeSet<_> = marks[..DEFAULT_LANDMARK_NODES.len()].iter().map(|m| m.node).collect();
         assert_eq!(
@@ -297,7 +299,7 @@ mod tests {
         assert_eq!(draw(0, 1), draw(0, 1));
         assert_ne!(draw(0, 1), draw(1, 1));
         assert_ne!(draw(0, 1), draw(0, 2));
-        // More marks keep those that were there: curves over the number of marks compare like with like.
+        // A larger number of marks contains the smaller one, so that curves over the number of marks are comparable.
         assert_eq!(random.nodes(&person, 0, 5, 1).unwrap(), draw(0, 1)[..5]);
     }
 }

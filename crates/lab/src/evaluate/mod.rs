@@ -1,12 +1,12 @@
-//! The accuracy of fit and tracker: experiments against ground truth.
+//! Experiments that measure the accuracy of fit and tracker against ground truth.
 //!
-//! [`evaluate_fit`] measures the node error of the fit by number and choice of marks, [`suggest_marks`] chooses the nodes that are best
-//! marked, [`evaluate_tracking`] repeats the paper's tracking experiment [KP, Fig. 3] on simulated and on real sequences,
-//! [`fit_confidence`] learns which errors are to be expected of the tracker. Every error
-//! is a distance in the image, in pixels and in percent of the eye distance ES0 (the distance of the pupils).
+//! [`evaluate_fit`] measures the node error of the fit by number and choice of marks, and [`suggest_marks`] searches for the best nodes to
+//! mark. [`evaluate_tracking`] repeats the paper's tracking experiment [KP, Fig. 3] on simulated and real sequences. [`fit_confidence`]
+//! learns the tracker's expected errors. Every error is a distance in the image, in pixels and in percent of the eye distance ES0 (the
+//! distance between the pupils).
 //!
-//! Results are [`Table`]s, written as CSV and as Markdown, and [`LineChart`]s, written as SVG. They follow from options, seed and
-//! data alone, never from the number of threads.
+//! Results are [`Table`]s, written as CSV and as Markdown, and [`LineChart`]s, written as SVG. They depend on options, seed and data alone,
+//! not on the number of threads.
 
 mod action_unit_images;
 mod action_units;
@@ -110,7 +110,7 @@ pub use variant::{PLAIN_LEVELS, PLAIN_WINDOW_PX, TrackerVariant, VariantKind, st
 
 pub use truth::TruthError;
 
-/// Why an experiment cannot be made.
+/// Why an experiment failed.
 #[derive(Debug, thiserror::Error)]
 pub enum EvaluateError {
     /// Simulation options out of range.
@@ -197,7 +197,7 @@ pub enum EvaluateError {
     Interrupted,
 }
 
-/// Mean, median and 95th percentile of some errors, in the errors' unit.
+/// Mean, median and 95th percentile of a set of errors, in the unit of the errors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ErrorSummary {
     /// Number of errors.
@@ -211,7 +211,7 @@ pub struct ErrorSummary {
 }
 
 impl ErrorSummary {
-    /// Summarizes errors; `None` for none, or when one is not a finite number.
+    /// Summarizes errors. Returns `None` when there are none, or when one is not finite.
     pub fn of(errors: &[f64]) -> Option<Self> {
         if errors.is_empty() || errors.iter().any(|e| !e.is_finite()) {
             return None;
@@ -223,9 +223,9 @@ impl ErrorSummary {
     }
 }
 
-/// The value below which `share` (0 to 1) of the sorted values lie, linear between neighbours; `None` for no value.
+/// Returns the value below which `share` (0 to 1) of the sorted values lie, or `None` when there are no values.
 ///
-/// With n values the place is `share (n - 1)`, counted from 0 (type 7 of Hyndman and Fan 1996).
+/// The result is interpolated linearly at the index `share (n - 1)` of n values, counted from 0 (type 7 of Hyndman and Fan 1996).
 pub fn percentile(sorted: &[f64], share: f64) -> Option<f64> {
     let last = sorted.len().checked_sub(1)?;
     let place = share.clamp(0.0, 1.0) * last as f64;
@@ -240,7 +240,7 @@ mod tests {
 
     #[test]
     fn percentiles_lie_between_neighbours() {
-        // Places 0.5 x 3 = 1.5 and 0.95 x 3 = 2.85 in 1, 2, 4, 10.
+        // The indices in 1, 2, 4, 10 are 0.5 x 3 = 1.5 and 0.95 x 3 = 2.85.
         let sorted = [1.0, 2.0, 4.0, 10.0];
         assert_eq!(percentile(&sorted, 0.5), Some(3.0));
         assert!((percentile(&sorted, 0.95).unwrap() - (4.0 + 0.85 * 6.0)).abs() < 1e-12);

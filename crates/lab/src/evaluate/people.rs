@@ -1,4 +1,4 @@
-//! Neutral faces whose nodes are known: simulated people, and real ones with 68-point landmarks.
+//! Neutral faces with known nodes: simulated people, and real people with 68-point landmarks.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -21,62 +21,63 @@ use grimace::internal::{
     wireframe::{MarkableNode, Tables, Wireframe},
 };
 
-/// Name of the simulated people.
+/// Name of the population of simulated people.
 const SIMULATED: &str = "simulated";
 
-/// A node of a face at its true place.
+/// A node with its true position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TruthNode {
     /// The node.
     pub node: NodeId,
-    /// Where it is, px.
+    /// True position, px.
     pub position: Point2<f64>,
-    /// Whether it is compared in the inner face.
+    /// Whether the node belongs to the inner face.
     pub inner: bool,
 }
 
-/// One neutral face.
+/// A neutral face with known nodes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Person {
-    /// Who.
+    /// Name of the person.
     pub id: String,
     /// Eye distance ES0, px.
     pub eye_distance: f64,
-    /// Nodes whose place is known, by ascending node.
+    /// Nodes with a known position, in ascending order.
     pub truth: Vec<TruthNode>,
-    /// Errors of a mark at each node of `truth`, in standard deviations: the same whatever else is marked.
+    /// Error of a mark at each node of `truth`, in standard deviations; it does not depend on which other nodes are marked.
     errors: Vec<Vector2<f64>>,
 }
 
-/// Size of the errors of marks.
+/// Standard deviation of the errors of marks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MarkNoise<'a> {
-    /// The same standard deviation for every node, px, in x and in y; 0 for none.
+    /// One standard deviation for all nodes, px, in x and in y; 0 for exact marks.
     Uniform(f64),
-    /// What each node's feature allows, relative to the eye distance.
+    /// The typical error of each node's feature, relative to the eye distance.
     Reliability(&'a [MarkableNode]),
 }
 
-/// People of one kind.
+/// A group of people of one kind.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Population {
     /// Name in tables and figures.
     pub name: String,
-    /// Real faces, known at landmarks: marks are the landmarks themselves, and errors are measured at the nodes that were not marked.
+    /// Whether the faces are real and known at landmarks only. Marks are then the landmarks themselves, and only unmarked nodes are
+    /// compared.
     pub real: bool,
-    /// Its people, at least one.
+    /// The people, at least one.
     pub people: Vec<Person>,
 }
 
 impl Person {
-    /// A face of known nodes; `index` chooses the errors of its marks.
+    /// Makes a face from known nodes; `seed` and `index` determine the errors of its marks.
     pub fn new(id: String, eye_distance: f64, mut truth: Vec<TruthNode>, seed: u64, index: u32) -> Self {
         truth.sort_by_key(|t| t.node);
         let errors = truth.iter().map(|t| mark_error(seed, index, t.node)).collect();
         Self { id, eye_distance, truth, errors }
     }
 
-    /// The mark of a node with an error; `None` when its place is not known.
+    /// Returns the mark of a node with its error, or `None` when the position of the node is not known.
     pub fn mark(&self, node: NodeId, noise: MarkNoise) -> Option<Correspondence> {
         let place = self.truth.binary_search_by_key(&node, |t| t.node).ok()?;
         let deviation = match noise {
@@ -89,26 +90,26 @@ impl Person {
         Some(Correspondence::mark(node, position))
     }
 
-    /// Whether a node's place is known.
+    /// Whether the position of a node is known.
     pub fn knows(&self, node: NodeId) -> bool {
         self.truth.binary_search_by_key(&node, |t| t.node).is_ok()
     }
 }
 
-/// Two standard normal numbers from a stream of their own.
+/// Returns two standard normal numbers from a random stream of this person and node.
 fn mark_error(seed: u64, person: u32, node: NodeId) -> Vector2<f64> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(u64::from(person) << 16 | u64::from(node.0));
     Vector2::new(StandardNormal.sample(&mut random), StandardNormal.sample(&mut random))
 }
 
-/// The simulated people of some options ([`SimulateOptions::subjects`] of them): all live nodes of the neutral frame, exact.
+/// Returns [`SimulateOptions::subjects`] simulated people with the exact positions of all live nodes in the neutral frame.
 ///
 /// # Errors
 /// [`EvaluateError::Simulate`] for options out of range.
 pub fn simulated_people(options: &SimulateOptions, wireframe: &Wireframe, tables: &Tables) -> Result<Population, EvaluateError> {
     options.check()?;
-    // The emotion chooses the place of the head in the picture only.
+    // The emotion affects only the position of the head in the picture.
     let emotion = options.emotions[0];
     let person = |index: u32| -> Result<Person, EvaluateError> {
         let nodes = neutral_nodes(options, index, emotion)?;
@@ -120,12 +121,13 @@ pub fn simulated_people(options: &SimulateOptions, wireframe: &Wireframe, tables
     Ok(Population { name: SIMULATED.to_owned(), real: false, people })
 }
 
-/// The people of a dataset by the landmarks of their neutral frames, a population for each value of a column of the manifest, or one
-/// for all. Sequences of one subject whose neutral landmarks are equal count once in a population; sequences without landmarks are
-/// left out.
+/// Returns the people of a dataset, known at the landmarks of their neutral frames.
+///
+/// There is one population for each value of the manifest column `by`, or a single one without it. Sequences of one subject with equal
+/// neutral landmarks count once in a population; sequences without landmarks are left out.
 ///
 /// # Errors
-/// [`EvaluateError`] when the dataset does not open or lacks the column, landmarks do not read, or no sequence has any.
+/// [`EvaluateError`] when the dataset cannot be opened or lacks the column, landmarks cannot be read, or no sequence has any.
 pub fn people_of_dataset(path: &Path, by: Option<&str>, tables: &Tables, seed: u64) -> Result<Vec<Population>, EvaluateError> {
     let dataset = Dataset::open(path)?;
     let mut populations: BTreeMap<String, Vec<Person>> = BTreeMap::new();
@@ -134,7 +136,7 @@ pub fn people_of_dataset(path: &Path, by: Option<&str>, tables: &Tables, seed: u
         let Some(points) = neutral_landmarks(entry)? else { continue };
         let name = match group_of(entry, by)? {
             _ if by.is_none() => "real".to_owned(),
-            // The name of the simulated people is taken.
+            // This name is reserved for the simulated people.
             group if group == SIMULATED => format!("real_{group}"),
             group => group,
         };
@@ -153,7 +155,7 @@ pub fn people_of_dataset(path: &Path, by: Option<&str>, tables: &Tables, seed: u
     Ok(populations.into_iter().map(|(name, people)| Population { name, real: true, people }).collect())
 }
 
-/// Landmarks of the neutral frame of a sequence, where it has landmarks.
+/// Returns the landmarks of a sequence's neutral frame, if it has any.
 fn neutral_landmarks(entry: &SequenceEntry) -> Result<Option<Vec<Point2<f64>>>, EvaluateError> {
     let Some(track) = entry.landmarks()? else { return Ok(None) };
     let number = match entry.first_frame {
@@ -163,11 +165,11 @@ fn neutral_landmarks(entry: &SequenceEntry) -> Result<Option<Vec<Point2<f64>>>, 
     Ok(Some(track.frame(number)?.to_vec()))
 }
 
-/// People given as points alone: a CSV file with a column for each coordinate `x0,y0,...,x67,y67`, the first column naming the
-/// person. Where there is a column `state`, its rows `neutral` are taken.
+/// Reads people from a CSV file of landmarks: the first column names the person, and the columns `x0,y0,...,x67,y67` hold the coordinates.
+/// When there is a column `state`, only rows with the value `neutral` are read.
 ///
 /// # Errors
-/// [`EvaluateError::Input`] when the file or a row does not read, [`EvaluateError::NoTruth`] when it has no neutral face.
+/// [`EvaluateError::Input`] when the file or a row cannot be read, [`EvaluateError::NoTruth`] when it has no neutral face.
 pub fn people_of_landmark_file(path: &Path, tables: &Tables, seed: u64) -> Result<Population, EvaluateError> {
     let csv = CsvFile::open(path)?;
     csv.require(["x0", "y0", "x67", "y67"])?;
@@ -191,7 +193,7 @@ pub fn people_of_landmark_file(path: &Path, tables: &Tables, seed: u64) -> Resul
     Ok(Population { name: "real".to_owned(), real: true, people })
 }
 
-/// Whether a file holds people as points, as [`people_of_landmark_file`] reads them, rather than a manifest.
+/// Whether a file holds people for [`people_of_landmark_file`], rather than a manifest.
 pub fn is_landmark_file(path: &Path) -> bool {
     path.is_file() && CsvFile::open(path).is_ok_and(|csv| csv.require(["x0", "y0", "x67", "y67"]).is_ok())
 }

@@ -1,9 +1,8 @@
-//! How far fitted nodes are expected to sit from their place on the face, against how far they do: on people whom neither priors nor
-//! locator have seen.
+//! Expected against true errors of fitted nodes, on people whom neither priors nor locator have seen.
 //!
-//! The people are dealt into five parts. Each part is fitted by priors learned from the other four, from marks of many kinds: hand-set
-//! points with the errors that hand-set marks have, from three of them to all, and, where a locator is given that has not seen the people,
-//! points that were found. What is compared is every node that is known.
+//! The people are divided into five parts, and each part is fitted with priors learned from the other four. Fits start from many kinds of
+//! marks: 3 to all hand-set points, with the errors of hand-set marks, and points from a locator that has not seen the people, when one is
+//! given. Every node with a known position is compared.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -24,51 +23,53 @@ use super::{
     table::{Cell, Table},
 };
 
-/// Parts the people are dealt into.
+/// Number of parts of the cross-validation.
 const PARTS: usize = 5;
-/// Numbers of marks tried of every choice.
+/// Numbers of marks for every choice.
 const COUNTS: [usize; 6] = [3, 5, 7, 11, 15, 25];
-/// Standard deviation in x and in y of a hand-set mark at a node that is not in the list of markable ones, over the eye distance.
+/// Standard deviation, in x and in y, of a hand-set mark at a node that is not in the list of markable nodes, relative to the eye distance.
 const OTHER_DEVIATION: f64 = 0.016;
-/// Kind of the marks that were found.
+/// Name of the fits to points that the locator found.
 pub const FOUND: &str = "found marks";
-/// Kind of the marks that were set by hand, with what is read where there is none.
+/// Name of the fits to hand-set marks, with unmarked nodes read from the picture.
 pub const SET_AND_READ: &str = "7 and 11 set marks, others read";
-/// The same fits by their marks alone.
+/// Name of the same fits from the hand-set marks alone.
 pub const SET_ALONE: &str = "7 and 11 set marks, of these people";
-/// Parts of the calibration when it is judged.
+/// Number of bins of the calibration from the other parts.
 const BINS: usize = 8;
-/// Smallest true error that is told from none, over the eye distance.
+/// Lower limit of the true error before its logarithm is taken, relative to the eye distance.
 const FLOOR: f64 = 1e-4;
 
-/// A node of a fitted face.
+/// Errors of one node of a fitted face.
 #[derive(Clone, Debug)]
 pub struct PlacementSample {
-    /// What the fit was made from.
+    /// Kind of the marks.
     pub marks: &'static str,
-    /// Part of the people, 0 to 4.
+    /// Index of the part that the person belongs to, 0 to 4.
     pub part: usize,
-    /// What the fit left open, over the eye distance.
+    /// Spread of the node's position that the fit leaves open, relative to the eye distance.
     pub spread: f64,
-    /// What it expected, over the eye distance.
+    /// Expected error, relative to the eye distance.
     pub expected: f64,
-    /// How far the node was off, over the eye distance.
+    /// True error, relative to the eye distance.
     pub error: f64,
 }
 
-/// What became of all fits.
+/// Results of all fits.
 #[derive(Clone, Debug, Default)]
 pub struct Placements {
-    /// The nodes of the fits.
+    /// Samples of all nodes of all fits.
     pub samples: Vec<PlacementSample>,
-    /// Marks that were refused: who, which, and why. None should be.
+    /// Fits that refused their marks, with person, kind and reason; there should be none.
     pub refused: Vec<String>,
-    /// Of every fit to marks set by hand of people whom the locator has not seen, whether nodes without a mark were read.
+    /// For every fit of [`SET_AND_READ`]: whether unmarked nodes were read from the picture.
     pub read: Vec<bool>,
 }
 
-/// Fits the faces in many ways by priors that have not seen them. `landmarks` are the same people as a network's landmarks have them; a
-/// person without is left out of that prior. `locator` serves for the people in `found` alone.
+/// Fits all faces from many kinds of marks, with priors learned from other people.
+///
+/// `landmarks` holds the landmarks of a network on the same people; people without landmarks are left out of that prior. The locator of
+/// `found` is used only for the people named there, whom it has not seen.
 ///
 /// # Errors
 /// [`EvaluateError`] when there are too few people to learn from.
@@ -119,7 +120,7 @@ pub fn placement_samples(
                 for (choice, count) in standard_choices(&tables).iter().flat_map(|c| [(c, 7), (c, 11)]) {
                     let Some(nodes) = choice.nodes(&person, *index as u32, count, seed) else { continue };
                     let marks = marks(&person, &nodes);
-                    // Refused marks are named above.
+                    // These marks were fitted above, so a failure is in the list of refused marks already.
                     let Ok(fitted) = fitter.fit(&wireframe, &marks) else { continue };
                     placed.samples.extend(samples_of(SET_ALONE, part, &fitted, &person));
                     let counts = by_hand(&fitter, &wireframe, &marks);
@@ -146,7 +147,7 @@ fn person(face: &TrainingFace, seed: u64, index: usize) -> Person {
     Person::new(face.person.clone(), face.eye_distance(), truth, seed, index as u32)
 }
 
-/// Marks with the errors of hand-set ones.
+/// Returns marks with the errors of hand-set marks.
 pub(super) fn marks(person: &Person, nodes: &[NodeId]) -> Vec<Correspondence> {
     let mut markable = markable_nodes().to_vec();
     let others = person.truth.iter().map(|t| t.node).filter(|n| markable.iter().all(|m| m.node != *n)).collect::<Vec<_>>();
@@ -171,14 +172,14 @@ fn samples_of(marks: &'static str, part: usize, fitted: &FittedWireframe, person
     person.truth.iter().map(sample).collect()
 }
 
-/// Knots of the calibration: logarithms of spread and median error.
+/// Returns the knots of the calibration: logarithms of spread and of median error.
 #[must_use]
 pub fn placement_knots<'a>(samples: impl Iterator<Item = &'a PlacementSample>, bins: usize) -> Vec<(f64, f64)> {
     calibrate(samples.map(|s| (s.spread.ln(), s.error.max(FLOOR).ln())).collect(), bins)
 }
 
-/// Expected and true errors by fifths, for each kind of marks and for all set by hand; for these also as the other four parts of the people
-/// calibrate them.
+/// Returns expected and true errors by fifths, for each kind of marks and for all hand-set marks. The rows `all set by hand, others` use,
+/// for each part of the people, the calibration from the other four parts.
 #[must_use]
 pub fn placement_table(samples: &[PlacementSample]) -> Table {
     let pair = |expected: f64, s: &PlacementSample| ExpectedError { expected: 100.0 * expected, truth: 100.0 * s.error, px: 1.0 };
@@ -202,7 +203,8 @@ pub fn placement_table(samples: &[PlacementSample]) -> Table {
     table
 }
 
-/// How far all nodes are off where seven or eleven marks are set, by these alone and with what is read beside them: percent of the eye distance.
+/// Returns the errors of all nodes for fits to 7 and 11 hand-set marks, without and with unmarked nodes read from the picture, in percent
+/// of the eye distance.
 #[must_use]
 pub fn unmarked_table(samples: &[PlacementSample]) -> Table {
     let mut table = Table::new(["marks", "nodes", "mean", "median", "percentile_95"]);
@@ -223,7 +225,7 @@ mod tests {
 
     #[test]
     fn the_calibration_of_others_makes_up_for_spreads_that_are_too_large() {
-        // Spreads of 1 to 6 % that are twice the error; what the fit expects is the spread.
+        // The spreads, 1 to 6 %, are twice the error, and the expected error equals the spread.
         let sample = |k: usize| {
             let spread = 0.01 * (1.0 + 5.0 * k as f64 / 499.0);
             PlacementSample { marks: "all set marks", part: k % PARTS, spread, expected: spread, error: spread / 2.0 }

@@ -1,8 +1,8 @@
-//! How much of a turning head is left in the normalized models, and how right its pose is.
+//! Effect of head turns on normalized models, and accuracy of the head pose.
 //!
-//! Heads of a dense face model show an expression, once still and once turning, seen by a camera in perspective as 68 landmarks. Both
-//! go the way of every sequence given as landmarks. *Motion lost to the head* is the mean distance of the nodes of the two normalized
-//! apex models over the mean motion of the still one.
+//! Heads of a dense face model show an expression, once still and once turning. A perspective camera sees them as 68 landmarks, which are
+//! processed like any sequence of landmarks. *Motion lost to the head* is the mean distance of the nodes of the two normalized apex models,
+//! divided by the mean motion of the still one.
 
 use std::path::Path;
 
@@ -26,7 +26,7 @@ use grimace::internal::{
     units::{FaceUnit, NodeId, Px},
 };
 
-/// Expressions: shapes (both sides where there are two) and their strengths.
+/// Expressions: shapes (both sides, where there are two) and their strengths.
 const EXPRESSIONS: [(&str, &[(&str, f64)]); 4] = [
     ("happiness", &[("mouthSmile", 0.9), ("cheekSquint", 0.7), ("eyeSquint", 0.4), ("jawOpen", 0.15)]),
     ("surprise", &[("browInnerUp", 0.7), ("browOuterUp", 0.9), ("eyeWide", 0.7), ("jawOpen", 0.7)]),
@@ -34,7 +34,7 @@ const EXPRESSIONS: [(&str, &[(&str, f64)]); 4] = [
     ("disgust", &[("noseSneer", 0.9), ("mouthUpperUp", 0.6), ("browDown", 0.5), ("cheekSquint", 0.5), ("mouthShrugLower", 0.3)]),
 ];
 
-/// How a head turns.
+/// A turn of the head during a sequence.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TurnCase {
     /// Name of the group of cases.
@@ -43,7 +43,7 @@ pub struct TurnCase {
     pub yaw: f64,
     /// Pitch at the apex, degrees.
     pub pitch: f64,
-    /// Turned in the neutral frame already.
+    /// Whether the head is turned in every frame, the neutral frame included.
     pub throughout: bool,
 }
 
@@ -51,7 +51,7 @@ pub(super) const fn case(group: &'static str, yaw: f64, pitch: f64, throughout: 
     TurnCase { group, yaw, pitch, throughout }
 }
 
-/// The cases of the study, with the goals of their groups.
+/// Cases of the study, the still one first.
 const CASES: [TurnCase; 9] = [
     case("still", 0.0, 0.0, false),
     case("turning 10", 10.0, 0.0, false),
@@ -72,19 +72,19 @@ pub const LANDMARK_SEQUENCES: usize = CASES.len() * EXPRESSIONS.len();
 pub struct PoseStudyOptions {
     /// Number of heads.
     pub heads: usize,
-    /// First identity mode of the heads; 15 leaves out what the shipped head was learned from.
+    /// First identity mode of the heads; 15 leaves out the modes that the shipped head was learned from.
     pub first_mode: usize,
-    /// Standard deviation of the weights of the modes.
+    /// Standard deviation of the weights of the identity modes.
     pub spread: f64,
     /// Frames of a sequence.
     pub frames: usize,
-    /// Standard deviation of the landmarks' error, px.
+    /// Standard deviation of the noise on the landmarks, px.
     pub noise_px: f64,
-    /// Distances of the camera, px at the size of the head: its focal length where eyes are 110 px apart.
+    /// Distances of the camera in px, equal to its focal length when the eyes are 110 px apart.
     pub cameras: Vec<f64>,
-    /// Through images: marks of the neutral frame.
+    /// Marks of the neutral frame, in the study through images.
     pub marks: LandmarkSelection,
-    /// Seed of heads and noise.
+    /// Seed of the heads and of the noise.
     pub seed: u64,
 }
 
@@ -103,30 +103,30 @@ impl Default for PoseStudyOptions {
     }
 }
 
-/// The result of one sequence.
+/// Result of one sequence.
 #[derive(Clone, Debug)]
 pub struct PoseTrial {
-    /// How the head turned.
+    /// Turn of the head.
     pub case: TurnCase,
     /// Distance of the camera, px.
     pub camera: f64,
-    /// Which head.
+    /// Index of the head.
     pub head: usize,
-    /// Which expression.
+    /// Name of the expression.
     pub expression: &'static str,
-    /// Motion lost to the head, with the pose taken out and with roll alone.
+    /// Motion lost to the head: with the pose removed, and with roll alone removed.
     pub lost: [f64; 2],
-    /// Largest error of yaw, pitch and roll over the frames, relative to the neutral frame and absolute, degrees.
+    /// Largest error of yaw and pitch over the frames, relative to the neutral frame, degrees.
     pub relative_error: f64,
-    /// The absolute one: mean over the frames of the larger of yaw's and pitch's error.
+    /// Mean over the frames of the larger of the absolute errors of yaw and pitch, degrees.
     pub pose_error: f64,
-    /// Of a still head: what taking the pose out changes, over the motion.
+    /// Relative change of the motion by removing the pose; meaningful for a still head.
     pub changed: f64,
-    /// Through images: mean error of the displacements of all live nodes in the last frame, percent of the eye distance.
+    /// Mean error of the displacements of all live nodes in the last frame, percent of the eye distance; only in the study through images.
     pub tracking_percent: Option<f64>,
 }
 
-/// One sequence of landmarks with the true yaw and pitch of every frame.
+/// A sequence of landmarks with the true yaw and pitch of every frame.
 struct Filmed {
     sequence: LandmarkSequence,
     truth: Vec<[f64; 2]>,
@@ -150,7 +150,7 @@ pub(super) fn failed(failure: &SequenceFailure) -> EvaluateError {
     EvaluateError::Sequences { reason: format!("{}: {}", failure.stage, failure.reason) }
 }
 
-/// A track from landmarks with the places of its marks.
+/// A track from landmarks, and its marks.
 pub(super) type Tracked = (Vec<TrackedFrame>, Vec<(NodeId, Point2<f64>)>);
 
 pub(super) fn tracked(landmarks: &LandmarkSequence, bench: &Workbench) -> Result<Tracked, SequenceFailure> {
@@ -169,7 +169,7 @@ fn normalized(
     normalizer.normalize(model).map_err(SequenceFailure::at(Stage::Normalize))
 }
 
-/// Mean distance of the apex nodes of two models over the mean motion of the first.
+/// Returns the mean distance of the apex nodes of two models, divided by the mean motion of the first.
 pub fn motion_lost(still: &DynamicExpressionModel<FaceUnit>, other: &DynamicExpressionModel<FaceUnit>, bench: &Workbench) -> f64 {
     let apex = FRAMES_PER_MODEL - 1;
     let (a, b) = (still.neutral_offsets(apex), other.neutral_offsets(apex));
@@ -179,10 +179,10 @@ pub fn motion_lost(still: &DynamicExpressionModel<FaceUnit>, other: &DynamicExpr
     distance / motion
 }
 
-/// Normalized models of the still head, with the pose taken out and with roll alone.
+/// Normalized models of the still head: with the pose removed, and with roll alone removed.
 pub(super) type Still = Option<[DynamicExpressionModel<FaceUnit>; 2]>;
 
-/// What a trial was made of.
+/// The conditions of a trial.
 pub(super) struct SeenCase<'a> {
     pub case: TurnCase,
     pub camera: f64,
@@ -192,7 +192,7 @@ pub(super) struct SeenCase<'a> {
     pub truth: &'a [[f64; 2]],
 }
 
-/// Compares a track with that of the still head, which comes first.
+/// Compares a track with that of the still head; the first call sets `still`.
 pub(super) fn judge(
     seen: &SeenCase<'_>,
     (track, marks): (&[TrackedFrame], &[(NodeId, Point2<f64>)]),
@@ -226,10 +226,10 @@ pub(super) fn judge(
     })
 }
 
-/// Makes the study; `full` and `roll` are workbenches that differ in the pose mode only.
+/// Runs the study. `full` and `roll` are workbenches that differ in the pose mode only.
 ///
 /// # Errors
-/// [`EvaluateError`] when the face model does not read, or a sequence that must not fail fails.
+/// [`EvaluateError`] when the face model cannot be read, or a sequence fails.
 pub fn evaluate_pose(
     folder: &Path,
     full: &Workbench,
@@ -266,7 +266,7 @@ pub fn evaluate_pose(
     Ok(trials.into_iter().flatten().collect())
 }
 
-/// A row for each group of cases.
+/// Returns a row for each group of cases.
 pub fn pose_table(trials: &[PoseTrial]) -> Table {
     let mut table = Table::new([
         "camera (px)",
@@ -291,7 +291,7 @@ pub fn pose_table(trials: &[PoseTrial]) -> Table {
         let of: Vec<&PoseTrial> = trials.iter().filter(|t| t.camera == camera && t.case.group == group).collect();
         let mean = |f: &dyn Fn(&PoseTrial) -> f64| of.iter().map(|t| f(t)).sum::<f64>() / of.len() as f64;
         let worst = |f: &dyn Fn(&PoseTrial) -> f64| of.iter().map(|t| f(t)).fold(0.0, f64::max);
-        // A still head is compared with itself without the pose taken out.
+        // For still heads the table shows the change by removing the pose.
         let lost = |t: &PoseTrial| if group == "still" { t.changed } else { t.lost[0] };
         table.rows.push(vec![
             Cell::Number(camera, 0),
@@ -310,7 +310,7 @@ pub fn pose_table(trials: &[PoseTrial]) -> Table {
     table
 }
 
-/// A row for each sequence.
+/// Returns a row for each sequence.
 pub fn pose_trials_table(trials: &[PoseTrial]) -> Table {
     let mut table = Table::new([
         "camera_px",

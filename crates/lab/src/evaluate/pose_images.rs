@@ -1,4 +1,4 @@
-//! The study of turning heads through images: simulated people, rendered, marked and tracked.
+//! Effect of head turns through images: simulated people are rendered, marked and tracked.
 
 use image::DynamicImage;
 use nalgebra::Point2;
@@ -26,7 +26,7 @@ const EMOTIONS: [(&str, Emotion); 4] = [
     ("disgust", Emotion::Disgust),
 ];
 
-/// The cases, the still one first; the signs of the angles are seeded.
+/// Cases of the study, the still one first; the signs of the angles depend on the seed.
 const CASES: [TurnCase; 8] = [
     case("still", 0.0, 0.0, false),
     case("turning 10", 10.0, 0.0, false),
@@ -41,7 +41,7 @@ const CASES: [TurnCase; 8] = [
 /// Number of sequences of each head.
 pub const IMAGE_SEQUENCES: usize = CASES.len() * EMOTIONS.len();
 
-/// Makes the study: the people of a simulation (an orthographic camera), marked at `options.marks`.
+/// Runs the study on simulated people, seen by an orthographic camera and marked at `options.marks`.
 ///
 /// # Errors
 /// [`EvaluateError`] when a sequence fails.
@@ -91,7 +91,7 @@ fn one_sequence(
     let sequence = SimulatedSequence::new(&subject, emotion, &simulated)?;
     let neutral = sequence.nodes(0);
     let marks = marks_of_picture(&neutral, sequence.image(0), &options.marks, full)?;
-    // As the tracker of a sequence does it: with what is read in the picture at nodes without a mark.
+    // Unmarked nodes are read from the picture, as in the tracking of any sequence.
     let first = DynamicImage::ImageRgb8(sequence.image(0)).to_luma8();
     let fitted = full.fit_in(&first, &marks).map_err(|e| failed(&SequenceFailure::at(Stage::Fit)(e)))?.fitted;
     let images = (1..)

@@ -1,8 +1,8 @@
-//! Do the representatives mean anything? Every sequence is given to the nearest one, made of other people.
+//! Recognition of expressions by the nearest representative of other people: measures how well representatives separate labels.
 //!
-//! One subject is left out at a time: the representatives of all labels are made of the others [KP, section 4.3 and 4.4], and each of
-//! the subject's sequences is recognized as the label whose representative is nearest in d [KP, eq. (5)]. A label that only the
-//! left-out subject shows has no representative then; such sequences are counted as not judged, and named.
+//! One subject is left out at a time. The representatives of all labels are made of the other subjects [KP, sections 4.3 and 4.4], and each
+//! sequence of the left-out subject gets the label whose representative is nearest in d [KP, eq. (5)]. When only the left-out subject shows
+//! a label, it has no representative; its sequences count as not judged.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -22,7 +22,7 @@ use grimace::internal::{
     wireframe::Wireframe,
 };
 
-/// A model and what it is labelled as.
+/// A model with its label.
 #[derive(Clone, Debug)]
 pub struct LabelledSequence {
     /// The normalized model and its sequence.
@@ -31,55 +31,55 @@ pub struct LabelledSequence {
     pub label: String,
 }
 
-/// How one sequence was recognized.
+/// Result for one sequence.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecognizedSequence {
     /// The sequence.
     pub id: SequenceId,
     /// Its label.
     pub label: String,
-    /// The label of the nearest representative; `None` where its own label had no representative without its subject.
+    /// The label of the nearest representative; `None` when its own label has no representative without its subject.
     pub recognized: Option<String>,
     /// Distance d to the nearest representative, face units.
     pub distance: f64,
-    /// Distance to the representative of its own label; `None` where there was none.
+    /// Distance to the representative of its own label, face units; `None` when there is none.
     pub distance_own: Option<f64>,
 }
 
-/// Outcome of the experiment.
+/// Results of the experiment.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recognition {
-    /// Labels in the order of the project's emotions, then by alphabet.
+    /// Labels in the order of the project's emotions, then alphabetically.
     pub labels: Vec<String>,
-    /// Sequences by id.
+    /// Results, ordered by sequence id.
     pub sequences: Vec<RecognizedSequence>,
 }
 
-/// Shares of sequences recognized.
+/// Accuracy of the recognition.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct RecognitionSummary {
-    /// Sequences judged.
+    /// Number of judged sequences.
     pub judged: usize,
-    /// Sequences not judged.
+    /// Number of sequences that were not judged.
     pub not_judged: usize,
-    /// Subjects.
+    /// Number of subjects with judged sequences.
     pub subjects: usize,
-    /// Share of the judged that were recognized.
+    /// Share of the judged sequences that were recognized correctly.
     pub accuracy: f64,
     /// 95 % interval of the accuracy: percentiles of a bootstrap over subjects.
     pub accuracy_interval: [f64; 2],
-    /// Mean over the labels of the share recognized.
+    /// Mean over the labels of the share recognized correctly.
     pub balanced_accuracy: f64,
-    /// Share of the most frequent label: the accuracy of always saying that.
+    /// Share of the most frequent label: the accuracy of a constant answer.
     pub most_frequent: f64,
     /// One over the number of labels: the balanced accuracy of guessing.
     pub guessing: f64,
 }
 
-/// Replicates of the bootstrap of the accuracy.
+/// Number of bootstrap replicates for the interval of the accuracy.
 const REPLICATES: usize = 2000;
 
-/// Why recognition cannot be tried.
+/// Why recognition failed.
 #[derive(Debug, thiserror::Error)]
 pub enum RecognitionError {
     /// Nothing to tell apart.
@@ -101,11 +101,11 @@ pub enum RecognitionError {
 
 /// Recognizes every sequence by the nearest representative of other people.
 ///
-/// Representatives are of `options`; models are normalized, of one shape, in any order. `tick` is called, from many threads, for every
-/// subject done.
+/// Representatives are made with `options`. Models must be normalized and of one shape, in any order. `tick` is called from many threads
+/// after every subject.
 ///
 /// # Errors
-/// [`RecognitionError`] for fewer than two labels or subjects, or models that make no representative.
+/// [`RecognitionError`] for fewer than two labels or subjects, or models that do not give a representative.
 pub fn evaluate_recognition(
     sequences: &[LabelledSequence],
     wireframe: &Wireframe,
@@ -139,7 +139,7 @@ pub fn evaluate_recognition(
             let fields = DisplacementFields::of_model(&s.model.model, live);
             let distances: Vec<(f64, usize)> = centers.iter().map(|(&place, center)| (fields.distance(center), place)).collect();
             let distance_own = distances.iter().find(|(_, place)| labels[*place] == s.label).map(|(d, _)| *d);
-            // Of two equally near ones the first.
+            // In case of a tie, the first label wins.
             let nearest = distances.iter().min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
             RecognizedSequence {
                 id: s.model.id.clone(),
@@ -161,7 +161,7 @@ pub fn evaluate_recognition(
 }
 
 impl Recognition {
-    /// Sequences by label (rows) and recognized label (columns), in the order of `labels`.
+    /// Returns the number of sequences by true label (rows) and recognized label (columns), in the order of `labels`.
     pub fn confusion(&self) -> Vec<Vec<usize>> {
         let place = |label: &str| self.labels.iter().position(|l| l == label).unwrap_or(0);
         let mut counts = vec![vec![0; self.labels.len()]; self.labels.len()];
@@ -173,7 +173,7 @@ impl Recognition {
         counts
     }
 
-    /// Shares of sequences recognized; `seed` is that of the bootstrap.
+    /// Summarizes the results; `seed` is that of the bootstrap.
     pub fn summary(&self, seed: u64) -> RecognitionSummary {
         let counts = self.confusion();
         let sums: Vec<usize> = counts.iter().map(|row| row.iter().sum()).collect();
@@ -181,7 +181,7 @@ impl Recognition {
         let right: usize = (0..counts.len()).map(|k| counts[k][k]).sum();
         let share = |part: usize, whole: usize| if whole > 0 { part as f64 / whole as f64 } else { 0.0 };
         let recalls: Vec<f64> = (0..counts.len()).filter(|&k| sums[k] > 0).map(|k| share(counts[k][k], sums[k])).collect();
-        // Right and judged, by subject.
+        // Numbers of correct and of judged sequences by subject.
         let mut subjects: BTreeMap<&str, (usize, usize)> = BTreeMap::new();
         for s in self.sequences.iter().filter(|s| s.recognized.is_some()) {
             let entry = subjects.entry(&s.id.subject).or_default();
@@ -212,7 +212,7 @@ impl Recognition {
         }
     }
 
-    /// The confusion matrix with the share recognized of every label.
+    /// Returns the confusion matrix with the share of correct recognitions of every label.
     pub fn confusion_table(&self) -> Table {
         let header: Vec<&str> = std::iter::once("label")
             .chain(self.labels.iter().map(String::as_str))
@@ -230,7 +230,7 @@ impl Recognition {
         table
     }
 
-    /// A row per sequence.
+    /// Returns a row for each sequence.
     pub fn sequence_table(&self) -> Table {
         let mut table = Table::new(["subject", "sequence", "label", "recognized", "distance", "distance_own"]);
         for s in &self.sequences {
@@ -246,12 +246,12 @@ impl Recognition {
         table
     }
 
-    /// The confusion matrix as a picture: shares of each row, dark for all, with the counts.
+    /// Returns the confusion matrix as SVG: cells show counts, and are darker for a larger share of their row.
     pub fn confusion_svg(&self) -> String {
         const CELL: usize = 64;
         const CAPTION: usize = 320;
         let n = self.labels.len();
-        // Room for the longest label: 8 px a letter, and 6 where it stands at 45 degrees.
+        // Room for the longest label: 8 px for each letter, or 6 px in labels at 45 degrees.
         let longest = self.labels.iter().map(|label| label.chars().count()).max().unwrap_or(0);
         let (left, top) = (70 + 8 * longest, 30 + 6 * longest);
         let (width, height) = ((left + n * CELL + 6 * longest).max(CAPTION), top + n * CELL + 40);
@@ -307,7 +307,7 @@ mod tests {
     use super::*;
     use grimace::internal::model::{DynamicExpressionModel, FrameExpressionModel};
 
-    /// A model in which every node moves by the vector, from Candide-3's frontal view.
+    /// A model in which every node moves by the vector, starting from Candide-3's frontal view.
     fn sequence(subject: &str, label: &str, x: f64, y: f64) -> LabelledSequence {
         let neutral: Vec<Point2<f64>> = Wireframe::candide3().frontal();
         let moved = neutral.iter().map(|p| p + Vector2::new(x, y)).collect();
@@ -322,7 +322,7 @@ mod tests {
 
     #[test]
     fn the_nearest_representative_of_others_decides() {
-        // Without a: happiness at 10 or 12, surprise at -10; a's happiness at -9 is nearer to surprise.
+        // Without subject a: happiness at 10 or 12, surprise at -10; a's happiness at -9 is nearer to surprise.
         let recognition = recognize(&[
             sequence("a", "happiness", -9.0, 0.0),
             sequence("b", "happiness", 10.0, 0.0),
@@ -333,7 +333,7 @@ mod tests {
         ])
         .unwrap();
         assert_eq!(recognition.labels, ["happiness", "surprise", "bliss"]);
-        // Rows: happiness 2 right, 1 as surprise. Bliss has nobody else: not judged.
+        // Rows: happiness has 2 correct and 1 as surprise. Nobody else shows bliss, so it is not judged.
         assert_eq!(recognition.confusion(), [[2, 1, 0], [0, 2, 0], [0, 0, 0]]);
         let summary = recognition.summary(1);
         assert_eq!((summary.judged, summary.not_judged, summary.accuracy), (5, 1, 0.8));

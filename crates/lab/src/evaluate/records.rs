@@ -1,11 +1,11 @@
-//! Node errors of tracked sequences, and what is read off them: curves over the frames and values at the last frame.
+//! Node errors of tracked sequences, with tables and charts over the frames and at the last frame.
 
 use super::{Cell, ErrorSummary, LineChart, Series, Table, percentile};
 
-/// The nodes a row is about.
+/// The part of the face that a row covers.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Part {
-    /// All nodes compared: KP's eq. (1).
+    /// All compared nodes, as in [KP, eq. (1)].
     All,
     /// Landmarks 17 to 67.
     InnerFace,
@@ -14,7 +14,7 @@ pub enum Part {
 }
 
 impl Part {
-    /// The word in tables.
+    /// Returns the name of the part in tables.
     pub fn name(&self) -> &str {
         match self {
             Self::All => "all",
@@ -24,14 +24,14 @@ impl Part {
     }
 }
 
-/// The states a row is about.
+/// The node states that a row covers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum StateFilter {
     /// All nodes.
     Any,
-    /// Nodes that were tracked into the frame.
+    /// Nodes that the tracker followed into the frame.
     Tracked,
-    /// Nodes that were lost and placed by other means: the springs, or left where they were.
+    /// Nodes that were lost, and placed by the springs or left in place.
     Recovered,
 }
 
@@ -55,39 +55,39 @@ impl StateFilter {
     }
 }
 
-/// One node error.
+/// Error of one node in one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RecordedError {
-    /// Place of the variant in [`Records::variants`].
+    /// Index into [`Records::variants`].
     pub variant: usize,
-    /// Place of the group in [`Records::groups`].
+    /// Index into [`Records::groups`].
     pub group: usize,
-    /// Place of the sequence in [`Records::sequences`].
+    /// Index into [`Records::sequences`].
     pub sequence: usize,
-    /// Frame from 1, the neutral frame.
+    /// Position in the sequence, from 1 for the neutral frame.
     pub frame: usize,
-    /// Whether it is the sequence's last.
+    /// Whether the frame is the sequence's last.
     pub last: bool,
-    /// Place of the node's part in [`Records::parts`].
+    /// Index into [`Records::parts`].
     pub part: usize,
     /// Whether the node belongs to the inner face.
     pub inner: bool,
-    /// Whether the node was tracked into the frame.
+    /// Whether the tracker followed the node into the frame.
     pub tracked: bool,
     /// Error, px.
     pub px: f64,
     /// Error in percent of the eye distance.
     pub percent: f64,
-    /// Error that the tracker expected, px.
+    /// Expected error of the tracker, px.
     pub expected_px: Option<f64>,
 }
 
-/// Summaries in both units.
+/// Summaries of errors in px and in percent of the eye distance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct RecordSummary {
     px: ErrorSummary,
     percent: ErrorSummary,
-    /// Sequences with at least one error among them.
+    /// Number of sequences with at least one of these errors.
     sequences: usize,
 }
 
@@ -102,20 +102,20 @@ pub struct Records {
     pub sequences: Vec<String>,
     /// Names of the parts, from top to bottom of the face.
     pub parts: Vec<String>,
-    /// Whether some but not all nodes are inner face.
+    /// Whether some, but not all, nodes belong to the inner face.
     pub has_inner: bool,
     /// The errors.
     pub errors: Vec<RecordedError>,
 }
 
 impl Records {
-    /// The parts that rows are made for: all, the inner face where it differs, then every part.
+    /// Returns the parts that get a row: all, the inner face when it differs, then every part.
     pub fn part_rows(&self) -> Vec<Part> {
         let inner = self.has_inner.then_some(Part::InnerFace);
         [Part::All].into_iter().chain(inner).chain(self.parts.iter().cloned().map(Part::Named)).collect()
     }
 
-    /// The part that stands for the whole in figures and texts: the inner face where there is one, else all.
+    /// Returns the part used in figures and texts: the inner face when it differs, otherwise all.
     pub fn main_part(&self) -> Part {
         if self.has_inner { Part::InnerFace } else { Part::All }
     }
@@ -132,7 +132,7 @@ impl Records {
         self.errors.iter().map(|e| e.frame).max().unwrap_or(0)
     }
 
-    /// Errors of a variant in a group.
+    /// Returns the errors of a variant in a group.
     fn of(&self, variant: usize, group: usize) -> Vec<&RecordedError> {
         self.errors.iter().filter(|e| e.variant == variant && e.group == group).collect()
     }
@@ -166,7 +166,7 @@ fn summary_cells(s: &RecordSummary) -> [Cell; 8] {
     ]
 }
 
-/// Errors per variant, group, part, state and frame; frames count from 1, the neutral frame. Empty combinations have no row.
+/// Returns errors by variant, group, part, state and frame. Frames count from 1, the neutral frame; empty combinations have no row.
 pub fn curve_table(records: &Records) -> Table {
     let mut table = Table::new(["group", "variant", "part", "state", "frame"].into_iter().chain(SUMMARY));
     for (g, group) in records.groups.iter().enumerate() {
@@ -189,7 +189,7 @@ pub fn curve_table(records: &Records) -> Table {
     table
 }
 
-/// Errors at each sequence's last frame, per variant, group, part and state.
+/// Returns errors at the last frame of each sequence, by variant, group, part and state.
 pub fn last_table(records: &Records) -> Table {
     let mut table = Table::new(["group", "variant", "part", "state"].into_iter().chain(SUMMARY));
     for (g, group) in records.groups.iter().enumerate() {
@@ -208,7 +208,7 @@ pub fn last_table(records: &Records) -> Table {
     table
 }
 
-/// Mean error at the last frame of every sequence, a column for each variant.
+/// Returns the mean error at the last frame of every sequence, in percent of the eye distance, with a column for each variant.
 pub fn sequence_table(records: &Records) -> Table {
     let columns = records.variants.iter().map(|v| format!("{v}: mean_percent_es"));
     let mut table = Table::new(["sequence", "group"].map(str::to_owned).into_iter().chain(columns));
@@ -227,8 +227,8 @@ pub fn sequence_table(records: &Records) -> Table {
     table
 }
 
-/// Mean error at the last frame in percent of the eye distance, a row for each group and variant, a column for each part, and the
-/// mean and 95th percentile in pixels of the whole.
+/// Returns mean errors at the last frame in percent of the eye distance: a row for each group and variant, a column for each part. Further
+/// columns hold the mean and 95th percentile of the main part in px, and the percentage of recovered nodes.
 pub fn markdown_last(records: &Records) -> Table {
     let parts = records.part_rows();
     let head = ["group", "variant", "sequences"].map(str::to_owned);
@@ -251,9 +251,10 @@ pub fn markdown_last(records: &Records) -> Table {
     table
 }
 
-/// Frames from the fifth on in which the first variant's mean error is above the second's: KP's claim in a number, per group.
+/// Counts, for each group, the frames from the fifth on in which the mean error of variant `better` exceeds that of `worse`. It tests the
+/// claim of KP.
 ///
-/// `(group, frames compared, frames worse)`; the first frame counts 1.
+/// Returns `(group, frames compared, frames worse)`; the first frame has number 1.
 pub fn frames_worse(records: &Records, better: usize, worse: usize) -> Vec<(String, usize, usize)> {
     let part = records.main_part();
     let count = |(g, group): (usize, &String)| {
@@ -265,7 +266,7 @@ pub fn frames_worse(records: &Records, better: usize, worse: usize) -> Vec<(Stri
     records.groups.iter().enumerate().map(count).collect()
 }
 
-/// Mean error in percent of the eye distance per frame, frames from 2 on.
+/// Returns the mean error in percent of the eye distance for each frame from 2 on.
 fn curve(records: &Records, variant: usize, group: usize, part: &Part) -> Vec<(usize, f64)> {
     let of = records.of(variant, group);
     let mean = |frame: usize| {
@@ -275,7 +276,7 @@ fn curve(records: &Records, variant: usize, group: usize, part: &Part) -> Vec<(u
     (1..=records.frame_count()).filter_map(mean).collect()
 }
 
-/// Mean error against the frame number in one group, a curve for each variant [KP, Fig. 3].
+/// Returns a chart of the mean error against the frame number in one group, with a curve for each variant [KP, Fig. 3].
 pub fn tracking_chart(records: &Records, group: usize, what: &str) -> LineChart {
     let part = records.main_part();
     let points = |v| curve(records, v, group, &part).into_iter().map(|(f, e)| (f as f64, e)).collect();
@@ -300,7 +301,7 @@ pub fn tracking_chart(records: &Records, group: usize, what: &str) -> LineChart 
 mod tests {
     use super::*;
 
-    /// Two frames, two nodes (brow, mouth); variant 0 errs by 1 and 3 px in the last frame, variant 1 by 2 and 6.
+    /// Two frames and two nodes (brow, mouth): variant 0 has errors of 1 and 3 px in the last frame, variant 1 of 2 and 6 px.
     fn records() -> Records {
         let names = |list: &[&str]| list.iter().map(|s| (*s).to_owned()).collect();
         let mut errors = Vec::new();
@@ -339,13 +340,14 @@ mod tests {
     #[test]
     fn the_last_frame_is_summarized_by_part_and_state() {
         let table = last_table(&records());
-        // Variant a: all 2 nodes any/tracked/recovered, inner face any/recovered, brow any/tracked, mouth any/recovered: 9 rows.
+        // Variant a has 9 rows: all nodes with any, tracked and recovered; inner face with any and recovered; brow with any and tracked;
+        // mouth with any and recovered.
         assert_eq!(table.rows.len(), 18);
         let find = |variant: &str, part: &str, state: &str| {
             let key = ["g", variant, part, state].map(Cell::text);
             table.rows.iter().find(|row| row[..4] == key).cloned()
         };
-        // (1 + 3) / 2 px, twice that in percent.
+        // (1 + 3) / 2 px; the error in percent is twice that.
         let all = find("a", "all", "any").unwrap();
         assert_eq!((&all[6], &all[9]), (&Cell::Number(2.0, 2), &Cell::Number(4.0, 2)));
         assert_eq!(find("b", "inner_face", "any").unwrap()[6], Cell::Number(6.0, 2));

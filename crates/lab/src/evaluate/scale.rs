@@ -1,4 +1,4 @@
-//! Time and memory of the statistics by the number of models, on made-up models in a columnar file.
+//! Time and memory of the statistics against the number of models, on synthetic models in a columnar file.
 
 use std::{
     collections::BTreeMap,
@@ -20,16 +20,16 @@ use grimace::internal::{
     wireframe::FapusError,
 };
 
-/// What is measured.
+/// Options of the measurement.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScaleOptions {
     /// Numbers of models, ascending.
     pub models: Vec<usize>,
-    /// Most models that are trimmed.
+    /// Largest number of models for which trimming is measured.
     pub trim_up_to: usize,
-    /// Share trimmed.
+    /// Share of models to trim.
     pub alpha: f64,
-    /// Memory of the statistics, bytes.
+    /// Memory limit of the statistics, bytes.
     pub memory: u64,
     /// Seed of the models.
     pub seed: u64,
@@ -38,29 +38,30 @@ pub struct ScaleOptions {
 /// One measurement.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScaleRow {
-    /// Models N''.
+    /// Number of models N''.
     pub models: usize,
-    /// Share trimmed; 0 for none.
+    /// Share trimmed; 0 without trimming.
     pub alpha: f64,
-    /// Time of reading, trimming, both medians and dispersions, seconds.
+    /// Wall time of reading, trimming, both medians and dispersions, seconds.
     pub seconds: f64,
-    /// Processor time of all threads meanwhile, seconds; `None` where the system does not tell.
+    /// Processor time of all threads for the same work, seconds; `None` when the system does not report it.
     pub cpu_seconds: Option<f64>,
-    /// Largest resident memory while doing so, MB; `None` where the system does not tell.
+    /// Largest resident memory during this work, MB; `None` when the system does not report it.
     pub peak_mb: Option<f64>,
-    /// (Field, model) pairs whose trimming was computed exactly, and those that rounding leaves open; `None` without trimming.
+    /// Numbers of (field, model) pairs whose trimming was computed exactly, and whose trimming rounding leaves open; `None` without
+    /// trimming.
     pub exact_and_open: Option<(usize, usize)>,
-    /// Relative gap of the median to its proven bound.
+    /// Relative gap between the sum of distances of the median and its proven lower bound.
     pub certificate_gap: f64,
     /// Dispersion, face units.
     pub dispersion: f64,
     /// Size of the file, MB.
     pub file_mb: f64,
-    /// Time of making and writing the models, seconds.
+    /// Time to make and write the models, seconds.
     pub write_seconds: f64,
 }
 
-/// Why scale cannot be measured.
+/// Why the measurement failed.
 #[derive(Debug, thiserror::Error)]
 pub enum ScaleError {
     /// Candide-3 has no FAPUs.
@@ -74,10 +75,10 @@ pub enum ScaleError {
     Statistics(#[from] StatisticsError),
 }
 
-/// Models made at once.
+/// Number of models made at once.
 const CHUNK: usize = 4096;
 
-/// Writes made-up models of one emotion.
+/// Writes synthetic models of one emotion to a columnar file.
 ///
 /// # Errors
 /// [`ScaleError`] when the file cannot be written.
@@ -102,10 +103,10 @@ pub fn write_synthetic_models(path: &Path, count: usize, seed: u64) -> Result<()
     Ok(())
 }
 
-/// Measures the statistics for every number of models; the file of models stands in `folder` meanwhile.
+/// Measures the statistics for every number of models. A temporary file in `folder` holds the models.
 ///
 /// # Errors
-/// [`ScaleError`].
+/// [`ScaleError`] when the file cannot be written or read, or the statistics fail.
 pub fn evaluate_scale(
     options: &ScaleOptions,
     folder: &Path,
@@ -149,7 +150,7 @@ pub fn evaluate_scale(
             tick(&row);
             rows.push(row);
         }
-        // Gone already, or not to be removed: either way nothing more can be done.
+        // A failure to remove the temporary file is ignored.
         let _ = std::fs::remove_file(&path);
     }
     Ok(rows)
@@ -157,39 +158,39 @@ pub fn evaluate_scale(
 
 type ColumnarClassRef<'a> = grimace::internal::columnar::ColumnarClass<'a>;
 
-/// Starts the measurement of the largest resident memory anew, where the system can.
+/// Resets the measurement of the largest resident memory, if the system supports it.
 fn reset_peak() {
     let _ = std::fs::write("/proc/self/clear_refs", "5");
 }
 
-/// Largest resident memory since the start or the last [`reset_peak`], MB.
+/// Returns the largest resident memory since the start or the last [`reset_peak`], MB.
 fn peak_mb() -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
     line.split_whitespace().next()?.parse::<f64>().ok().map(|kb| kb * 1024.0 / 1e6)
 }
 
-/// Processor time of this process so far, seconds.
+/// Returns the processor time of this process so far, seconds.
 fn cpu_seconds() -> Option<f64> {
-    // Linux counts hundredths of a second in this file.
+    // Linux counts in hundredths of a second in this file.
     const TICKS: f64 = 100.0;
     let stat = std::fs::read_to_string("/proc/self/stat").ok()?;
-    // The name may hold blanks; user and system time are the 12th and 13th fields behind it.
+    // The name may contain spaces; user and system time are the 12th and 13th fields after it.
     let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
     let ticks = |place: usize| fields.get(place)?.parse::<f64>().ok();
     Some((ticks(11)? + ticks(12)?) / TICKS)
 }
 
-/// Exponent of the growth of the time of the untrimmed median between the smallest and the largest number of models.
+/// Returns the exponent of the growth of the time without trimming, between the smallest and the largest number of models.
 pub fn growth_exponent(rows: &[ScaleRow]) -> Option<f64> {
     let untrimmed: Vec<&ScaleRow> = rows.iter().filter(|row| row.alpha == 0.0).collect();
     let (first, last) = (untrimmed.first()?, untrimmed.last()?);
-    // Processor time, where there is one: others on the machine do not count.
+    // Processor time, if known, does not depend on other programs on the machine.
     let time = |row: &ScaleRow| row.cpu_seconds.filter(|t| *t > 0.0).unwrap_or(row.seconds);
     (last.models > first.models).then(|| (time(last) / time(first)).ln() / (last.models as f64 / first.models as f64).ln())
 }
 
-/// A row per measurement.
+/// Returns a row for each measurement.
 pub fn scale_table(rows: &[ScaleRow]) -> Table {
     let mut table = Table::new([
         "models",
@@ -233,7 +234,7 @@ mod tests {
         let options = ScaleOptions { models: vec![50, 100], trim_up_to: 50, alpha: 0.1, memory: 1 << 24, seed: 1 };
         let rows = evaluate_scale(&options, folder.path(), |_| {}).unwrap();
         assert_eq!(rows.iter().map(|r| (r.models, r.alpha)).collect::<Vec<_>>(), [(50, 0.1), (50, 0.0), (100, 0.0)]);
-        // Trimming lowers the dispersion; every median is proven.
+        // Trimming lowers the dispersion, and every median is proven.
         assert!(rows[0].dispersion < rows[1].dispersion && rows.iter().all(|r| r.certificate_gap < 1e-10));
         assert!(growth_exponent(&rows).is_some());
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);

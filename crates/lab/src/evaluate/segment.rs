@@ -1,4 +1,4 @@
-//! Whether the expressions and rests of recordings are found.
+//! Accuracy of the segmentation of recordings: detection of expressions and rests.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -10,28 +10,28 @@ use grimace::internal::{
     units::SequenceId,
 };
 
-/// Frames by which a right apex is off at most.
+/// Largest error of an apex that counts as correct, frames.
 const APEX_WITHIN: i64 = 2;
-/// Frames beyond onset and offset of an expression in which an apex still belongs to it.
+/// Margin before onset and after offset within which an apex still belongs to an expression, frames.
 const AROUND: i64 = 3;
-/// Shortest rest that is to be found, frames.
+/// Shortest rest that counts, frames.
 const SHORTEST_REST: i64 = 10;
-/// Share of the frames of a rest that are found in a rest that is found.
+/// Share of a rest's frames that must be detected as rest for the rest to count as found.
 const OVERLAP: f64 = 0.5;
 
-/// What is true of a recording; frames are numbers.
+/// True expressions and rests of a recording, in frame numbers.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct RecordingTruth {
-    /// Emotion, onset, apex, offset.
+    /// Emotion, with onset, apex and offset.
     pub expressions: Vec<(String, [i64; 3])>,
-    /// First and last frames of rests.
+    /// First and last frames of the rests.
     pub rests: Vec<[i64; 2]>,
 }
 
 /// Reads `truth/expressions.csv` and `truth/rests.csv` of a simulation of recordings.
 ///
 /// # Errors
-/// [`InputError`] when a file does not read.
+/// [`InputError`] when a file cannot be read.
 pub fn read_recording_truth(dataset: &Path) -> Result<BTreeMap<SequenceId, RecordingTruth>, InputError> {
     let mut all: BTreeMap<SequenceId, RecordingTruth> = BTreeMap::new();
     let csv = CsvFile::open(&dataset.join("truth/expressions.csv"))?;
@@ -53,28 +53,29 @@ pub fn read_recording_truth(dataset: &Path) -> Result<BTreeMap<SequenceId, Recor
     Ok(all)
 }
 
-/// How right the segments of one recording are.
+/// Accuracy of the segments of one recording.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SegmentTrial {
     /// The recording.
     pub id: SequenceId,
-    /// Frames by which the nearest proposed apex of every true expression is off, with its emotion; `None` for one that was not found.
+    /// Emotion of every true expression, with the signed error of the nearest proposed apex in frames; `None` when the expression was not
+    /// found.
     pub apexes: Vec<(String, Option<i64>)>,
-    /// Proposals, and those of them that are no expression.
+    /// Number of proposed segments.
     pub proposed: usize,
-    /// See `proposed`.
+    /// Number of proposed segments that match no true expression.
     pub wrong: usize,
-    /// Proposals whose neutral frame lies in a true rest.
+    /// Number of proposed segments whose neutral frame lies in a true rest.
     pub neutral: usize,
-    /// True rests, and those found.
+    /// Number of true rests of sufficient length.
     pub rests: usize,
-    /// See `rests`.
+    /// Number of these rests that were found.
     pub rests_found: usize,
-    /// Why nothing could be proposed.
+    /// Reason why segmentation failed, if it did.
     pub failure: Option<String>,
 }
 
-/// Compares the segments of a recording with the truth; an error is a recording in which nothing was found.
+/// Compares the segments of a recording with the truth. With an error in place of segments, nothing counts as found.
 pub fn judge_recording(id: &SequenceId, truth: &RecordingTruth, found: Result<&SegmentedRecording, String>) -> SegmentTrial {
     let nothing = |(emotion, _): &(String, [i64; 3])| (emotion.clone(), None);
     let is_long = |rest: &&[i64; 2]| rest[1] - rest[0] + 1 >= SHORTEST_REST;
@@ -113,8 +114,10 @@ pub fn judge_recording(id: &SequenceId, truth: &RecordingTruth, found: Result<&S
     trial
 }
 
-/// A row for every emotion and one for all: expressions, share found, share with the apex within 2 frames, mean and largest error of the
-/// others' apex; for all also the share of wrong proposals, of neutral frames at rest, and of rests found.
+/// Returns a row for each emotion and one for all: number of expressions, share found, share with an apex error of at most 2 frames, mean
+/// and largest apex error of the found expressions.
+///
+/// The row `all` also has the share of wrong proposals, of neutral frames in rests, and of rests found.
 pub fn segment_table(trials: &[SegmentTrial]) -> Table {
     let header = [
         "emotion",

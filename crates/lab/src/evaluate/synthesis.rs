@@ -1,7 +1,7 @@
-//! The experiments of [ZL, sections 4 and 5] on any bank, and the solvers beside the genetic algorithm.
+//! The experiments of [ZL, sections 4 and 5] on any bank, and a comparison of the genetic algorithm with the other solvers.
 //!
-//! Targets are expressions that are not in the bank, of which only the feature points are shown to a solver; the rest of their surface
-//! is the truth that the answer is compared with.
+//! Targets are expressions that are not in the bank. A solver sees only their feature points; its answer is compared with their whole
+//! surface.
 
 use std::time::Instant;
 
@@ -16,98 +16,98 @@ use grimace::internal::{
     },
 };
 
-/// An expression that is not in the bank.
+/// A target expression, which is not in the bank.
 #[derive(Clone, Debug)]
 pub struct SynthesisTarget<'a> {
-    /// Its name.
+    /// Name of the expression.
     pub name: String,
-    /// Displacements of its whole surface.
+    /// Displacements of the whole surface.
     pub truth: &'a [[f32; 3]],
 }
 
-/// What is measured on what.
+/// Inputs and options of the experiments.
 #[derive(Clone, Debug)]
 pub struct SynthesisStudy<'a> {
     /// The bank.
     pub bank: &'a Bank,
-    /// Expressions that are not in it.
+    /// Target expressions, which are not in the bank.
     pub targets: Vec<SynthesisTarget<'a>>,
-    /// How many of the targets, from the first on, one, two and four regions are measured on [ZL: 10].
+    /// Number of targets, from the first on, for the comparison of one, two and four regions [ZL: 10].
     pub region_targets: usize,
-    /// Runs of the genetic algorithm on every target [ZL: 10].
+    /// Number of runs of the genetic algorithm on every target [ZL: 10].
     pub runs: usize,
     /// Crossovers to compare.
     pub crossovers: Vec<Crossover>,
     /// Other parameters of the genetic algorithm.
     pub ga: GaOptions,
-    /// Width of the overlap of regions over the width of the face.
+    /// Width of the overlap of regions relative to the width of the face.
     pub overlap: f64,
-    /// Starts of the bound.
+    /// Number of starts for the search of the upper bound.
     pub bound_starts: usize,
 }
 
-/// One crossover, as in [ZL, Table 1].
+/// Results of one crossover, as in [ZL, Table 1].
 #[derive(Clone, Debug, PartialEq)]
 pub struct CrossoverRow {
     /// The crossover.
     pub crossover: Crossover,
-    /// Average over targets of the average best fitness over runs.
+    /// Mean over targets of the mean best fitness over runs.
     pub fitness: f64,
-    /// Average over targets of the standard deviation over runs (with n - 1); `None` for a single run.
+    /// Mean over targets of the standard deviation over runs (with n - 1); `None` for a single run.
     pub deviation: Option<f64>,
-    /// By generation from 0: mean best fitness so far, and mean fitness of the offspring.
+    /// For each generation from 0: mean best fitness so far, and mean fitness of the offspring.
     pub history: Vec<(f64, f64)>,
 }
 
-/// One solver with one scheme of regions.
+/// Results of one solver with one scheme of regions.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SolverRow {
     /// The scheme.
     pub scheme: RegionScheme,
     /// The solver.
     pub solver: Solver,
-    /// Targets measured.
+    /// Number of targets.
     pub targets: usize,
-    /// Mean over targets of the mean fitness of the regions, and the least.
+    /// Fitness, averaged over the regions: mean and minimum over the targets.
     pub fitness: (f64, f64),
     /// Mean over targets of the fitness of the joined surface.
     pub joined: f64,
-    /// Mean over targets of the share of the bound, and the least; `None` without a bound.
+    /// Fitness as a share of the upper bound: mean and minimum over the targets; `None` without a bound.
     pub share_of_bound: Option<(f64, f64)>,
     /// Surface error of every target; see [`surface_error`].
     pub errors: Vec<f64>,
-    /// The largest seams over the targets; `None` for one region.
+    /// Largest seam values over the targets; `None` for one region.
     pub seam: Option<Seam>,
 }
 
 impl SolverRow {
-    /// Mean surface error.
+    /// Returns the mean surface error.
     pub fn mean_error(&self) -> f64 {
         mean(&self.errors)
     }
 }
 
-/// Time of one search with its dense surface.
+/// Duration of one search, including the dense surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TimeRow {
     /// The scheme.
     pub scheme: RegionScheme,
     /// The solver.
     pub solver: Solver,
-    /// Milliseconds on one thread: the median over targets of the best of [`REPEATS`].
+    /// Time on one thread, milliseconds: median over targets of the shortest of [`REPEATS`] measurements.
     pub milliseconds: f64,
 }
 
-/// Repeats of a measurement of time, of which the best counts.
+/// Number of repeated measurements, of which the shortest counts.
 pub const REPEATS: usize = 5;
 
 fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len().max(1) as f64
 }
 
-/// [ZL, Table 1]: every crossover, `runs` times on every target, whole face.
+/// Compares crossovers [ZL, Table 1]: `runs` runs of each on every target, with the whole face.
 ///
-/// `go_on` is asked before every target and may stop the study.
+/// `go_on` is called before every target and may return `false` to stop.
 ///
 /// # Errors
 /// [`EvaluateError::Interrupted`].
@@ -154,10 +154,10 @@ pub fn evaluate_crossovers(
     Ok(rows)
 }
 
-/// Every solver on the first `region_targets` targets, with the whole face, two and four regions: the same targets in every row.
+/// Runs every solver on the first `region_targets` targets with one, two and four regions; all rows use the same targets.
 ///
 /// # Errors
-/// [`EvaluateError`] for options out of range, or when `go_on` says no.
+/// [`EvaluateError`] for options out of range, or when `go_on` returns `false`.
 pub fn evaluate_solvers(study: &SynthesisStudy<'_>, go_on: &(impl Fn() -> bool + Sync)) -> Result<Vec<SolverRow>, EvaluateError> {
     let mut rows = Vec::new();
     for scheme in [RegionScheme::Whole, RegionScheme::Halves, RegionScheme::Quarters] {
@@ -220,7 +220,7 @@ fn summarize(scheme: RegionScheme, solver: Solver, measured: &[Measured]) -> Sol
     }
 }
 
-/// Measures times, one search after another on the calling thread, without a bound.
+/// Measures the duration of searches without a bound, one after another on the calling thread.
 ///
 /// # Errors
 /// As [`evaluate_solvers`].
@@ -258,13 +258,13 @@ pub fn time_solvers(
     Ok(rows)
 }
 
-/// How far joining regions stretches the surface between them. Stretch is an edge's length over that in neutral.
+/// Stretch of the surface where regions are joined. Stretch is the length of an edge divided by its neutral length.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Seam {
-    /// The largest stretch of an edge across an overlap over the largest stretch of an edge inside a region, both in the joined surface.
+    /// Largest stretch of an edge across an overlap, divided by the largest stretch of an edge inside a region, both in the joined surface.
     pub inside: f64,
-    /// The largest stretch of an edge across an overlap in the joined surface over that of the same edges in the regions' own
-    /// surfaces: at 1 and below the join adds nothing to what the regions do by themselves.
+    /// Largest stretch of an edge across an overlap in the joined surface, divided by that of the same edges in the regions' own surfaces.
+    /// At 1 or less, joining adds no stretch.
     pub own: f64,
 }
 
@@ -274,17 +274,17 @@ impl Seam {
     }
 }
 
-/// The edges across the overlaps of regions, and those inside a region.
+/// The edges across overlaps of regions, and the edges inside a region.
 pub struct Seams {
     across: Vec<[u32; 2]>,
     inside: Vec<[u32; 2]>,
-    /// Of those across, the edges both of whose ends have a share in the region.
+    /// For each region, the edges across overlaps with a share of the region at both ends.
     across_of: Vec<Vec<[u32; 2]>>,
 }
 
 impl Seams {
-    /// Sorts the edges of a bank's mesh. An edge is across an overlap when one of its ends has a share in more than one region, and
-    /// else inside a region.
+    /// Sorts the edges of a bank's mesh. An edge is across an overlap when one of its ends has a share in more than one region; otherwise
+    /// it is inside a region.
     pub fn new(mesh: &TriangleMesh, regions: &Regions) -> Self {
         let has_share = |region: usize, v: u32| regions.vertex_shares(region)[v as usize] > 0.0;
         let is_shared = |v: u32| (0..regions.count()).filter(|&r| has_share(r, v)).count() > 1;
@@ -293,7 +293,8 @@ impl Seams {
         Self { across_of: (0..regions.count()).map(of_region).collect(), across, inside }
     }
 
-    /// The seams of a joined surface, `own` being that of each region by itself; `None` when overlaps cover the face.
+    /// Measures the seams of a joined surface; `own` holds the surface of each region alone. Returns `None` when overlaps cover the whole
+    /// face.
     pub fn measure(&self, mesh: &TriangleMesh, joined: &[[f32; 3]], own: &[Vec<[f32; 3]>]) -> Option<Seam> {
         let across = largest_stretch(mesh, &self.across, joined)?;
         let inside = largest_stretch(mesh, &self.inside, joined)?;
@@ -313,7 +314,7 @@ fn largest_stretch(mesh: &TriangleMesh, edges: &[[u32; 2]], displacements: &[[f3
     edges.iter().filter_map(stretch).max_by(f64::total_cmp)
 }
 
-/// [ZL, Table 1] with their figures beside ours.
+/// Returns the results of the crossovers next to the figures of [ZL, Table 1].
 pub fn crossover_table(rows: &[CrossoverRow]) -> Table {
     let mut table = Table::new(["crossover", "fitness", "SD", "ZL fitness", "ZL SD"]);
     for row in rows {
@@ -334,12 +335,12 @@ pub fn crossover_table(rows: &[CrossoverRow]) -> Table {
     table
 }
 
-/// Number of regions of a scheme.
+/// Returns the number of regions of a scheme.
 fn region_count(scheme: RegionScheme) -> usize {
     scheme.names().len()
 }
 
-/// Fitness, bound and surface error of every solver and scheme.
+/// Returns fitness, bound and surface error of every solver and scheme.
 pub fn solver_table(rows: &[SolverRow]) -> Table {
     let mut table = Table::new([
         "regions",
@@ -375,7 +376,7 @@ pub fn solver_table(rows: &[SolverRow]) -> Table {
     table
 }
 
-/// Times of every solver and scheme, with those of \[ZL\] beside the genetic algorithm's.
+/// Returns the times of every solver and scheme, next to those of \[ZL\] for the genetic algorithm.
 pub fn time_table(rows: &[TimeRow]) -> Table {
     let mut table = Table::new(["regions", "solver", "ms", "ZL ms"]);
     for row in rows {
@@ -395,7 +396,7 @@ pub fn time_table(rows: &[TimeRow]) -> Table {
     table
 }
 
-/// Mean best fitness over the generations [ZL, Fig. 6b], one curve for each crossover.
+/// Returns a chart of the mean best fitness over the generations [ZL, Fig. 6b], with one curve for each crossover.
 pub fn history_chart(rows: &[CrossoverRow]) -> LineChart {
     let series = rows.iter().map(|row| Series {
         name: row.crossover.name(),
@@ -409,7 +410,7 @@ pub fn history_chart(rows: &[CrossoverRow]) -> LineChart {
     }
 }
 
-/// Surface error of every target, sorted, one curve for each solver, whole face.
+/// Returns a chart of the sorted surface errors of all targets with the whole face, with one curve for each solver.
 pub fn error_chart(rows: &[SolverRow]) -> LineChart {
     let series = rows.iter().filter(|r| r.scheme == RegionScheme::Whole).map(|row| {
         let mut errors = row.errors.clone();
@@ -437,10 +438,10 @@ mod tests {
         let mesh = TriangleMesh::new(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], vec![[0, 1, 2]]).unwrap();
         let seams = Seams { across: vec![[0, 1]], inside: vec![[0, 2]], across_of: vec![vec![[0, 1]], Vec::new()] };
         let along = |x: f32, y: f32| vec![[0.0; 3], [x, 0.0, 0.0], [0.0, y, 0.0]];
-        // Joined: 1.5 across, 2 inside; the region by itself stretches the edge across to 1.25.
+        // Joined: 1.5 across and 2 inside; the region alone stretches the edge across to 1.25.
         let seam = seams.measure(&mesh, &along(0.5, 1.0), &[along(0.25, 0.0), along(9.0, 0.0)]).unwrap();
         assert_eq!(seam, Seam { inside: 0.75, own: 1.2 });
-        // Nothing inside: nothing to compare with.
+        // Without edges inside there is nothing to compare with.
         let covered = Seams { inside: Vec::new(), ..seams };
         assert_eq!(covered.measure(&mesh, &along(0.5, 1.0), &[]), None);
     }

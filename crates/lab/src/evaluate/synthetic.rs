@@ -1,7 +1,7 @@
-//! Made-up models in any number: one smile of Candide-3's action units, made by different people.
+//! Synthetic models with known truth, in any number: one smile of Candide-3's action units, performed by different people.
 //!
-//! A person's smile has a strength (lognormal), a pace (when the motion happens), an asymmetry, and at every node of every frame an
-//! error of its own. That is how the tests between groups and the statistics of very many models are tried: the truth is known.
+//! A person's smile has a strength (lognormal), a pace (the timing of the motion), an asymmetry, and an independent error at every node of
+//! every frame. Studies of tests between groups and of statistics on very many models use them.
 
 use nalgebra::{Point2, Vector2};
 use rand::{RngExt, SeedableRng};
@@ -17,7 +17,7 @@ use grimace::internal::{
     wireframe::{Fapus, FapusError, Tables, Wireframe},
 };
 
-/// Action units of the smile, and how strong.
+/// Action units of the smile, with their strengths.
 const SMILE: [(&str, f64); 4] =
     [("Lip stretcher", 0.7), ("Lip corner depressor", -0.7), ("Lid tightener", 0.5), ("Jaw drop", 0.15)];
 
@@ -25,31 +25,31 @@ const SMILE: [(&str, f64); 4] =
 const STRENGTH_SD: f64 = 0.35;
 /// Standard deviation of the logarithm of a person's pace.
 const PACE_SD: f64 = 0.25;
-/// Standard deviation of the difference of a person's two halves, as a share.
+/// Standard deviation of the difference between a person's two halves, as a share of the motion.
 const ASYMMETRY_SD: f64 = 0.15;
 /// Standard deviation of every coordinate of every node in every frame, face units.
 const NOISE_SD: f64 = 4.0;
 
-/// How the people of a population differ from each other.
+/// Distribution of the differences between people in a population.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Spread {
     /// Strength lognormal, errors normal.
     #[default]
     Smile,
-    /// Logarithms of strength and pace, and errors, by Student's t with 3 degrees of freedom.
+    /// Logarithms of strength and pace, and errors, from Student's t with 3 degrees of freedom.
     HeavyTails,
-    /// One in eight makes the opposite expression.
+    /// One person in eight makes the opposite expression.
     Mixture,
-    /// Half of the people smile half as strong, the other half one and a half times.
+    /// Half of the people smile half as strongly, the other half one and a half times as strongly.
     Clusters,
 }
 
 impl Spread {
-    /// All of them.
+    /// All distributions.
     pub const ALL: [Self; 4] = [Self::Smile, Self::HeavyTails, Self::Mixture, Self::Clusters];
 
-    /// Name in tables and on the command line.
+    /// Returns the name in tables and on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Smile => "smile",
@@ -60,16 +60,16 @@ impl Spread {
     }
 }
 
-/// Degrees of freedom of heavy tails.
+/// Degrees of freedom of the heavy tails.
 const TAIL_FREEDOM: f64 = 3.0;
-/// Share of people who make the opposite expression, in a mixture.
+/// Share of people in a mixture who make the opposite expression.
 const OPPOSITE_SHARE: f64 = 0.125;
-/// Strength of the two clusters.
+/// Strengths of the two clusters.
 const CLUSTER_STRENGTHS: [f64; 2] = [0.5, 1.5];
-/// Largest magnitude of the logarithm of a strength or pace: a factor of 20.
+/// Largest magnitude of the logarithm of strength or pace: a factor of about 20.
 const MOST_LOGARITHM: f64 = 3.0;
 
-/// People who smile.
+/// A population of synthetic people.
 #[derive(Clone, Debug)]
 pub struct SyntheticPeople {
     wireframe: Wireframe,
@@ -79,17 +79,17 @@ pub struct SyntheticPeople {
     spread: Spread,
 }
 
-/// A number from 0 to 1 for a person, all alike.
+/// Returns a uniform random number from 0 to 1 for a person; it does not depend on the seed of the population.
 fn uniform(person: u64) -> f64 {
     let mut random = ChaCha8Rng::seed_from_u64(person);
     random.random()
 }
 
 impl SyntheticPeople {
-    /// People of a seed.
+    /// Makes the population of a seed, with the distribution [`Spread::Smile`].
     ///
     /// # Errors
-    /// [`FapusError`] never, as Candide-3 has FAPUs.
+    /// [`FapusError`] never, because Candide-3 has FAPUs.
     pub fn new(seed: u64) -> Result<Self, FapusError> {
         let wireframe = Wireframe::candide3();
         let fapus = Fapus::measure(&Tables::candide3().fapus, &wireframe.frontal())?;
@@ -104,19 +104,19 @@ impl SyntheticPeople {
         Ok(Self { wireframe, neutral, apex, seed, spread: Spread::Smile })
     }
 
-    /// The same people, differing from each other in another way.
+    /// Sets the distribution of the differences between people.
     #[must_use]
     pub fn with_spread(mut self, spread: Spread) -> Self {
         self.spread = spread;
         self
     }
 
-    /// The wireframe of the models.
+    /// Returns the wireframe of the models.
     pub fn wireframe(&self) -> &Wireframe {
         &self.wireframe
     }
 
-    /// Positions of all nodes in all frames of one person's smile, `strength` times as strong as their own.
+    /// Returns the positions of all nodes in all frames of one person's smile, `strength` times as strong as the person's own.
     pub fn frames(&self, person: u64, strength: f64) -> Vec<Vec<Point2<f64>>> {
         let mut random = ChaCha8Rng::seed_from_u64(self.seed);
         random.set_stream(person);
@@ -154,7 +154,7 @@ impl SyntheticPeople {
         frames
     }
 
-    /// The displacement fields of [`SyntheticPeople::frames`].
+    /// Returns the displacement fields of [`SyntheticPeople::frames`].
     pub fn fields(&self, person: u64, strength: f64) -> DisplacementFields {
         let frames = self.frames(person, strength);
         let live = self.wireframe.live_nodes();
@@ -162,7 +162,7 @@ impl SyntheticPeople {
         DisplacementFields::from_vectors(live.len(), &frames.windows(2).flat_map(field).collect::<Vec<_>>())
     }
 
-    /// The model of [`SyntheticPeople::frames`].
+    /// Returns the model of [`SyntheticPeople::frames`].
     ///
     /// # Errors
     /// [`grimace::internal::model::ModelError`] for a strength that is not finite.

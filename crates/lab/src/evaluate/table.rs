@@ -1,29 +1,29 @@
-//! Tables: one content, written as CSV with all digits and as Markdown for reading.
+//! Tables, written as CSV with full precision and as Markdown for reading.
 
 use std::{fmt::Write as _, path::Path};
 
 use grimace::internal::output::{OutputError, nine_digits, write_atomic};
 
-/// One cell.
+/// A cell of a table.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Cell {
-    /// Words.
+    /// Text.
     Text(String),
-    /// A whole number.
+    /// An integer.
     Count(usize),
-    /// A number, and its decimals in Markdown; CSV has nine significant digits.
+    /// A number with its decimals in Markdown; CSV has nine significant digits.
     Number(f64, usize),
-    /// Nothing to say.
+    /// No value.
     Empty,
 }
 
 impl Cell {
-    /// Words.
+    /// Makes a cell of text.
     pub fn text(text: impl Into<String>) -> Self {
         Self::Text(text.into())
     }
 
-    /// A number that may be missing.
+    /// Makes a cell of a number, or an empty cell for `None`.
     pub fn maybe(value: Option<f64>, decimals: usize) -> Self {
         value.map_or(Self::Empty, |v| Self::Number(v, decimals))
     }
@@ -47,17 +47,17 @@ impl Cell {
     }
 }
 
-/// A header and rows of as many cells.
+/// A table: a header, and rows with one cell for each column.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
-    /// Column names, units in them.
+    /// Column names with their units.
     pub header: Vec<String>,
     /// Rows.
     pub rows: Vec<Vec<Cell>>,
 }
 
 impl Table {
-    /// A table without rows.
+    /// Makes a table without rows.
     pub fn new<S: Into<String>>(header: impl IntoIterator<Item = S>) -> Self {
         Self { header: header.into_iter().map(Into::into).collect(), rows: Vec::new() }
     }
@@ -77,7 +77,7 @@ impl Table {
         })
     }
 
-    /// The table in Markdown, columns of one width, numbers to the right.
+    /// Returns the table in Markdown, with aligned columns and numbers to the right.
     pub fn markdown(&self) -> String {
         let cells: Vec<Vec<String>> = self.rows.iter().map(|row| row.iter().map(Cell::markdown).collect()).collect();
         let width = |k: usize| {

@@ -1,8 +1,8 @@
-//! The tracking experiment: node errors over the frames of sequences whose nodes are known [KP, Fig. 3 and eq. (1)].
+//! The tracking experiment: node errors over the frames of sequences with known nodes [KP, Fig. 3 and eq. (1)].
 //!
-//! Two protocols ([`Start`]): from true positions, which measures the tracker alone; and from a few marks, which measures fit and
-//! tracker together, by the error of the offset from neutral (what a FAP measures). KP's eq. (1) is the mean over the nodes of one
-//! frame; in simulated sequences the nodes are all live ones, in real ones those that have a landmark.
+//! There are two protocols ([`Start`]). A start from true positions measures the tracker alone. A start from a few marks measures fit and
+//! tracker together, by the error of the offset from neutral, which is what a FAP measures. KP's eq. (1) is the mean over the nodes of one
+//! frame; the nodes are all live nodes in simulated sequences, and those with a landmark in real ones.
 
 use std::{
     collections::BTreeMap,
@@ -30,37 +30,37 @@ use grimace::internal::{
     wireframe::{Region, Tables, Wireframe},
 };
 
-/// How a sequence is started.
+/// The start of a sequence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Start {
-    /// All known nodes of the neutral frame as hard positions; the error is that of the position.
+    /// The known nodes of the neutral frame are fixed at their true positions; the error is that of the position.
     Landmarks,
-    /// A fit to a few marks; the error is that of the offset from neutral.
+    /// The wireframe is fitted to a few marks; the error is that of the offset from neutral.
     Marks,
 }
 
-/// What is compared and how.
+/// Options of the experiment.
 #[derive(Clone, Debug)]
 pub struct TrackingOptions {
-    /// Protocol.
+    /// How sequences start.
     pub start: Start,
-    /// Trackers.
+    /// Trackers to compare.
     pub variants: Vec<TrackerVariant>,
-    /// Nodes marked with [`Start::Marks`].
+    /// Marked nodes for [`Start::Marks`].
     pub marks: Vec<NodeId>,
-    /// Standard deviation of those marks in simulated sequences, px.
+    /// Standard deviation of the errors of those marks in simulated sequences, px.
     pub marks_noise_px: f64,
-    /// Manifest column to group by; one group without.
+    /// Manifest column to group by; a single group without it.
     pub by: Option<String>,
-    /// Seed of the marks' errors.
+    /// Seed of the errors of the marks.
     pub seed: u64,
 }
 
-/// One sequence to track.
+/// A sequence to track.
 #[derive(Clone, Debug)]
 pub struct TrackingCase {
-    /// Name.
+    /// Name of the sequence.
     pub id: String,
     group: String,
     source: CaseSource,
@@ -73,45 +73,46 @@ enum CaseSource {
         subject: u32,
         emotion: Emotion,
     },
-    /// With landmarks, or with exact positions of all nodes where there is a file of them.
+    /// A sequence of a dataset, with landmarks, or with exact positions of all nodes when there is a file of them.
     Entry {
         entry: Box<SequenceEntry>,
         exact: Option<PathBuf>,
     },
-    /// Positions of a sequence that is not tracked here, but was before.
+    /// File of true positions; the tracks are read from files.
     Truth(PathBuf),
 }
 
-/// A sequence of which there are positions, to compare tracks with that are there.
+/// Makes a case from a file of true positions, for the comparison with existing tracks.
 pub fn truth_case(path: &Path) -> TrackingCase {
     let id = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     TrackingCase { id, group: "all".to_owned(), source: CaseSource::Truth(path.to_owned()) }
 }
 
-/// A sequence that was left out, for all variants alike, and why.
+/// A sequence that was left out for all variants.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Failed {
-    /// Name.
+    /// Name of the sequence.
     pub id: String,
-    /// The variant that failed, or empty when the sequence itself does not serve.
+    /// Name of the variant that failed; empty when the sequence itself cannot be used.
     pub variant: String,
-    /// The error.
+    /// The reason.
     pub reason: String,
 }
 
-/// What came out.
+/// Results of the experiment.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrackingResult {
-    /// The errors.
+    /// Errors of all sequences.
     pub records: Records,
     /// Sequences left out.
     pub failures: Vec<Failed>,
 }
 
-/// The hard version of a simulation, about as bad as film of a dim room with a consumer camera: the head turned by up to 8 degrees,
-/// pixel noise of 4 grey levels, motion blur of half the time between two frames, a lens 0.8 px (standard deviation) out of focus,
-/// brightness that changes by up to 15 % and 8 grey levels over the sequence, a gradient of ±15 % that moves over the face, and JPEG
-/// compression of quality 75. None of it moves a node.
+/// Returns the options of the hard simulation, similar to film of a dim room with a consumer camera.
+///
+/// The head is turned by up to 8 degrees; pixel noise is 4 grey levels; motion blur covers half the time between two frames; the lens is
+/// out of focus by 0.8 px (standard deviation). Brightness changes by up to 15 % and 8 grey levels over the sequence, a gradient of ±15 %
+/// moves over the face, and JPEG compression has quality 75. None of these moves a node.
 pub fn hard_simulation(options: &SimulateOptions) -> SimulateOptions {
     let camera = CameraOptions {
         shutter: 0.5,
@@ -124,7 +125,7 @@ pub fn hard_simulation(options: &SimulateOptions) -> SimulateOptions {
     SimulateOptions { noise_sigma: 4.0, yaw_degrees: 8.0, camera, ..options.clone() }
 }
 
-/// One sequence for every subject and emotion of a simulation.
+/// Returns one sequence for every subject and emotion of a simulation.
 ///
 /// # Errors
 /// [`EvaluateError::Simulate`] for options out of range.
@@ -139,11 +140,11 @@ pub fn simulated_cases(options: &SimulateOptions) -> Result<Vec<TrackingCase>, E
     Ok((0..options.subjects).flat_map(emotions).collect())
 }
 
-/// The sequences of a dataset that have landmarks, or exact positions in `truth/SUBJECT_SEQUENCE.csv`, grouped by a column of its
-/// manifest; and what of it does not read.
+/// Returns the sequences of a dataset that have landmarks, or exact positions in `truth/SUBJECT_SEQUENCE.csv`, grouped by a manifest
+/// column. The second list holds the sequences that cannot be read.
 ///
 /// # Errors
-/// [`EvaluateError`] when the dataset does not open, lacks the column, or has no sequence with landmarks.
+/// [`EvaluateError`] when the dataset cannot be opened, lacks the column, or has no sequence with landmarks.
 pub fn dataset_cases(path: &Path, by: Option<&str>) -> Result<(Vec<TrackingCase>, Vec<Failed>), EvaluateError> {
     let dataset = Dataset::open(path)?;
     let mut failures: Vec<Failed> = Vec::new();
@@ -153,7 +154,7 @@ pub fn dataset_cases(path: &Path, by: Option<&str>) -> Result<(Vec<TrackingCase>
     }
     let mut cases = Vec::new();
     for entry in dataset.sequences {
-        // Beside the manifest; in the layout of Cohn-Kanade beside the folder of the images.
+        // The folder `truth` is next to the manifest, or, in the layout of Cohn-Kanade, next to the folder of images.
         let exact = [&dataset.root, path].map(|root| truth_path(root, &entry.id)).into_iter().find(|path| path.is_file());
         if entry.landmarks_paths.is_empty() && exact.is_none() {
             continue;
@@ -167,23 +168,23 @@ pub fn dataset_cases(path: &Path, by: Option<&str>) -> Result<(Vec<TrackingCase>
     Ok((cases, failures))
 }
 
-/// A sequence ready to be tracked.
+/// A sequence ready for tracking.
 struct Prepared {
     frames: PreparedFrames,
-    /// ES0, px, where the truth tells it; else that of the track's neutral frame is taken.
+    /// ES0, px, if the truth determines it; otherwise the value of the track's neutral frame is used.
     eye_distance: Option<f64>,
-    /// Nodes compared: the node, its part, inner face or not.
+    /// Compared nodes: the node, its part, and whether it belongs to the inner face.
     compared: Vec<(NodeId, String, bool)>,
-    /// By frame number: true positions in the order of `compared`, `None` where not known. Frames without are not compared.
+    /// True positions by frame number, in the order of `compared`, `None` if not known. Frames without an entry are not compared.
     truth: TruthFrames,
-    /// What the wireframe is fitted to.
+    /// Marks that the wireframe is fitted to.
     marks: Vec<Correspondence>,
 }
 
 enum PreparedFrames {
     Images(Vec<GrayImage>),
     Source(FrameSource),
-    /// No frames: tracks that are there are compared.
+    /// No frames: existing tracks are compared.
     None,
 }
 
@@ -197,10 +198,10 @@ impl PreparedFrames {
     }
 }
 
-/// Tracks every sequence with every variant and compares. `progress` is called from any thread when a sequence is finished and may
-/// return `false` to stop.
+/// Tracks every sequence with every variant and compares the tracks with the truth.
 ///
-/// A sequence that fails for one variant is left out for all, so that all are compared on the same sequences.
+/// `progress` is called from any thread after every sequence and may return `false` to stop. A sequence that fails for one variant is left
+/// out for all, so that all variants are compared on the same sequences.
 ///
 /// # Errors
 /// [`EvaluateError::Interrupted`].
@@ -243,7 +244,7 @@ pub fn evaluate_tracking(
     Ok(TrackingResult { records, failures })
 }
 
-/// Errors of one sequence: names of the parts, and records whose part is a place in them.
+/// Errors of one sequence. The field `part` of `errors` is an index into `parts`.
 struct CaseErrors {
     parts: Vec<String>,
     errors: Vec<RecordedError>,
@@ -307,7 +308,7 @@ impl Bench<'_> {
                 eye_distance_px(self.tables, &neutral).unwrap_or(f64::NAN)
             });
             for (k, (number, nodes)) in track.iter().enumerate() {
-                // The last frame that anything is known of: the apex, in a sequence known to its end.
+                // The last frame with known positions: the apex, when the sequence is known to its end.
                 let last = Some(*number) == last_known.min(track.last().map(|(number, _)| *number));
                 let Some(truth) = prepared.truth.get(number) else { continue };
                 for (i, (node, part, inner)) in prepared.compared.iter().enumerate() {
@@ -368,7 +369,7 @@ impl Bench<'_> {
         Ok(self.known_nodes(PreparedFrames::Source(frames), neutral, &positions, index))
     }
 
-    /// Positions to compare tracks with that are there.
+    /// Prepares true positions for the comparison with existing tracks.
     fn truth_alone(&self, path: &Path) -> Result<Prepared, EvaluateError> {
         let positions = read_truth(path, self.wireframe.node_count())?;
         let none = vec![None; self.wireframe.node_count()];
@@ -376,7 +377,7 @@ impl Bench<'_> {
         Ok(self.known_nodes(PreparedFrames::None, &neutral, &positions, 0))
     }
 
-    /// A sequence of which positions of nodes are known, of all or of some.
+    /// Prepares a sequence with known positions of all or some nodes.
     fn known_nodes(
         &self,
         frames: PreparedFrames,
@@ -387,7 +388,7 @@ impl Bench<'_> {
         let is_known = |n: &NodeId| positions.values().any(|nodes| nodes[n.index()].is_some());
         let live: Vec<NodeId> = self.wireframe.live_nodes().iter().copied().filter(is_known).collect();
         let at_start: Vec<(NodeId, Point2<f64>)> = live.iter().filter_map(|&n| Some((n, neutral[n.index()]?))).collect();
-        // From top to bottom, so that parts come in that order.
+        // Compares regions from top to bottom, so that the parts keep this order.
         let mut compared: Vec<(NodeId, String, bool)> = Vec::new();
         for region in Region::ALL {
             let of_region = live.iter().filter(|&&n| self.tables.region(n) == region);

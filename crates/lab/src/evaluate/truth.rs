@@ -1,4 +1,4 @@
-//! What is true: exact node positions from a file, or landmarks that stand for nodes.
+//! Ground truth: exact node positions from a file, or landmarks in place of nodes.
 
 use std::{
     collections::BTreeMap,
@@ -16,26 +16,26 @@ use grimace::internal::{
     wireframe::{LandmarkConfidence, Tables},
 };
 
-/// First landmark that is not on the contour: the inner face is 17 to 67.
+/// First landmark that is not on the contour; landmarks 17 to 67 form the inner face.
 pub const FIRST_INNER_LANDMARK: u8 = 17;
 
-/// Landmarks around the right and the left eye; their mean stands for the pupil.
+/// Landmarks around the right and the left eye; their mean approximates the pupil.
 const EYES: [std::ops::Range<usize>; 2] = [36..42, 42..48];
 
-/// A node and the landmark that stands for it alone, confidence high or medium.
+/// A node at exactly one landmark, of high or medium confidence.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ComparedNode {
     /// The node.
     pub node: NodeId,
     /// Its landmark.
     pub landmark: usize,
-    /// Part of the face, as in the table of landmarks.
+    /// Part of the face, from the table of landmarks.
     pub part: String,
-    /// Whether it belongs to the inner face.
+    /// Whether the node belongs to the inner face.
     pub inner: bool,
 }
 
-/// The nodes that can be compared with landmarks, in the order of the landmarks.
+/// Returns the nodes that can be compared with landmarks, in the order of the landmarks.
 pub fn compared_nodes(tables: &Tables) -> Vec<ComparedNode> {
     let rows = tables.landmarks.iter().filter(|row| row.confidence >= LandmarkConfidence::Medium);
     rows.filter_map(|row| match row.nodes[..] {
@@ -50,8 +50,8 @@ pub fn compared_nodes(tables: &Tables) -> Vec<ComparedNode> {
     .collect()
 }
 
-/// Eye distance ES0 of a face with 68 landmarks, px: between the means of the landmarks around each eye. `None` when it is not
-/// positive, or when there are not 68 landmarks.
+/// Returns the eye distance ES0 of a face with 68 landmarks, px: the distance between the mean landmarks of the two eyes. Returns `None`
+/// when it is not positive, or when there are not 68 landmarks.
 pub fn landmark_eye_distance(points: &[Point2<f64>]) -> Option<f64> {
     if points.len() != LANDMARK_COUNT {
         return None;
@@ -63,7 +63,7 @@ pub fn landmark_eye_distance(points: &[Point2<f64>]) -> Option<f64> {
     Some((left - right).norm()).filter(|d| d.is_finite() && *d > 0.0)
 }
 
-/// The group of a sequence: its value in a column of the manifest, `(none)` for an empty one; `all` without a column.
+/// Returns the group of a sequence: its value in a manifest column, `(none)` for an empty value, or `all` without a column.
 ///
 /// # Errors
 /// [`EvaluateError::NoColumn`] when the sequence has no such column.
@@ -80,7 +80,7 @@ pub fn group_of(entry: &SequenceEntry, by: Option<&str>) -> Result<String, Evalu
     }
 }
 
-/// Exact node positions that do not read.
+/// Why exact node positions cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum TruthError {
     /// The file, a row or a number.
@@ -126,8 +126,7 @@ pub enum TruthError {
     },
 }
 
-/// Where the exact positions of a sequence are looked for: `truth/SUBJECT_SEQUENCE.csv` in the dataset's folder, as
-/// `grimace simulate` writes them.
+/// Returns the path of a sequence's exact positions: `truth/SUBJECT_SEQUENCE.csv` in the dataset's folder, as `grimace simulate` writes it.
 pub fn truth_path(root: &Path, id: &SequenceId) -> PathBuf {
     root.join("truth").join(format!("{id}.csv"))
 }
@@ -135,10 +134,10 @@ pub fn truth_path(root: &Path, id: &SequenceId) -> PathBuf {
 /// True positions by frame number and node, px; `None` for nodes that are not known.
 pub type TruthFrames = BTreeMap<u32, Vec<Option<Point2<f64>>>>;
 
-/// Reads true positions `frame,node,x,y`: any nodes of any frames.
+/// Reads true positions from a file with the columns `frame,node,x,y`, for any nodes of any frames.
 ///
 /// # Errors
-/// [`TruthError`] for a file that does not read, a node that is not there or is there twice, or no positions.
+/// [`TruthError`] for a file that cannot be read, a node that does not exist or occurs twice in a frame, or a file without positions.
 pub fn read_truth(path: &Path, node_count: usize) -> Result<TruthFrames, TruthError> {
     let mut frames = TruthFrames::new();
     for row in PositionTable::open(path)?.rows() {
@@ -187,10 +186,10 @@ mod tests {
 
     #[test]
     fn fifty_two_landmarks_stand_for_one_node() {
-        // 68 landmarks, 15 of low confidence, and the nasion (27) between two nodes.
+        // 68 landmarks, without 15 of low confidence and without the nasion (27), which lies between two nodes.
         let compared = compared_nodes(&Tables::candide3());
         assert_eq!(compared.len(), 52);
-        // Of the 51 inner ones the four between brow nodes 18, 20, 23, 25, then 27, 29, 56 and 58 are out.
+        // The 51 inner landmarks without the four between brow nodes (18, 20, 23, 25), and without 27, 29, 56 and 58.
         assert_eq!(compared.iter().filter(|c| c.inner).count(), 43);
         let nodes: std::collections::BTreeSet<_> = compared.iter().map(|c| c.node).collect();
         assert_eq!(nodes.len(), 52, "no node twice");
@@ -203,7 +202,7 @@ mod tests {
             *point = Point2::new(10.0 + k as f64, 5.0); // mean 12.5
         }
         points[42..48].fill(Point2::new(15.5, 9.0));
-        // From (12.5, 5) to (15.5, 9): 5.
+        // The distance from (12.5, 5) to (15.5, 9) is 5.
         assert_eq!(landmark_eye_distance(&points), Some(5.0));
         assert_eq!(landmark_eye_distance(&points[..67]), None);
         assert_eq!(landmark_eye_distance(&[Point2::origin(); LANDMARK_COUNT]), None);

@@ -1,4 +1,4 @@
-//! Trackers to compare: the program's own with some options, and plain KLT.
+//! Trackers to compare: the program's own tracker with different options, plain KLT, and existing tracks.
 
 use std::path::{Path, PathBuf};
 
@@ -16,19 +16,19 @@ use grimace::internal::{
     wireframe::Wireframe,
 };
 
-/// Window and pyramid levels of plain KLT.
+/// Window of plain KLT, px.
 pub const PLAIN_WINDOW_PX: u32 = 21;
-/// See [`PLAIN_WINDOW_PX`].
+/// Number of pyramid levels of plain KLT.
 pub const PLAIN_LEVELS: u32 = 4;
 
 /// What a variant runs.
 #[derive(Clone, Debug, PartialEq)]
 pub enum VariantKind {
-    /// The tracker with options.
+    /// The program's tracker with these options.
     Options(TrackOptions),
-    /// Plain KLT: from frame to frame, [`PLAIN_WINDOW_PX`] and [`PLAIN_LEVELS`], no check; a node that KLT loses stays where it was.
+    /// Plain KLT from frame to frame, with [`PLAIN_WINDOW_PX`] and [`PLAIN_LEVELS`] and no check; a lost node stays in place.
     PlainKlt,
-    /// A track that is there: a file, or a folder of files `SUBJECT_SEQUENCE.csv`.
+    /// An existing track: a file, or a folder of files `SUBJECT_SEQUENCE.csv`.
     Tracks(PathBuf),
 }
 
@@ -41,7 +41,7 @@ pub struct TrackerVariant {
     pub kind: VariantKind,
 }
 
-/// A node in a frame: its place, and whether it was tracked there (or else placed by other means).
+/// A node in a frame: its position, and whether it was tracked into the frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Placed {
     pub position: Point2<f64>,
@@ -50,8 +50,10 @@ pub(super) struct Placed {
     pub expected: Option<f64>,
 }
 
-/// The tracker with its options and the same without deformation [KP, Fig. 3], both again without the alignment with the neutral
-/// frame (with it where the options leave it out), so that each is seen alone; and plain KLT.
+/// Returns the standard variants: the tracker with `options`, the tracker without deformation [KP, Fig. 3], and plain KLT.
+///
+/// The first two also run without the alignment with the neutral frame (or with it, when `options` disable it), so that each effect is
+/// measured alone.
 pub fn standard_variants(options: &TrackOptions) -> Vec<TrackerVariant> {
     let variant = |name: &str, kind| TrackerVariant { name: name.to_owned(), kind };
     let (gain, other) = if options.align.gain > 0.0 { (0.0, "not aligned") } else { (AlignOptions::default().gain, "aligned") };
@@ -69,11 +71,11 @@ pub fn standard_variants(options: &TrackOptions) -> Vec<TrackerVariant> {
 }
 
 impl TrackerVariant {
-    /// A variant from a text `name:key=value,key=value`, the keys being fields of [`TrackOptions`]; `base` gives the others. A dot
-    /// goes into a field of fields.
+    /// Parses a variant from `name:key=value,key=value`. Keys are fields of [`TrackOptions`], with dots for nested fields; `base` supplies
+    /// the other fields.
     ///
     /// # Errors
-    /// [`EvaluateError::Variant`] for a text of another form, a key that is not there, or a value of the wrong type.
+    /// [`EvaluateError::Variant`] for text of another form, an unknown key, or a value of the wrong type.
     pub fn parse(text: &str, base: &TrackOptions) -> Result<Self, EvaluateError> {
         let error = |reason: String| EvaluateError::Variant { text: text.to_owned(), reason };
         let (name, settings) = text.split_once(':').unwrap_or((text, ""));
@@ -98,7 +100,7 @@ impl TrackerVariant {
         Ok(Self { name: name.trim().to_owned(), kind: VariantKind::Options(options) })
     }
 
-    /// Tracks all N nodes through the frames, the neutral frame included.
+    /// Tracks all N nodes through all frames, the neutral frame included.
     pub(super) fn track(
         &self,
         id: &str,
@@ -107,7 +109,7 @@ impl TrackerVariant {
         fitted: Option<&FittedWireframe>,
         frames: impl IntoIterator<Item = Result<Frame, SequenceError>>,
     ) -> Result<Vec<(u32, Vec<Placed>)>, VariantError> {
-        // Without a fit there is nothing to track, only tracks to read.
+        // Without a fit, only existing tracks can be compared.
         match (&self.kind, fitted) {
             (VariantKind::Tracks(path), _) => read_placed(path, id, wireframe),
             (_, None) => Ok(Vec::new()),
@@ -150,7 +152,7 @@ fn placed_frames(frames: &[TrackedFrame]) -> Vec<(u32, Vec<Placed>)> {
     frames.iter().map(|f| (f.number, f.nodes.iter().map(placed).collect())).collect()
 }
 
-/// The track of a sequence in a file, or in a folder of files named by sequences.
+/// Reads the track of a sequence from a file, or from a folder of files named after sequences.
 fn read_placed(path: &Path, id: &str, wireframe: &Wireframe) -> Result<Vec<(u32, Vec<Placed>)>, VariantError> {
     let path = if path.is_dir() { path.join(format!("{id}.csv")) } else { path.to_owned() };
     let frames = read_track(&path)?;

@@ -1,4 +1,4 @@
-//! A blink in the middle of a sequence: the lids close and open again, before the apex.
+//! Blinks: the lids close and open again in the middle of a sequence, before the apex.
 
 use grimace::internal::wireframe::LID_MARGINS;
 use nalgebra::{Point3, Vector3};
@@ -10,26 +10,26 @@ use super::{
     random::{Purpose, generator},
 };
 
-/// Where in the sequence lids are shut, as a share of it: well after the neutral frame and before the apex.
+/// Range for the time of closed lids, as a share of the sequence: well after the neutral frame and before the apex.
 const MIDDLE: std::ops::Range<f64> = 0.3..0.6;
-/// Time from open to shut, seconds.
+/// Time from open to closed, seconds.
 const CLOSING_SECONDS: f64 = 0.1;
-/// Shortest time from open to shut, share of the sequence: short sequences blink slowly rather than never.
+/// Shortest time from open to closed, as a share of the sequence; short sequences blink more slowly.
 const SHORTEST: f64 = 0.06;
-/// Shares of the gap that upper and lower lid close; together a little less than all of it.
+/// Shares of the gap that the upper and the lower lid close; together slightly less than the whole gap.
 const LID_SHARES: [f64; 2] = [0.83, 0.14];
 
-/// When a sequence blinks.
+/// Time and duration of a blink.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Blink {
-    /// Frame at which the lids are shut.
+    /// Frame with closed lids.
     middle: f64,
-    /// Frames from open to shut.
+    /// Number of frames from open to closed.
     half: f64,
 }
 
 impl Blink {
-    /// The blink of a sequence, if it has one: the share of [`SimulateOptions::blink`] of all sequences.
+    /// Returns the blink of a sequence, if it has one; [`SimulateOptions::blink`] is the probability.
     pub fn new(options: &SimulateOptions, subject: u32, emotion_code: u8) -> Option<Self> {
         let mut random = generator(options.seed, Purpose::Blink, subject, emotion_code, 0);
         let (wanted, place) = (random.random_bool(options.blink.clamp(0.0, 1.0)), random.random_range(MIDDLE));
@@ -38,16 +38,16 @@ impl Blink {
         wanted.then_some(Self { middle: place * last, half })
     }
 
-    /// How far the lids are shut at a time in frames, 0 to 1.
+    /// Returns the closure of the lids at a time in frames, from 0 (open) to 1 (closed).
     pub fn closure(&self, time: f64) -> f64 {
         smooth_step((1.0 - (time - self.middle).abs() / self.half).max(0.0))
     }
 }
 
-/// Moves the lids towards each other; `offsets` from `neutral`, face space.
+/// Moves the lids towards each other by changing `offsets` from `neutral`, in face space.
 pub fn close_lids(neutral: &[Point3<f64>], offsets: &mut [Vector3<f64>], closure: f64) {
     for [upper, lower] in LID_MARGINS {
-        // The corners stay.
+        // The corners of the eyes stay in place.
         for (&u, &l) in upper.iter().zip(&lower).skip(1).take(3) {
             let (u, l) = (usize::from(u), usize::from(l));
             let gap = (neutral[l] + offsets[l]) - (neutral[u] + offsets[u]);
@@ -84,7 +84,7 @@ mod tests {
         let mut offsets = vec![Vector3::zeros(); neutral.len()];
         close_lids(neutral, &mut offsets, 1.0);
         let gap = |o: &[Vector3<f64>]| ((neutral[21] + o[21]) - (neutral[22] + o[22])).norm();
-        // 1 - 0.83 - 0.14 = 0.03 of the gap is left.
+        // 1 - 0.83 - 0.14 = 0.03 of the gap remains.
         assert!((gap(&offsets) / gap(&vec![Vector3::zeros(); neutral.len()]) - 0.03).abs() < 1e-9);
         assert_eq!(offsets[20], Vector3::zeros());
     }

@@ -1,7 +1,7 @@
-//! What stands between the scene and the file: shutter, lens, light, sensor and compression. None of it moves a node.
+//! The camera between scene and file: shutter, lens, light, sensor and compression. None of them moves a node.
 //!
-//! The order is nature's: sub-frames are averaged while the shutter is open (motion blur along the true motion), the lens blurs, the
-//! light scales and tilts the brightness, the sensor adds noise and rounds, JPEG compresses.
+//! The order is the physical one: sub-frames are averaged while the shutter is open (motion blur along the true motion), the lens blurs,
+//! the light scales the brightness and adds a gradient, the sensor adds noise and rounds, and JPEG compresses.
 
 use std::io;
 
@@ -15,18 +15,18 @@ use super::{
     random::{Purpose, generator},
 };
 
-/// Motion during the exposure that one sub-frame stands for, px.
+/// Motion during the exposure for each sub-frame, px.
 const SUBFRAME_PX: f64 = 0.5;
-/// Most sub-frames of a frame.
+/// Largest number of sub-frames in a frame.
 const MAX_SUBFRAMES: usize = 16;
-/// Length of the wave of the light gradient over the width of the picture: a face sees about a third of it.
+/// Wavelength of the light gradient relative to the width of the picture; a face covers about a third of it.
 const GRADIENT_WAVE: f64 = 1.5;
-/// Largest way of the light gradient over a sequence, share of its wave.
+/// Largest motion of the light gradient over a sequence, as a share of its wavelength.
 const GRADIENT_WAY: f64 = 0.25;
-/// Radius of the defocus kernel in standard deviations.
+/// Radius of the defocus kernel, in standard deviations.
 const KERNEL_SD: f64 = 3.0;
 
-/// Faults of a camera and its light; all 0 (and no compression) by default. They change pictures, never positions.
+/// Faults of a camera and its light, all 0 (and no compression) by default. They change pictures, but not positions.
 ///
 /// | option | range | hard simulation |
 /// | --- | --- | --- |
@@ -38,22 +38,22 @@ const KERNEL_SD: f64 = 3.0;
 /// | `compression` | 1 to 100 | 75 |
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct CameraOptions {
-    /// Share of the time between two frames for which the shutter is open, centred on the frame's own time.
+    /// Share of the time between two frames for which the shutter is open, centred on the time of the frame.
     pub shutter: f64,
     /// Standard deviation of the Gaussian blur of the lens, pixels.
     pub defocus_px: f64,
-    /// Largest relative change of the brightness: a sequence goes from one seeded gain within 1 ± this to another.
+    /// Largest relative change of brightness: a sequence goes from one seeded gain within 1 ± this value to another.
     pub gain_change: f64,
-    /// Largest change of the black level, grey levels of 0 to 255, likewise.
+    /// Largest change of the black level, in grey levels of 0 to 255: a sequence goes from one seeded level to another.
     pub bias_change: f64,
-    /// Strength of a smooth gradient of light that moves over the picture: brightness times 1 ± this.
+    /// Strength of a smooth gradient of light that moves over the picture: brightness is multiplied by up to 1 ± this value.
     pub light_gradient: f64,
-    /// Quality, 1 to 100, of a JPEG compression that every picture goes through, whatever its file's format; none without.
+    /// Quality, 1 to 100, of a JPEG compression applied to every picture, independent of the file format; `None` for no compression.
     pub compression: Option<u8>,
 }
 
 impl CameraOptions {
-    /// Whether the camera has no fault.
+    /// Whether the camera has no faults.
     pub fn is_perfect(&self) -> bool {
         *self == Self::default()
     }
@@ -80,7 +80,7 @@ impl CameraOptions {
         }
     }
 
-    /// The times, in frames, of the sub-frames of a frame in which the fastest node moves by `extent_px` while the shutter is open.
+    /// Returns the times, in frames, of the sub-frames of a frame. `extent_px` is the motion of the fastest node while the shutter is open.
     pub(super) fn exposure_times(&self, frame: usize, extent_px: f64) -> Vec<f64> {
         let count = if self.shutter > 0.0 { (extent_px / SUBFRAME_PX).ceil() as usize } else { 1 };
         let count = count.clamp(1, MAX_SUBFRAMES);
@@ -98,7 +98,7 @@ pub struct Exposure {
     pub data: Vec<f32>,
 }
 
-/// The light of one sequence: gain, bias and the gradient's phase at the first and the last frame.
+/// The light of one sequence: gain, bias and phase of the gradient in the first and the last frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Light {
     ends: [[f64; 3]; 2],
@@ -107,7 +107,7 @@ struct Light {
     strength: f64,
 }
 
-/// Gain, bias and phase of the gradient of one frame.
+/// Gain, bias and phase of the gradient in one frame.
 type Moment = [f64; 3];
 
 impl Light {
@@ -124,7 +124,7 @@ impl Light {
         Self { ends: [first, [last[0], last[1], start + way]], direction, strength: camera.light_gradient }
     }
 
-    /// The light at a share of the sequence, 0 to 1.
+    /// Returns the light at a share of the sequence, 0 to 1.
     fn at(&self, time: f64) -> Moment {
         std::array::from_fn(|k| self.ends[0][k] + (self.ends[1][k] - self.ends[0][k]) * time)
     }
@@ -142,7 +142,7 @@ impl Light {
     }
 }
 
-/// What the camera makes of an exposure: frame number `frame` (from 0) of a subject's sequence.
+/// Returns the picture that the camera makes of an exposure. `frame` is the number of the frame, from 0, in a subject's sequence.
 pub fn develop(mut exposure: Exposure, options: &SimulateOptions, subject: u32, emotion_code: u8, frame: usize) -> RgbImage {
     let camera = &options.camera;
     if camera.defocus_px > 0.0 {
@@ -167,12 +167,12 @@ pub fn develop(mut exposure: Exposure, options: &SimulateOptions, subject: u32, 
     let image = RgbImage::from_raw(exposure.width as u32, exposure.height as u32, pixels).unwrap_or_default();
     match camera.compression {
         None => image,
-        // A picture of checked size and quality encodes, and what was encoded decodes.
+        // Compression cannot fail for a picture of checked size and quality.
         Some(quality) => compress(&image, quality).unwrap_or(image),
     }
 }
 
-/// Blurs in place by a Gaussian; the border repeats outwards.
+/// Applies a Gaussian blur in place; pixels outside repeat the border.
 fn defocus(exposure: &mut Exposure, sigma: f64) {
     let radius = (KERNEL_SD * sigma).ceil().max(1.0) as usize;
     let weights: Vec<f64> = (0..=2 * radius).map(|k| (-0.5 * ((k as f64 - radius as f64) / sigma).powi(2)).exp()).collect();
@@ -223,7 +223,7 @@ mod tests {
     #[test]
     fn sub_frames_are_spread_evenly_about_the_frame() {
         let camera = CameraOptions { shutter: 0.5, ..CameraOptions::default() };
-        // 1 px in steps of 0.5 px: two sub-frames, a quarter of the opening to each side: 0.5 / 4 = 0.125 frames.
+        // 1 px in steps of 0.5 px gives two sub-frames, each a quarter of the opening from the centre: 0.5 / 4 = 0.125 frames.
         assert_eq!(camera.exposure_times(3, 1.0), [2.875, 3.125]);
         assert_eq!(camera.exposure_times(3, 0.2), [3.0]);
         assert_eq!(camera.exposure_times(3, 1e9).len(), MAX_SUBFRAMES);
@@ -238,7 +238,7 @@ mod tests {
         defocus(&mut exposure, 1.0);
         let red: f32 = exposure.data.iter().step_by(3).sum();
         assert!((red - 100.0).abs() < 1e-3, "{red}");
-        // Standard deviation 1: the peak of the two-dimensional Gaussian is 1 / tau, sampled and normalized within 1 %.
+        // With standard deviation 1 the peak of the two-dimensional Gaussian is 1 / tau, within 1 % for a sampled and normalized kernel.
         assert!((exposure.data[centre] / 100.0 - 1.0 / std::f32::consts::TAU).abs() < 0.002);
         assert!((exposure.data[centre - 3] - exposure.data[centre + 3]).abs() < 1e-4);
         let mut even = grey(90.0);
@@ -252,7 +252,7 @@ mod tests {
         let means: Vec<f64> = [0, 23]
             .map(|frame| {
                 let image = develop(grey(100.0), &options(camera), 1, 1, frame);
-                // 100 * 1.2 * 1.1 + 5 = 137 at most, 100 * 0.8 * 0.9 - 5 = 67 at least; rounded.
+                // At most 100 * 1.2 * 1.1 + 5 = 137, at least 100 * 0.8 * 0.9 - 5 = 67, after rounding.
                 assert!(image.iter().all(|&v| (67..=137).contains(&v)));
                 image.iter().map(|&v| f64::from(v)).sum::<f64>() / image.len() as f64
             })

@@ -1,4 +1,4 @@
-//! A whole dataset on disk: rendered subjects.
+//! Writes a dataset of rendered subjects to disk.
 
 use std::{
     path::Path,
@@ -14,22 +14,24 @@ use super::{
     files::{ManifestRow, Performance, begin, finish, write_sequence},
 };
 
-/// What was written.
+/// Size of a written dataset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DatasetSummary {
-    /// Sequences.
+    /// Number of sequences.
     pub sequences: usize,
-    /// Frames in all of them.
+    /// Number of frames in all sequences.
     pub frames: usize,
 }
 
-/// Writes a dataset: `manifest.csv`, the frames, correspondences, the true position of every node, and `simulate.json`; or, in the
-/// layout of Cohn-Kanade, images, emotion labels and exact landmarks in its three folders instead of manifest and correspondences.
+/// Writes a dataset of rendered subjects.
 ///
-/// Sequences are made in parallel; the bytes do not depend on the number of threads. `progress` is called with the number of
-/// frames finished and the number of all frames, from any thread.
+/// It consists of `manifest.csv`, the frames, correspondences, the true position of every node, and `simulate.json`. In the layout of
+/// Cohn-Kanade, images, emotion labels and exact landmarks in three folders replace manifest and correspondences.
 ///
-/// With `force`, files that an earlier simulation recorded (`simulate.b3`) and this one does not make are removed; other files stay.
+/// Sequences are made in parallel; the files do not depend on the number of threads. `progress` is called from any thread with the number
+/// of finished frames and of all frames.
+///
+/// With `force`, files that an earlier simulation recorded (`simulate.b3`) and that this one does not write are removed; other files stay.
 ///
 /// # Errors
 /// [`SimulateError`] for options out of range, a folder that is not empty (unless `force`), or a file that cannot be written.

@@ -1,4 +1,4 @@
-//! How each person performs the emotions.
+//! Expressions of simulated people: offsets of the nodes for emotions and for FAP values.
 
 use nalgebra::Vector3;
 use rand_distr::{Distribution, StandardNormal};
@@ -10,24 +10,24 @@ use grimace::internal::{
 
 use super::random::{Purpose, generator};
 
-/// Spread of a person's strength over emotions, and of one unit within an expression (standard deviations, factor on the weight).
+/// Standard deviation of a person's strength over emotions, and (`UNIT_SD`) of one unit within an expression, as factors on the weight.
 const STRENGTH_SD: f64 = 0.10;
 const UNIT_SD: f64 = 0.12;
-/// Standard deviation of the asymmetry: the left side moves by `1 + a`, the right by `1 - a`.
+/// Standard deviation of the asymmetry a: the left side moves by `1 + a`, the right by `1 - a`.
 const ASYMMETRY_SD: f64 = 0.05;
-/// Factors are kept within these many standard deviations.
+/// Limit of random factors, in standard deviations.
 const LIMIT_SD: f64 = 2.0;
-/// Distance from the midline, in model units, over which the asymmetry grows from nothing to its full size.
+/// Distance from the midline, in model units, over which the asymmetry grows from zero to its full size.
 const ASYMMETRY_RAMP: f64 = 0.2;
 
-/// The eight nodes of the iris boxes. Eyeballs are rigid: lids and noses do not squeeze them, although two action unit vectors
-/// of Candide-3 list them.
+/// The eight nodes of the iris boxes. They do not move with expressions, because eyeballs are rigid, although two action unit vectors of
+/// Candide-3 include them.
 const EYEBALL: std::ops::RangeInclusive<u16> = 67..=74;
 
-/// The offset from neutral of every node at the apex of one person's expression, in model units of face space.
+/// Returns the offset from neutral of every node at the apex of one person's expression, in model units of face space.
 ///
-/// Weights are those of [`expressions`] times `strength`, times seeded factors of this person and emotion, so that the same
-/// emotion looks different on everybody. A unit that the wireframe lacks moves nothing.
+/// The weights are those of [`expressions`] times `strength`, times seeded factors of this person and emotion, so that an emotion looks
+/// different on each person. Units that the wireframe lacks are skipped.
 pub fn apex_offsets(
     wireframe: &Wireframe,
     fapus: &Fapus,
@@ -44,7 +44,7 @@ pub fn apex_offsets(
     let strength = strength * (1.0 + normal(STRENGTH_SD));
     let asymmetry = normal(ASYMMETRY_SD);
     let mut offsets = vec![Vector3::zeros(); wireframe.node_count()];
-    // Left and right FAPs of a pair follow each other in the table: they share one factor, so only `asymmetry` parts the sides.
+    // Left and right FAPs of a pair are neighbours in the table and share one factor, so that only `asymmetry` makes the sides differ.
     let mut pair_factor: Option<(u16, f64)> = None;
     for row in expressions().iter().filter(|r| r.emotion == emotion) {
         let factor = match (row.unit, pair_factor) {
@@ -64,9 +64,10 @@ pub fn apex_offsets(
     offsets
 }
 
-/// The offset from neutral of every node under the FAP values of a frame, in model units of face space: Candide-3's own units for
-/// FAPs, in the subject's FAPUs. FAPs without such a unit, angles among them, move nothing ([`faps_without_unit`]); where only the inner
-/// or the outer edge of a lip has a FAP, the other edge moves with it.
+/// Returns the offset from neutral of every node under the FAP values of a frame, in model units of face space.
+///
+/// The FAPs use Candide-3's own units and the subject's FAPUs. FAPs without a unit, such as angles, have no effect ([`faps_without_unit`]).
+/// When only the inner or only the outer edge of a lip has a FAP, the other edge moves with it.
 pub fn fap_offsets(wireframe: &Wireframe, fapus: &Fapus, frame: &FapFrame) -> Vec<Vector3<f64>> {
     let mut offsets = vec![Vector3::zeros(); wireframe.node_count()];
     for unit in wireframe.action_units() {
@@ -81,14 +82,14 @@ pub fn fap_offsets(wireframe: &Wireframe, fapus: &Fapus, frame: &FapFrame) -> Ve
     offsets
 }
 
-/// FAPs that a sequence sets and that move nothing in `fap_offsets`, ascending.
+/// Returns the FAPs that a sequence sets and that `fap_offsets` ignores, ascending.
 pub fn faps_without_unit(wireframe: &Wireframe, faps: &FapSequence) -> Vec<FapNumber> {
     let is_length = |kind: &UnitKind| fap_of(kind).filter(|(_, fapu)| *fapu != Fapu::Au).map(|(fap, _)| fap);
     let known: Vec<FapNumber> = wireframe.action_units().iter().filter_map(|unit| is_length(&unit.kind)).collect();
     faps.set_faps().into_iter().filter(|fap| !known.contains(fap)).collect()
 }
 
-/// The FAP that moves the other edge of a lip alike: 4 to 13 inner, 51 to 60 outer.
+/// Returns the FAP of the other edge of the same lip: 4 to 13 are inner, 51 to 60 outer.
 fn lip_twin(fap: FapNumber) -> Option<FapNumber> {
     const APART: u8 = 47;
     let twin = match fap.get() {
@@ -99,7 +100,7 @@ fn lip_twin(fap: FapNumber) -> Option<FapNumber> {
     FapNumber::all().find(|fap| fap.get() == twin)
 }
 
-/// FAP values per FAPU.
+/// Number of FAP values per FAPU.
 const FAPU_PARTS: u16 = 1024;
 
 fn fap_of(kind: &UnitKind) -> Option<(FapNumber, Fapu)> {
@@ -114,7 +115,7 @@ mod tests {
     use super::*;
     use grimace::internal::wireframe::Tables;
 
-    /// Inner upper lip nodes with their lower twins.
+    /// Nodes of the inner upper lip, each with its twin on the lower lip.
     const LIP_TWINS: [(u16, u16); 3] = [(87, 40), (81, 83), (82, 84)];
 
     fn apex(emotion: Emotion, subject: u32) -> Vec<Vector3<f64>> {
@@ -127,7 +128,7 @@ mod tests {
     fn expressions_move_the_right_way() {
         for subject in 0..20 {
             let happy = apex(Emotion::Happiness, subject);
-            // Corners out and up, on both sides (x to the subject's left).
+            // The corners move out and up on both sides (x grows to the subject's left).
             assert!(happy[31].x > 0.03 && happy[64].x < -0.03 && happy[31].y > 0.05 && happy[64].y > 0.05);
             let surprise = apex(Emotion::Surprise, subject);
             assert!([15, 16, 17, 48, 49, 50].iter().all(|&n: &usize| surprise[n].y > 0.05));

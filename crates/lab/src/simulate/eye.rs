@@ -1,13 +1,13 @@
-//! Eyeballs, seen through the opening between the lids.
+//! Draws the eyeballs through the opening between the lids.
 
 use grimace::internal::wireframe::LID_MARGINS;
 use nalgebra::{Point2, Point3, Vector2, Vector3};
 
 use super::{motion::HeadPose, noise, render::Samples, subject::Subject};
 
-/// Corners of the iris boxes, subject's left then right.
+/// Corners of the iris boxes: the subject's left eye, then the right.
 const IRIS_BOXES: [[usize; 4]; 2] = [[67, 68, 71, 72], [69, 70, 73, 74]];
-/// Radius of the iris over half the height of its box, and of the pupil over that of the iris.
+/// Radius of the iris relative to half the height of its box, and (`PUPIL_SHARE`) of the pupil relative to the iris.
 const IRIS_RADIUS: f64 = 1.34;
 const PUPIL_SHARE: f64 = 0.36;
 
@@ -36,7 +36,7 @@ pub fn draw_eyes(samples: &mut Samples, subject: &Subject, offsets: &[Vector3<f6
             for x in columns.clone() {
                 let at = Samples::to_image(x, y);
                 let Some((below_upper, above_lower)) = opening.depth(at) else { continue };
-                // Half a sample of softness on both lids.
+                // The edge along each lid is half a sample soft.
                 let coverage = (below_upper * 2.0 + 0.5).clamp(0.0, 1.0) * (above_lower * 2.0 + 0.5).clamp(0.0, 1.0);
                 if coverage > 0.0 {
                     let colour = eyeball.colour(plane_from_image * (at - middle), below_upper / unit, above_lower / unit);
@@ -47,7 +47,7 @@ pub fn draw_eyes(samples: &mut Samples, subject: &Subject, offsets: &[Vector3<f6
     }
 }
 
-/// The opening between two lids: curves through the margin nodes over the line from corner to corner.
+/// The opening between two lids, bounded by curves through the margin nodes in coordinates along the line between the corners.
 struct Opening {
     origin: Point2<f64>,
     along: Vector2<f64>,
@@ -59,13 +59,14 @@ struct Opening {
 impl Opening {
     fn new(upper: [Point2<f64>; 5], lower: [Point2<f64>; 5]) -> Self {
         let along = (upper[4] - upper[0]).normalize();
-        // Perpendicular that points up in the picture.
+        // The perpendicular that points up in the picture.
         let up = if along.x > 0.0 { Vector2::new(along.y, -along.x) } else { Vector2::new(-along.y, along.x) };
         let local = |p: Point2<f64>| Vector2::new((p - upper[0]).dot(&along), (p - upper[0]).dot(&up));
         Self { origin: upper[0], along, up, upper: Spline::new(upper.map(local)), lower: Spline::new(lower.map(local)) }
     }
 
-    /// Distance below the upper lid and above the lower lid (pixels, perpendicular to the corners' line); `None` beside the eye.
+    /// Returns the distances below the upper lid and above the lower lid, px, perpendicular to the line between the corners; `None` beside
+    /// the eye.
     fn depth(&self, p: Point2<f64>) -> Option<(f64, f64)> {
         let d = p - self.origin;
         let (x, y) = (d.dot(&self.along), d.dot(&self.up));
@@ -73,7 +74,7 @@ impl Opening {
     }
 }
 
-/// A cubic curve y(x) through five points with growing x.
+/// A cubic curve y(x) through five points with ascending x.
 struct Spline {
     points: [Vector2<f64>; 5],
     slopes: [f64; 5],
@@ -87,7 +88,7 @@ impl Spline {
             let (before, after) = (points[k].x - points[k - 1].x, points[k + 1].x - points[k].x);
             slopes[k] = (step(k - 1) * after + step(k) * before) / (before + after).max(1e-9);
         }
-        // At the corners the curve bends on as it did: steeper than the chord.
+        // The slope at a corner continues the bend of the curve, so it is steeper than the chord.
         slopes[0] = 2.0 * step(0) - slopes[1];
         slopes[4] = 2.0 * step(3) - slopes[3];
         Self { points, slopes }
@@ -111,7 +112,7 @@ impl Spline {
     }
 }
 
-/// One eyeball; lengths in model units, origin at the middle of the iris.
+/// An eyeball; lengths in model units, with the origin at the middle of the iris.
 struct Eyeball {
     iris: [f32; 3],
     radius: f64,
@@ -125,7 +126,7 @@ impl Eyeball {
         let r = p.norm();
         let (px, py) = (p.x as f32, p.y as f32);
         let half = (self.inner - self.outer).norm() / 2.0;
-        // White, rounded towards the corners, reddish at the inner one, with a few veins.
+        // The white of the eye: darker towards the corners, reddish at the inner corner, with a few veins.
         let round = (1.0 - 0.42 * (r / half).powi(2)).max(0.45) as f32;
         let vein = noise::fractal(px * 60.0, py * 140.0, 3, self.seed ^ 0x61).max(0.0) * 0.10;
         let pink = (-((p - self.inner).norm() / 0.028).powi(2)).exp() as f32;
@@ -134,7 +135,7 @@ impl Eyeball {
         for (c, f) in colour.iter_mut().zip(flesh) {
             *c += (f * round.max(0.7) - *c) * 0.75 * pink;
         }
-        // Iris with fibres, a dark rim and a bright lower half; the rim is soft.
+        // The iris: fibres, a dark soft rim and a bright lower half.
         let edge = ((self.radius - r) / 0.007 + 0.5).clamp(0.0, 1.0) as f32;
         if edge > 0.0 {
             let share = (r / self.radius) as f32;
@@ -150,7 +151,7 @@ impl Eyeball {
                 colour[n] += (inside - colour[n]) * edge;
             }
         }
-        // The upper lid and its lashes throw a shadow, the lower lid a faint one; tears glint at its edge.
+        // The upper lid and its lashes cast a shadow, the lower lid a faint one; tears shine at its edge.
         let shadow =
             1.0 - 0.55 * (-(below_upper.max(0.0) / 0.020)).exp() as f32 - 0.14 * (-(above_lower.max(0.0) / 0.010)).exp() as f32;
         colour = colour.map(|c| c * shadow);

@@ -1,4 +1,4 @@
-//! The files of simulated sequences, in the project's own layout or in that of Cohn-Kanade.
+//! Writes the files of simulated sequences, in the project's own layout or in that of Cohn-Kanade.
 
 use std::{fmt::Write as _, fs, io, path::Path};
 
@@ -24,7 +24,7 @@ use grimace::internal::{
     wireframe::{LandmarkRow, Tables},
 };
 
-/// The record of the files written, by which a later simulation knows what it may remove.
+/// Name of the record of written files; a later simulation may remove the files in it.
 const RECORD_NAME: &str = "simulate.b3";
 /// Version of the layout of a simulated dataset.
 const SCHEMA_VERSION: u32 = 1;
@@ -32,35 +32,35 @@ const SCHEMA_VERSION: u32 = 1;
 /// Folders of the Cohn-Kanade layout: images, labels, landmarks.
 const COHN_KANADE: [&str; 3] = ["cohn-kanade-images", "Emotion", "Landmarks"];
 
-/// One sequence to write.
+/// A sequence to write.
 pub(super) struct Performance<F: Fn(usize) -> Result<SimulatedFrame, SimulateError>> {
     pub subject: String,
     pub sequence: String,
-    /// Label.
+    /// Label of the sequence.
     pub emotion: String,
-    /// Subject and emotion code of its random streams.
+    /// Subject and emotion code of the sequence's random streams.
     pub stream: (u32, u8),
-    /// Frame number k from 0.
+    /// Function that returns frame k, from 0.
     pub frame: F,
 }
 
-/// A row of the manifest: a sequence that was written.
+/// A row of the manifest, for a written sequence.
 pub(super) struct ManifestRow {
     subject: String,
     sequence: String,
     emotion: String,
-    /// Where it was written to, relative to the dataset; so are its correspondences.
+    /// Folder of the frames, relative to the dataset; the path of the correspondences is also relative to the dataset.
     frames: String,
     correspondences: String,
     fps: f64,
-    /// Values of the further columns.
+    /// Values of the additional columns.
     further: Vec<String>,
 }
 
 impl ManifestRow {
     const COLUMNS: [&str; 6] = ["subject", "sequence", "emotion", "frames", "correspondences", "fps"];
 
-    /// The same row with the values of further columns.
+    /// Returns the row with values of additional columns.
     pub fn with(self, further: impl IntoIterator<Item = String>) -> Self {
         Self { further: further.into_iter().collect(), ..self }
     }
@@ -112,14 +112,15 @@ const UNITS: Units = Units {
     fps: "frames per second",
 };
 
-/// Makes the folder, or refuses one with something in it; the record of what is written into it.
+/// Makes the output folder and returns the record of its files. Refuses a folder that is not empty, unless `force` is set.
 pub(super) fn begin(out: &Path, force: bool) -> Result<FolderRecord, SimulateError> {
     fs::create_dir_all(out).map_err(OutputError::at(out))?;
     if !force && fs::read_dir(out).map_err(OutputError::at(out))?.next().is_some() {
         return Err(SimulateError::NotEmpty { path: out.to_owned() });
     }
     let record = FolderRecord::open(out, RECORD_NAME, force)?;
-    // What an earlier run left is not a dataset while frames are written over it. A manifest that somebody wrote is no leftover.
+    // Removes the manifest of an earlier run, because the folder is incomplete while frames are written. A manifest that a user wrote or
+    // changed is an error.
     let manifest = out.join(MANIFEST_NAME);
     let has_manifest = fs::symlink_metadata(&manifest).is_ok();
     if has_manifest && !record.is_unchanged(MANIFEST_NAME) {
@@ -132,9 +133,10 @@ pub(super) fn begin(out: &Path, force: bool) -> Result<FolderRecord, SimulateErr
     Ok(record)
 }
 
-/// Writes `simulate.json` and, last, the manifest with the further `columns`: a folder with a manifest is a complete dataset.
+/// Writes `simulate.json` and, last, the manifest with the additional `columns`; a folder with a manifest is a complete dataset.
 ///
-/// Frames of an earlier simulation that this one did not make are removed before, since a longer sequence would mix with the new one.
+/// Frames of an earlier simulation that this one did not make are removed first, because a longer sequence would otherwise mix with the new
+/// one.
 pub(super) fn finish(
     record: FolderRecord,
     out: &Path,
@@ -195,7 +197,7 @@ pub(super) fn write_sequence<F: Fn(usize) -> Result<SimulatedFrame, SimulateErro
         if let Some([labels, landmarks]) = &layout.cohn_kanade {
             let text = landmark_text(&simulated.nodes, &tables.landmarks);
             record.write(&format!("{landmarks}/{name}_landmarks.txt"), |writer| writer.write_all(text.as_bytes()))?;
-            // The label stands at the apex.
+            // Cohn-Kanade stores the label with the apex frame.
             if frame + 1 == options.frames {
                 let code = grimace::internal::dataset::emotion_code(&performance.emotion)
                     .ok_or_else(|| SimulateError::NoCode { emotion: performance.emotion.clone() })?;
@@ -220,10 +222,10 @@ pub(super) fn write_sequence<F: Fn(usize) -> Result<SimulatedFrame, SimulateErro
     })
 }
 
-/// The folders of one sequence, relative to the dataset.
+/// The folders of a sequence, relative to the dataset.
 struct Layout {
     images: String,
-    /// Labels and landmarks.
+    /// Folders of labels and landmarks.
     cohn_kanade: Option<[String; 2]>,
 }
 
@@ -239,7 +241,7 @@ impl Layout {
     }
 }
 
-/// The 68 landmarks of a face, px: each between the nodes (`nodes`, by number) that it stands for.
+/// Returns the 68 landmarks of a face, px, each from the nodes at its position; `nodes` holds the positions of all nodes.
 pub(crate) fn landmark_points(nodes: &[Point2<f64>], landmarks: &[LandmarkRow]) -> Vec<Point2<f64>> {
     let place = |row: &LandmarkRow| {
         let sum: Vector2<f64> = row.nodes.iter().map(|&(node, weight)| nodes[node.index()].coords * weight).sum();
@@ -249,7 +251,7 @@ pub(crate) fn landmark_points(nodes: &[Point2<f64>], landmarks: &[LandmarkRow]) 
     landmarks.iter().map(place).collect()
 }
 
-/// The 68 landmarks of a frame as CK+ writes them: a line `x y` each, 8 significant digits.
+/// Returns the 68 landmarks of a frame in the format of CK+: one line `x y` for each, with 8 significant digits.
 fn landmark_text(nodes: &[Point2<f64>], landmarks: &[LandmarkRow]) -> String {
     let mut text = String::new();
     for p in landmark_points(nodes, landmarks) {
@@ -259,7 +261,7 @@ fn landmark_text(nodes: &[Point2<f64>], landmarks: &[LandmarkRow]) -> String {
     text
 }
 
-/// A number as C's `%.7e` writes it: `1.1495612e+02`.
+/// Formats a number like C's `%.7e`: `1.1495612e+02`.
 fn exponential(value: f64) -> String {
     let text = format!("{value:.7e}");
     let (mantissa, exponent) = text.split_once('e').unwrap_or((&text, "0"));
@@ -267,7 +269,7 @@ fn exponential(value: f64) -> String {
     format!("{mantissa}e{sign}{digits:0>2}")
 }
 
-/// The marks a person would set on the neutral frame: true positions plus Gaussian errors.
+/// Returns the marks of the neutral frame: true positions plus Gaussian errors.
 fn marks(nodes: &[Point2<f64>], options: &SimulateOptions, (subject, code): (u32, u8)) -> Vec<MarkRow> {
     let mut random = generator(options.seed, Purpose::Marks, subject, code, 0);
     let mut error = || -> f64 {
@@ -294,7 +296,7 @@ pub(super) fn write_picture(
     Ok(record.write(&format!("{stem}.{}", format.extension()), |writer| encode(image, format, writer))?)
 }
 
-/// As [`finish`], of recordings, one of every subject: they are cut by `segment`, and begin and end anywhere.
+/// Writes the last files like [`finish`], for one recording of every subject. The manifest tells `segment` to cut the recordings.
 pub(super) fn finish_recordings(
     record: FolderRecord,
     out: &Path,

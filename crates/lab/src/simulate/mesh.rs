@@ -1,9 +1,10 @@
-//! The drawn surface: Candide's triangles, a skirt around them, and a smooth refinement that passes exactly through every node.
+//! The drawn surface: Candide-3's triangles and a skirt around them, refined smoothly so that the surface passes exactly through every
+//! node.
 //!
-//! The *plane* is the subject's own neutral frontal view; textures are painted on it. A function over the nodes (a displacement,
-//! a depth) is carried to the refined vertices by a Hermite rule: a gradient is estimated at each vertex, and the middle of an
-//! edge gets the mean of its ends plus what the gradients say about the bend. Node values are kept, so the map from plane to
-//! image is exact at nodes, and the facets of the 184 triangles disappear.
+//! The *plane* is the subject's own neutral frontal view; textures are painted on it. A Hermite rule extends a function of the nodes (a
+//! displacement, a depth) to the refined vertices. It estimates a gradient at each vertex; the middle of an edge gets the mean of its ends
+//! plus a bend from these gradients. Values at nodes are kept, so the map from plane to image is exact at nodes, and the facets of the 184
+//! triangles disappear.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -11,27 +12,27 @@ use nalgebra::{Matrix2, Point2, Vector2, Vector3};
 
 use grimace::internal::{units::NodeId, wireframe::Wireframe};
 
-/// Rounds of refinement: each cuts every triangle in four.
+/// Number of refinement rounds; each splits every triangle into four.
 const ROUNDS: usize = 2;
-/// Share of the estimated bend that is applied; below 1 the surface keeps closer to the flat triangles.
+/// Share of the estimated bend that is applied; values below 1 keep the surface closer to the flat triangles.
 const TENSION: f64 = 0.85;
-/// The nodes of the iris boxes: triangles with one of them belong to the eyeball, not to the skin.
+/// The nodes of the iris boxes; triangles with one of them belong to the eyeball, not to the skin.
 const EYEBALL: std::ops::RangeInclusive<u16> = 67..=74;
-/// Distance of the first ring of the skirt from the face's middle, as a factor on the border node's distance.
+/// Distance of the first ring of the skirt from the middle of the face, relative to the distance of the border node.
 const INNER_RING: f64 = 1.32;
 /// Middle of the face for the skirt, model units.
 const MIDDLE: Point2<f64> = Point2::new(0.0, 0.05);
-/// Half width and vertical range of the outer ring: beyond every picture.
+/// Half width and vertical range of the outer ring, model units; it lies outside every picture.
 const OUTER_RING: (f64, f64, f64) = (7.0, -7.0, 7.0);
 
-/// What a vertex of the drawn surface moves with.
+/// The motion that a vertex of the drawn surface follows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Anchor {
-    /// The node of the wireframe.
+    /// A node of the wireframe.
     Node(NodeId),
-    /// The head, without expression.
+    /// The head, without the expression.
     Head,
-    /// The body: shifts with the head, but does not roll.
+    /// The body, which shifts with the head but does not rotate.
     Body,
 }
 
@@ -47,14 +48,14 @@ pub struct SkinMesh {
 /// One round of refinement.
 #[derive(Clone, Debug)]
 struct Level {
-    /// Neighbours of each vertex and the inverse of its normal equations; `None` where neighbours lie on one line.
+    /// Neighbours of each vertex and the inverse of its normal equations; `None` when the neighbours lie on one line.
     rings: Vec<(Vec<u32>, Option<Matrix2<f64>>)>,
     /// Ends of each split edge, in the order of the new vertices.
     edges: Vec<[u32; 2]>,
 }
 
 impl SkinMesh {
-    /// The drawn surface over a subject's neutral frontal view.
+    /// Makes the drawn surface over a subject's neutral frontal view.
     pub fn new(wireframe: &Wireframe, neutral: &[Point2<f64>]) -> Self {
         let is_eyeball = |t: &[NodeId; 3]| t.iter().any(|n| EYEBALL.contains(&n.0));
         let skin: Vec<[NodeId; 3]> = wireframe.triangles().iter().filter(|t| !is_eyeball(t)).copied().collect();
@@ -102,22 +103,22 @@ impl SkinMesh {
         Self { anchors, plane, levels, triangles }
     }
 
-    /// What each vertex of the coarse surface moves with; the refined vertices follow them.
+    /// Returns the motion of each vertex of the coarse surface; the refined vertices follow them.
     pub fn anchors(&self) -> &[Anchor] {
         &self.anchors
     }
 
-    /// Refined vertices on the plane.
+    /// Returns the refined vertices on the plane.
     pub fn plane(&self) -> &[Point2<f64>] {
         &self.plane
     }
 
-    /// Refined triangles.
+    /// Returns the refined triangles.
     pub fn triangles(&self) -> &[[u32; 3]] {
         &self.triangles
     }
 
-    /// Carries values at the coarse vertices to all refined vertices; values at coarse vertices stay as they are.
+    /// Extends values at the coarse vertices to all refined vertices; values at coarse vertices do not change.
     pub fn refine(&self, coarse: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let mut values = coarse.to_vec();
         for level in &self.levels {
@@ -150,7 +151,7 @@ impl SkinMesh {
     }
 }
 
-/// One round: topology of the finer triangles, and what the Hermite rule needs on the coarser ones.
+/// Computes one round: the finer triangles, and the data for the Hermite rule on the coarser ones.
 fn split(plane: &[Point2<f64>], triangles: &[[u32; 3]]) -> (Level, Vec<[u32; 3]>) {
     let mut neighbours = vec![BTreeSet::new(); plane.len()];
     let mut middle_of: BTreeMap<[u32; 2], u32> = BTreeMap::new();
@@ -174,7 +175,7 @@ fn split(plane: &[Point2<f64>], triangles: &[[u32; 3]]) -> (Level, Vec<[u32; 3]>
         .into_iter()
         .enumerate()
         .map(|(k, ring)| {
-            // Coincident twins have no direction to each other.
+            // Twin vertices at the same position have no direction to each other.
             let ring: Vec<u32> = ring.into_iter().filter(|&n| (plane[n as usize] - plane[k]).norm_squared() > 1e-12).collect();
             let mut normal = Matrix2::zeros();
             for &n in &ring {
@@ -188,7 +189,7 @@ fn split(plane: &[Point2<f64>], triangles: &[[u32; 3]]) -> (Level, Vec<[u32; 3]>
     (Level { rings, edges }, finer)
 }
 
-/// The outer border of the wireframe as a closed walk over its nodes.
+/// Returns the outer border of the wireframe as a closed sequence of nodes.
 fn outer_border(wireframe: &Wireframe) -> Vec<NodeId> {
     let mut uses: BTreeMap<(NodeId, NodeId), usize> = BTreeMap::new();
     for &[a, b, c] in wireframe.triangles() {
@@ -201,7 +202,7 @@ fn outer_border(wireframe: &Wireframe) -> Vec<NodeId> {
         next.entry(a).or_default().push(b);
         next.entry(b).or_default().push(a);
     }
-    // The chin is on the outer border; the mouth's hole has its own border, which this walk never meets.
+    // The walk starts at the chin, which lies on the outer border, so it never reaches the border of the mouth.
     let start = NodeId(10);
     let mut walk = vec![start];
     let mut previous = None;
@@ -217,7 +218,7 @@ fn outer_border(wireframe: &Wireframe) -> Vec<NodeId> {
     walk
 }
 
-/// Where a ray from the middle leaves the rectangle of the outer ring.
+/// Returns the point where a ray from the middle leaves the rectangle of the outer ring.
 fn on_rectangle(direction: Vector2<f64>) -> Point2<f64> {
     let (half_width, bottom, top) = OUTER_RING;
     let along_x = half_width / direction.x.abs().max(1e-9);
@@ -240,7 +241,7 @@ mod tests {
     fn the_surface_has_every_skin_node_and_two_rings() {
         let mesh = mesh();
         let nodes = mesh.anchors().iter().filter(|a| matches!(a, Anchor::Node(_))).count();
-        // 104 live nodes less the 8 of the iris boxes.
+        // 104 live nodes minus the 8 of the iris boxes.
         assert_eq!(nodes, 96);
         let border = outer_border(&Wireframe::candide3());
         assert_eq!(mesh.anchors().len(), 96 + 2 * border.len());

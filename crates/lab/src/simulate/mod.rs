@@ -1,14 +1,13 @@
-//! Synthetic sequences with exact ground truth: textured, lit Candide-3 faces that go from neutral to a full expression.
+//! Synthetic sequences with exact ground truth: textured and lit Candide-3 faces that go from neutral to a full expression.
 //!
-//! Identity is a sum of Candide's shape units, expression a sum of its action units
-//! ([`grimace::internal::wireframe::expressions`]), both seeded. A face is drawn as a painted plane under an inverse warp that is
-//! exact at every node: the pixel at a node's true position shows the texture of that node. Eyeballs and the inside of the mouth
-//! are drawn through the openings between lids and lips; eyeballs do not deform. Hair, ears, neck and clothes continue the same
-//! surface, so the face has no border.
+//! Identity is a sum of Candide-3's shape units, expression a sum of its action units ([`grimace::internal::wireframe::expressions`]); both
+//! depend on the seed. A face is a painted plane, drawn by an inverse warp that is exact at every node: the pixel at a node's true position
+//! shows the texture of that node. Eyeballs and the inside of the mouth are drawn through the openings between lids and lips; eyeballs do
+//! not deform. Hair, ears, neck and clothes continue the same surface, so the face has no visible border.
 //!
-//! Photographs of neutral faces can be animated by the same expressions, or by FAP curves ([`simulate_photographs`]).
+//! Photographs of neutral faces can be animated with the same expressions or with FAP curves ([`simulate_photographs`]).
 //!
-//! Everything follows from the seed: the same options give the same pictures, whatever the order or the number of threads.
+//! Pictures depend only on the options, which include the seed, and not on the order of the work or the number of threads.
 //!
 //! ```
 //! use grimace_lab::simulate::{Emotion, SimulateOptions, simulate_sequence};

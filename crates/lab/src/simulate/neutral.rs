@@ -1,13 +1,13 @@
-//! Neutral faces as points, without a picture: what the evaluation of the fit needs, thousands of times.
+//! Positions of simulated faces without pictures, for studies of the fit that need thousands of faces.
 
 use nalgebra::{Point2, Vector3};
 
 use super::{Emotion, SimulateError, SimulateOptions, motion::Course, subject::identity};
 use grimace::internal::wireframe::{ExpressionUnit, Fapus, Tables, Wireframe, expressions, find_unit, keep_lips_apart};
 
-/// Exact image positions (pixels) of all N nodes of subject number `subject` (from 0) in the neutral frame of an emotion's sequence.
+/// Returns the exact image positions (pixels) of all N nodes of subject `subject` (from 0) in the neutral frame of an emotion's sequence.
 ///
-/// The same positions as those of the first frame of [`super::simulate_sequence`]; nothing is painted or drawn.
+/// The positions equal those of the first frame of [`super::simulate_sequence`], but nothing is painted or drawn.
 ///
 /// # Errors
 /// [`SimulateError`] when the options are out of range.
@@ -20,17 +20,17 @@ pub fn neutral_nodes(options: &SimulateOptions, subject: u32, emotion: Emotion) 
 /// Positions of all nodes.
 type Nodes = Vec<Point2<f64>>;
 
-/// Which of an emotion's units are performed.
+/// The units of an emotion that are performed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum UnitScope {
-    /// All: action unit vectors, whose lengths are the same on everybody, and FAPs.
+    /// All units: FAPs, and action unit vectors, whose lengths are the same for everybody.
     All,
     /// FAPs only, whose lengths are in the person's own FAPUs.
     Faps,
 }
 
 impl UnitScope {
-    /// Its name in tables.
+    /// Returns the name in tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::All => "action units and FAPs",
@@ -39,8 +39,9 @@ impl UnitScope {
     }
 }
 
-/// Exact image positions (pixels) of all nodes of a subject, neutral and at the apex of an emotion performed with the weights of
-/// [`expressions`] as they are: the same units at the same weights on whomever they are asked for.
+/// Returns the exact image positions (pixels) of all nodes of a subject, neutral and at the apex of an emotion.
+///
+/// The weights are those of [`expressions`] without random factors, so that the units and weights are the same for every subject.
 ///
 /// # Errors
 /// [`SimulateError`] when the options are out of range or the face has no FAPUs.

@@ -1,6 +1,6 @@
 //! Seeded lattice noise for procedural surfaces: a pure function of position and seed.
 
-/// A well-mixed 32-bit hash of a lattice point.
+/// Returns a well-mixed 32-bit hash of a lattice point.
 fn hash(x: i32, y: i32, seed: u32) -> u32 {
     let mut h = seed ^ (x as u32).wrapping_mul(0x9E37_79B1) ^ (y as u32).wrapping_mul(0x85EB_CA77);
     h = (h ^ (h >> 16)).wrapping_mul(0x7FEB_352D);
@@ -8,12 +8,12 @@ fn hash(x: i32, y: i32, seed: u32) -> u32 {
     h ^ (h >> 16)
 }
 
-/// Uniform in [-1, 1] at a lattice point.
+/// Returns a uniform value in [-1, 1] at a lattice point.
 fn lattice(x: i32, y: i32, seed: u32) -> f32 {
     hash(x, y, seed) as f32 / (u32::MAX as f32 / 2.0) - 1.0
 }
 
-/// Smooth value noise in [-1, 1] with a lattice spacing of 1 (quintic interpolation, so its gradient is continuous).
+/// Returns smooth value noise in [-1, 1] with a lattice spacing of 1 (quintic interpolation, so that its gradient is continuous).
 pub fn value(x: f32, y: f32, seed: u32) -> f32 {
     let (fx, fy) = (x.floor(), y.floor());
     let (ix, iy) = (fx as i32, fy as i32);
@@ -30,8 +30,8 @@ pub fn value(x: f32, y: f32, seed: u32) -> f32 {
 /// Cosine and sine of the angle between the lattices of two octaves.
 const TURN: (f32, f32) = (0.8, 0.6);
 
-/// Sum of `octaves` value noises, each twice as fine and half as strong; divided by the total so that it stays in [-1, 1]. Each
-/// lattice is turned against the one before, so that no grid shows.
+/// Returns the sum of `octaves` value noises, each twice as fine and half as strong as the previous one, normalized to [-1, 1]. Each
+/// lattice is rotated against the previous one, so that no grid is visible.
 pub fn fractal(x: f32, y: f32, octaves: u32, seed: u32) -> f32 {
     let (mut sum, mut total, mut amplitude) = (0.0, 0.0, 1.0);
     let (mut x, mut y) = (x * TURN.0 - y * TURN.1, x * TURN.1 + y * TURN.0);
@@ -57,7 +57,7 @@ mod tests {
             // The steepest slope of quintic value noise is 2 * 1.875 per unit; four octaves of it add up to at most 8.
             assert!((fractal(x + 1e-3, y, 4, 7) - here).abs() < 8.0 * 1e-3 + 1e-4);
         }
-        // At a lattice point the noise is the lattice value: the same seed gives it again, another seed does not.
+        // At a lattice point the noise equals the lattice value, which depends on the seed.
         assert_eq!(value(3.0, 4.0, 1).to_bits(), lattice(3, 4, 1).to_bits());
         assert!((value(3.0, 4.0, 1) - value(3.0, 4.0, 2)).abs() > 1e-6);
     }

@@ -1,4 +1,4 @@
-//! What can be asked for, and what can go wrong.
+//! Options and errors of the simulation.
 
 use std::path::PathBuf;
 
@@ -30,47 +30,47 @@ impl FrameFormat {
     }
 }
 
-/// How a dataset lies on disk.
+/// Layout of a dataset on disk.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DatasetLayout {
-    /// `manifest.csv`, a folder `SUBJECT/SEQUENCE` of frames, correspondences beside the frames.
+    /// `manifest.csv`, a folder `SUBJECT/SEQUENCE` of frames, and correspondences next to the frames.
     #[default]
     Manifest,
-    /// The three folders of Cohn-Kanade: images, emotion labels, landmarks of every frame (the true positions, without error).
+    /// The three folders of Cohn-Kanade: images, emotion labels, and landmarks of every frame (true positions without error).
     CohnKanade,
 }
 
 impl DatasetLayout {
-    // Serde hands over a reference.
+    // Serde passes a reference.
     #[allow(clippy::trivially_copy_pass_by_ref)]
     fn is_default(&self) -> bool {
         *self == Self::default()
     }
 }
 
-/// When a head has the yaw and pitch that are asked for.
+/// Frames in which a head has the requested yaw and pitch.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TurnCourse {
     /// From one seeded angle within the limits to another.
     #[default]
     Free,
-    /// Frontal in the neutral frame, at the limits (seeded signs) at the apex.
+    /// Frontal in the neutral frame, at the limits (with seeded signs) at the apex.
     During,
-    /// At the limits (seeded signs) in every frame.
+    /// At the limits (with seeded signs) in every frame.
     Throughout,
 }
 
 impl TurnCourse {
-    // Serde hands over a reference.
+    // Serde passes a reference.
     #[allow(clippy::trivially_copy_pass_by_ref)]
     fn is_default(&self) -> bool {
         *self == Self::default()
     }
 }
 
-/// What to simulate.
+/// Options of a simulation.
 ///
 /// | option | default | range |
 /// | --- | --- | --- |
@@ -102,17 +102,17 @@ pub struct SimulateOptions {
     pub width: u32,
     /// Image height, pixels.
     pub height: u32,
-    /// Seed of everything.
+    /// Seed of all random numbers.
     pub seed: u64,
     /// Standard deviation of the Gaussian pixel noise, grey levels of 0 to 255.
     pub noise_sigma: f64,
-    /// Largest roll of the head, degrees; every sequence goes from one seeded angle within it to another.
+    /// Largest roll of the head, degrees; every sequence goes from one seeded angle within this limit to another.
     pub roll_degrees: f64,
     /// Largest yaw, degrees.
     pub yaw_degrees: f64,
     /// Largest pitch, degrees.
     pub pitch_degrees: f64,
-    /// When the head has its yaw and pitch.
+    /// Frames in which the head has its yaw and pitch.
     #[serde(skip_serializing_if = "TurnCourse::is_default")]
     pub turn: TurnCourse,
     /// Largest shift of the head from the middle of the picture, pixels, in x and in y.
@@ -124,12 +124,12 @@ pub struct SimulateOptions {
     pub blink: f64,
     /// File format of the frames.
     pub format: FrameFormat,
-    /// How the dataset lies on disk.
+    /// Layout of the dataset on disk.
     #[serde(skip_serializing_if = "DatasetLayout::is_default")]
     pub layout: DatasetLayout,
     /// Standard deviation of the error of a mark, pixels, in x and in y.
     pub marks_noise_px: f64,
-    /// Frame rate that the manifest states.
+    /// Frame rate in the manifest.
     pub fps: f64,
     /// Faults of camera and light.
     #[serde(skip_serializing_if = "CameraOptions::is_perfect")]
@@ -162,13 +162,13 @@ impl Default for SimulateOptions {
     }
 }
 
-/// For options that are written only when they are set.
+/// Whether an option is 0; such options are not written.
 #[allow(clippy::trivially_copy_pass_by_ref)]
 fn is_zero(value: &f64) -> bool {
     *value == 0.0
 }
 
-/// Why nothing could be simulated.
+/// Why a simulation failed.
 #[derive(Debug, thiserror::Error)]
 pub enum SimulateError {
     /// An option outside its range.

@@ -1,9 +1,9 @@
-//! Photographs animated: a portrait's wireframe goes through a known expression and the texture engine
-//! ([`grimace::internal::warp`]) moves the picture with it.
+//! Animated photographs: a portrait's wireframe performs a known expression, and the texture engine ([`grimace::internal::warp`]) moves the
+//! picture with it.
 //!
-//! The nodes of a frame are those at which the engine put the skin, not those it was asked for: they are exact whatever it smoothed.
-//! Roll, shift and change of scale move the whole picture; yaw and pitch move the nodes, at Candide-3's depths, in front of it. A
-//! sequence starts from the photograph as it is.
+//! The nodes of a frame are the positions to which the engine moved the skin, not the requested ones, so they are exact even when the
+//! engine smooths the motion. Roll, shift and change of scale move the whole picture; yaw and pitch move the nodes, at Candide-3's depths,
+//! in front of it. A sequence starts with the unchanged photograph.
 
 use std::path::Path;
 
@@ -29,15 +29,15 @@ use grimace::internal::{
     wireframe::Wireframe,
 };
 
-/// Codes of motions that are no emotion of the table; also the first sequence number of motions from FAP files.
+/// Smallest code of motions from FAP files, which follow the emotions' codes; also their first sequence number.
 const FIRST_FAP_CODE: u8 = 8;
-/// Most motions from FAP files.
+/// Largest number of motions from FAP files.
 pub const MAX_FAP_MOTIONS: usize = 8;
 
-/// What a portrait is made to perform.
+/// The motion that a portrait performs.
 #[derive(Clone, Debug, PartialEq)]
 pub enum PortraitMotion {
-    /// An emotion of the table, from neutral to the apex.
+    /// An emotion, from neutral to the apex.
     Emotion(Emotion),
     /// FAP curves, stretched over the frames of the sequence.
     Faps {
@@ -67,13 +67,13 @@ pub struct AnimatedPortrait<'a> {
     code: u8,
     course: Course,
     blink: Option<Blink>,
-    /// Offsets at the apex, or at every frame of the FAP curves; face space, model units.
+    /// Offsets at the apex, or at every frame of the FAP curves, in model units of face space.
     offsets: Vec<Vec<Vector3<f64>>>,
     is_curve: bool,
 }
 
 impl<'a> AnimatedPortrait<'a> {
-    /// Performance number `index` of a portrait; `code` is the emotion's, or one of 8 to 15 for FAP curves.
+    /// Makes performance number `index` of a portrait. `code` is that of the emotion, or 8 to 15 for FAP curves.
     pub fn new(
         portrait: &'a Portrait,
         motion: &PortraitMotion,
@@ -104,12 +104,12 @@ impl<'a> AnimatedPortrait<'a> {
         }
     }
 
-    /// Number of frames.
+    /// Returns the number of frames.
     pub fn frame_count(&self) -> usize {
         self.options.frames
     }
 
-    /// Offsets from neutral at a time in frames, face space, model units.
+    /// Returns the offsets from neutral at a time in frames, in model units of face space.
     fn offsets_at(&self, time: f64) -> Vec<Vector3<f64>> {
         let mut offsets: Vec<Vector3<f64>> = if self.is_curve {
             let last = self.offsets.len().saturating_sub(1);
@@ -127,13 +127,13 @@ impl<'a> AnimatedPortrait<'a> {
         offsets
     }
 
-    /// Where the nodes are wanted at a time in frames, and how the whole picture has moved.
+    /// Returns the requested positions of the nodes at a time in frames, and the motion of the whole picture.
     fn wanted(&self, time: f64) -> (Vec<Point2<f64>>, Similarity) {
         let Portrait { image_from_face, neutral, warp, .. } = self.portrait;
         let mut nodes: Vec<Point3<f64>> = neutral.iter().zip(self.offsets_at(time)).map(|(n, d)| n + d).collect();
         place_followers(self.wireframe, &mut nodes);
         let (rest, pose) = (self.course.pose(0.0), self.course.pose(time));
-        // Motion is added to where the nodes are on the photograph, so that at rest they are there to the last bit.
+        // The motion is added to the nodes on the photograph, so that the positions at rest are exactly equal to them.
         let motion = |(start, node): (&Point3<f64>, &Point3<f64>)| pose.project(node) - rest.project(start);
         let motions = neutral.iter().zip(&nodes).map(motion);
         let wanted = warp.nodes().iter().zip(motions).map(|(p, m)| p + image_from_face.apply_vector(&m)).collect();
@@ -143,10 +143,10 @@ impl<'a> AnimatedPortrait<'a> {
         (wanted, whole)
     }
 
-    /// Picture and exact nodes of a frame, `frame` in `0..frame_count()`.
+    /// Returns the picture and the exact nodes of a frame, `frame` in `0..frame_count()`.
     ///
     /// # Errors
-    /// [`WarpError`] when the nodes go where no picture can be.
+    /// [`WarpError`] when the picture cannot be warped to the nodes.
     pub fn frame(&self, frame: usize) -> Result<SimulatedFrame, WarpError> {
         let Portrait { warp, texture, .. } = self.portrait;
         let deform = |time: f64| {
@@ -178,7 +178,7 @@ impl<'a> AnimatedPortrait<'a> {
     }
 }
 
-/// Columns of a portrait's manifest that would say something else of the sequences made from it.
+/// Columns of a portrait's manifest that are not copied, because their values do not apply to the sequences made from it.
 const OWN_COLUMNS: [&str; 12] = [
     "subject",
     "sequence",
@@ -194,15 +194,15 @@ const OWN_COLUMNS: [&str; 12] = [
     "portrait",
 ];
 
-/// Writes a dataset of animated photographs, as [`super::simulate_dataset`] does of rendered faces. What is known of a portrait's person
-/// goes into the manifest.
+/// Writes a dataset of animated photographs, like [`super::simulate_dataset`] for rendered faces. Metadata of a portrait's person are
+/// copied to the manifest.
 ///
-/// There are as many subjects as [`SimulateOptions::subjects`] says: portraits are taken in turn, those of a further round perform
-/// differently and have `-2`, `-3` ... behind their name. The size in the options does not count; frames are as large as the photograph.
+/// The number of subjects is [`SimulateOptions::subjects`]. Portraits are used in turn; in further rounds they perform differently and
+/// their names end in `-2`, `-3` and so on. The size in the options is ignored; frames have the size of the photograph.
 ///
 /// # Errors
-/// [`SimulateError`] for options out of range, a portrait that cannot be warped, more than [`MAX_FAP_MOTIONS`] motions from FAP files,
-/// a folder that is not empty (unless `force`), or a file that cannot be written.
+/// [`SimulateError`] for options out of range, a portrait that cannot be warped, more than [`MAX_FAP_MOTIONS`] motions from FAP files, a
+/// folder that is not empty (unless `force`), or a file that cannot be written.
 pub fn simulate_photographs(
     portraits: &[Portrait],
     motions: &[PortraitMotion],

@@ -1,4 +1,4 @@
-//! Neutral portraits to animate: a photograph and its marks, a folder of them, or the neutral frames of a dataset.
+//! Neutral portraits to animate: a photograph with its marks, a folder of photographs, or the neutral frames of a dataset.
 
 use std::{
     collections::BTreeMap,
@@ -27,16 +27,16 @@ use grimace::internal::{
     wireframe::{Fapus, FapusError, Tables, Wireframe},
 };
 
-/// What stands behind a photograph's name in the name of its marks, in the order looked for.
+/// Endings that, after a photograph's name, make the name of its file of marks, in search order.
 const MARK_FILES: [&str; 5] = ["_correspondences.csv", ".csv", "_landmarks68.csv", "_landmarks68_auto.csv", "_landmarks.csv"];
-/// Landmarks are taken by these confidences, the most first, until the face they fit is not folded.
+/// Selections of landmarks by confidence, the largest first; the first one that gives a face without folds is used.
 const SELECTIONS: [LandmarkSelection; 3] =
     [LandmarkSelection::HighAndMedium, LandmarkSelection::High, LandmarkSelection::Default];
 
-/// Upper and lower node in the middle of each brow. No landmark tells the lower one, and fits place it too high; a brow between two
-/// nodes that go up together stays as thick as it is.
+/// Upper and lower node in the middle of each brow. No landmark marks the lower node, and fits place it too high. A brow keeps its
+/// thickness when it lies between two nodes that move up together.
 const BROWS: [(usize, usize); 2] = [(16, 18), (49, 51)];
-/// Height of a brow in Candide-3, over the eye distance.
+/// Height of a brow in Candide-3, relative to the eye distance.
 const BROW_HEIGHT: f64 = 0.085;
 
 /// Why a photograph cannot be animated.
@@ -137,12 +137,12 @@ pub enum PortraitError {
     },
 }
 
-/// A neutral portrait with its fitted wireframe, ready to be moved.
+/// A neutral portrait with its fitted wireframe, ready to be animated.
 #[derive(Debug)]
 pub struct Portrait {
     id: String,
     metadata: BTreeMap<String, String>,
-    /// Placement of face space, y flipped, in the photograph.
+    /// Map from face space, with flipped y, to the photograph.
     pub(super) image_from_face: Similarity,
     /// Fitted nodes in face space, model units; depths are those of Candide-3.
     pub(super) neutral: Vec<Point3<f64>>,
@@ -151,21 +151,21 @@ pub struct Portrait {
     pub(super) texture: Texture,
 }
 
-/// Where the marks of a portrait come from.
+/// Marks of a portrait.
 #[derive(Clone, Debug, PartialEq)]
 pub enum PortraitMarks {
-    /// Marks as a person sets them.
+    /// Hand-set or found marks.
     Correspondences(Vec<Correspondence>),
     /// The 68 landmarks in the order of the scheme.
     Landmarks(Vec<Point2<f64>>),
 }
 
 impl PortraitMarks {
-    /// Reads correspondences `node,x,y`, or 68 landmarks as `point,x,y` or as the first row of `frame,x0,y0,...`: told apart by the
-    /// header.
+    /// Reads marks from a CSV file: correspondences `node,x,y`, or 68 landmarks as `point,x,y` or as the first row of `frame,x0,y0,...`.
+    /// The header determines the format.
     ///
     /// # Errors
-    /// [`PortraitError`] for a file that does not read.
+    /// [`PortraitError`] for a file that cannot be read.
     pub fn read(path: &Path, tables: &Tables, node_count: usize) -> Result<Self, PortraitError> {
         let csv = CsvFile::open(path)?;
         if csv.column("point").is_some() {
@@ -180,7 +180,7 @@ impl PortraitMarks {
     }
 }
 
-/// The 68 points of `point,x,y`.
+/// Reads the 68 points of `point,x,y`.
 fn read_points(csv: &CsvFile) -> Result<Vec<Point2<f64>>, PortraitError> {
     let [point, x, y] = csv.require(["point", "x", "y"])?;
     let mut points = vec![None; LANDMARK_COUNT];
@@ -196,10 +196,11 @@ fn read_points(csv: &CsvFile) -> Result<Vec<Point2<f64>>, PortraitError> {
 }
 
 impl Portrait {
-    /// Fits the wireframe to the marks and prepares the warp. Of landmarks as many are used as make a face that is not folded.
+    /// Fits the wireframe to the marks and prepares the warp. With landmarks, the largest selection that gives a face without folds is
+    /// used.
     ///
     /// # Errors
-    /// [`PortraitError`] when marks determine no fit, or the face is not seen from the front.
+    /// [`PortraitError`] when the marks do not determine a fit, or the face is not frontal.
     pub fn new(
         id: &str,
         photograph: &RgbImage,
@@ -221,7 +222,7 @@ impl Portrait {
                         _ => {}
                     }
                 }
-                // The first is the one with the most marks; there is at least one selection.
+                // The first error belongs to the selection with the most marks; there is at least one selection.
                 result.unwrap_or_else(|| Err(PortraitError::Warp { id: id.to_owned(), source: WarpError::NoEyes }))
             }
         }
@@ -259,23 +260,23 @@ impl Portrait {
         Ok(Self { id: name(), metadata: BTreeMap::new(), image_from_face, neutral, fapus, warp, texture })
     }
 
-    /// Name.
+    /// Returns the name of the portrait.
     pub fn id(&self) -> &str {
         &self.id
     }
 
-    /// What is known of the person.
+    /// Returns the metadata of the person, by column.
     pub fn metadata(&self) -> &BTreeMap<String, String> {
         &self.metadata
     }
 
-    /// Nodes on the photograph, px.
+    /// Returns the nodes on the photograph, px.
     pub fn nodes(&self) -> &[Point2<f64>] {
         self.warp.nodes()
     }
 }
 
-/// Moves the lower nodes of the brows down where they lie closer to the upper ones than [`BROW_HEIGHT`].
+/// Moves the lower nodes of the brows down to at least [`BROW_HEIGHT`] below the upper ones.
 fn give_brows_height(nodes: &mut [Point2<f64>], image_from_face: &Similarity, tables: &Tables) {
     let down = image_from_face.apply_vector(&Vector2::y()).normalize();
     let height = BROW_HEIGHT * eye_distance_px(tables, nodes).unwrap_or(0.0);
@@ -285,24 +286,24 @@ fn give_brows_height(nodes: &mut [Point2<f64>], image_from_face: &Similarity, ta
     }
 }
 
-/// A portrait that is still on disk.
+/// A portrait on disk.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PortraitSource {
-    /// Name.
+    /// Name of the portrait.
     pub id: String,
-    /// The photograph.
+    /// Path of the photograph.
     pub photograph: PathBuf,
-    /// Its marks; where nobody set any they are found when the photograph is read.
+    /// Marks; when there are none, they are found when the photograph is read.
     pub marks: Option<PortraitMarks>,
-    /// What is known of the person, by column.
+    /// Metadata of the person, by column.
     pub metadata: BTreeMap<String, String>,
 }
 
 impl PortraitSource {
-    /// One photograph with a file of marks, or with one beside it, or with marks that are to be found.
+    /// Makes a source from one photograph, with marks from the given file or from one next to the photograph, if there is any.
     ///
     /// # Errors
-    /// [`PortraitError`] for marks that do not read.
+    /// [`PortraitError`] for marks that cannot be read.
     pub fn photograph(path: &Path, marks: Option<&Path>, tables: &Tables, node_count: usize) -> Result<Self, PortraitError> {
         if !path.exists() {
             return Err(PortraitError::NotThere { path: path.to_owned() });
@@ -314,12 +315,13 @@ impl PortraitSource {
         Ok(Self { id, photograph: path.to_owned(), marks, metadata: BTreeMap::new() })
     }
 
-    /// The portraits of a folder: its photographs, those that a `manifest.csv` with columns `file` and `state`
-    /// calls neutral where there is one, with its further columns; or the neutral frame of every subject of a dataset, with its
-    /// correspondences or landmarks. Marks that nobody set are to be found.
+    /// Returns the portraits of a folder: the photographs in it, or the neutral frame of every subject of a dataset.
+    ///
+    /// A `manifest.csv` with the columns `file` and `state` restricts the photographs to neutral ones and adds its other columns. Frames of
+    /// a dataset come with their correspondences or landmarks. Missing marks are found later.
     ///
     /// # Errors
-    /// [`PortraitError`] for a folder that has none, or marks that do not read.
+    /// [`PortraitError`] for a folder without portraits, or marks that cannot be read.
     pub fn folder(path: &Path, tables: &Tables, node_count: usize) -> Result<Vec<Self>, PortraitError> {
         let listed = listed_photographs(path)?;
         let photographs = match listed {
@@ -337,7 +339,7 @@ impl PortraitSource {
         photographs.into_iter().map(one).collect()
     }
 
-    /// The neutral frame of every subject's first sequence.
+    /// Returns the neutral frame of every subject's first sequence.
     fn dataset(path: &Path, tables: &Tables, node_count: usize) -> Result<Vec<Self>, PortraitError> {
         let dataset = Dataset::open(path)?;
         let mut portraits: Vec<Self> = Vec::new();
@@ -364,10 +366,10 @@ impl PortraitSource {
         Ok(portraits)
     }
 
-    /// Reads the photograph and fits it; finds its marks where nobody set any.
+    /// Reads the photograph and fits it; finds its marks when there are none.
     ///
     /// # Errors
-    /// As [`Portrait::new`], and for a photograph that does not open, or in which no face is found.
+    /// As [`Portrait::new`], and for a photograph that cannot be opened, or in which no face is found.
     pub fn open(&self, fitter: &Fitter, wireframe: &Wireframe, tables: &Tables) -> Result<Portrait, PortraitError> {
         let picture = read_colour(&self.photograph)?;
         let found;
@@ -381,7 +383,7 @@ impl PortraitSource {
         Ok(Portrait { metadata: self.metadata.clone(), ..portrait })
     }
 
-    /// The marks of the largest face of the photograph.
+    /// Finds the marks of the largest face in the photograph.
     fn find(&self) -> Result<Vec<Correspondence>, PortraitError> {
         let bench = Workbench::new(None, PipelineOptions::default()).map_err(|e| PortraitError::Workbench(Box::new(e)))?;
         let photograph = sequence::Portrait::read(&self.photograph)?;
@@ -395,16 +397,17 @@ impl PortraitSource {
     }
 }
 
-/// Fits portraits with the default options.
+/// Returns a fitter for portraits, with the default options.
 #[must_use]
 pub fn portrait_fitter(wireframe: &Wireframe) -> Fitter {
     Fitter::new(wireframe, FitOptions::default())
 }
 
-/// A photograph, and what a manifest says of it.
+/// A photograph with its metadata from a manifest.
 type Listed = (PathBuf, BTreeMap<String, String>);
 
-/// Photographs that a manifest with columns `file` and `state` calls neutral, with its further columns; `None` without such a manifest.
+/// Returns the photographs that a manifest with the columns `file` and `state` lists as neutral, with its other columns; `None` without
+/// such a manifest.
 fn listed_photographs(folder: &Path) -> Result<Option<Vec<Listed>>, PortraitError> {
     let manifest = folder.join(MANIFEST_NAME);
     if !manifest.is_file() {
@@ -424,7 +427,7 @@ fn listed_photographs(folder: &Path) -> Result<Option<Vec<Listed>>, PortraitErro
     Ok(Some(files))
 }
 
-/// Pictures in a folder, sorted by name.
+/// Returns the pictures in a folder, sorted by name.
 fn photographs(folder: &Path) -> Result<Vec<PathBuf>, PortraitError> {
     let io = |source| PortraitError::Io { path: folder.to_owned(), source };
     let mut files = Vec::new();

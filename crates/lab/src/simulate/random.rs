@@ -1,10 +1,10 @@
-//! One independent random stream for every unit of work, so that neither the order of the work nor the number of threads
-//! changes a result.
+//! Independent random streams, one for every unit of work, so that results depend neither on the order of the work nor on the number of
+//! threads.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-/// What a stream is for.
+/// The purpose of a stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Purpose {
     /// Shape units of a subject.
@@ -21,13 +21,13 @@ pub enum Purpose {
     Marks = 6,
     /// Light of one sequence.
     Light = 7,
-    /// Whether and when a sequence blinks.
+    /// Whether and when a sequence has a blink.
     Blink = 8,
-    /// What happens in a recording.
+    /// Events of a recording.
     Recording = 9,
 }
 
-/// The generator of one unit of work: purpose, subject (below 2^24 of them), emotion code, frame.
+/// Returns the generator of one unit of work: purpose, subject (less than 2^24), emotion code and frame.
 pub fn generator(seed: u64, purpose: Purpose, subject: u32, emotion_code: u8, frame: u32) -> ChaCha8Rng {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let part = |value: u64, bits: u32, shift: u32| (value & ((1 << bits) - 1)) << shift;

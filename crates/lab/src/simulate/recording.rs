@@ -1,8 +1,8 @@
-//! Whole recordings: a person who rests, shows several expressions, speaks, blinks and looks about; with what is true of it.
+//! Simulated recordings with ground truth: a person rests, shows several expressions, speaks, blinks and moves the head.
 //!
-//! A recording may begin in the middle of an expression. Between expressions the person rests, and often speaks: syllables, three to five a
-//! second, that open and round the mouth. Eyes blink every few seconds, whatever the rest of the face does, and the head goes from one
-//! seeded pose to another all the time.
+//! A recording may begin in the middle of an expression. Between expressions the person rests and often speaks, with three to five
+//! syllables per second that open and round the mouth. Eyes blink every few seconds, independent of the rest of the face, and the head
+//! continually moves from one seeded pose to another.
 
 use std::{
     borrow::Borrow,
@@ -32,15 +32,16 @@ use grimace::internal::{
     wireframe::Wireframe,
 };
 
-/// Code of the random streams of recordings, beside those of emotions.
+/// Code of the random streams of recordings, in addition to the codes of emotions.
 const CODE: u8 = 15;
-/// Share of an expression's strength that is left at the end of its hold.
+/// Share of an expression's strength that remains at the end of its hold.
 const HELD: f64 = 0.9;
 /// Share of recordings that begin in the middle of an expression.
 const BEGINS_MOVING: f64 = 0.4;
 /// Share of rests in which the person speaks.
 const SPEAKS: f64 = 0.5;
-/// Frames, at 25 frames a second, of: rest, rest after speech, speech, rise, hold, fall, syllable, time between blinks, between poses.
+/// Shortest and longest duration, in frames at 25 frames per second, of: rest, rest after speech, speech, rise, hold, fall, syllable,
+/// interval between blinks, interval between poses.
 const REST: (f64, f64) = (22.0, 50.0);
 const PAUSE: (f64, f64) = (14.0, 28.0);
 const SPEECH: (f64, f64) = (35.0, 75.0);
@@ -50,28 +51,28 @@ const FALL: (f64, f64) = (10.0, 22.0);
 const SYLLABLE: (f64, f64) = (5.0, 8.0);
 const BLINKS: (f64, f64) = (45.0, 130.0);
 const POSES: (f64, f64) = (25.0, 70.0);
-/// Frames from open to shut.
+/// Time from open to closed lids, in frames at 25 frames per second.
 const LID: f64 = 2.5;
-/// Largest opening of the jaw in speech, and largest change of the mouth's width to either side, in FAP units.
+/// Largest opening of the jaw in speech, and (`WIDTH`) largest change of the mouth's width to either side, in FAP values.
 const JAW: f64 = 330.0;
 const WIDTH: f64 = 70.0;
-/// Frame rate that these times are meant for.
+/// Frame rate of the durations above.
 const FPS: f64 = 25.0;
 
-/// An expression of a recording, frames from 0.
+/// An expression of a recording; times in frames from 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrueExpression {
-    /// What is shown.
+    /// The emotion shown.
     pub emotion: Emotion,
-    /// Last frame without it; below 0 where the recording begins with it.
+    /// Last frame without the expression; below 0 when the recording begins with it.
     pub onset: f64,
-    /// Where it is strongest.
+    /// Frame of the greatest strength.
     pub apex: f64,
     /// Last frame of the hold.
     release: f64,
-    /// First frame without it.
+    /// First frame without the expression.
     pub offset: f64,
-    /// Strength at the apex, of the person's own.
+    /// Strength at the apex, relative to the person's own.
     strength: f64,
 }
 
@@ -90,7 +91,7 @@ impl TrueExpression {
     }
 }
 
-/// A syllable: where the mouth is most open, half its length, how far, and how wide (-1 to 1).
+/// A syllable: time of the widest opening, half its duration, opening, and width of the mouth (-1 to 1).
 #[derive(Clone, Copy, Debug)]
 struct Syllable {
     middle: f64,
@@ -99,7 +100,7 @@ struct Syllable {
     wide: f64,
 }
 
-/// What happens in a recording.
+/// The events of a recording.
 #[derive(Clone, Debug)]
 struct Script {
     frames: usize,
@@ -107,7 +108,7 @@ struct Script {
     rests: Vec<(f64, f64)>,
     syllables: Vec<Syllable>,
     blinks: Vec<f64>,
-    /// Time, and roll, yaw, pitch, shift and scale.
+    /// Time, with roll, yaw, pitch, shift and scale.
     poses: Vec<(f64, [f64; 6])>,
 }
 
@@ -143,7 +144,7 @@ impl Script {
                 }
             }
             let onset = t;
-            // Apexes are at whole frames, where a camera sees them.
+            // Apexes are at whole frames, so that a frame shows them.
             let apex = (onset + rate * within(RISE)).round().max(1.0);
             let release = apex + rate * within(HOLD);
             let offset = release + rate * within(FALL);
@@ -181,7 +182,7 @@ impl Script {
         std::array::from_fn(|k| a[k] + (b[k] - a[k]) * share)
     }
 
-    /// Opening of the mouth in speech, 0 to 1, and its width, -1 to 1.
+    /// Returns the opening of the mouth in speech, 0 to 1, and its width, -1 to 1.
     fn speech(&self, t: f64) -> (f64, f64) {
         let of = |s: &Syllable| {
             let share = smooth_step((1.0 - (t - s.middle).abs() / s.half).max(0.0));
@@ -195,20 +196,20 @@ impl Script {
     }
 }
 
-/// A person's recording.
+/// A simulated recording of a person.
 #[derive(Clone, Debug)]
 pub struct SimulatedRecording<S: Borrow<Subject>> {
     subject: S,
     options: SimulateOptions,
     wireframe: Wireframe,
     script: Script,
-    /// The person's apex of every expression of the script.
+    /// The person's apex offsets for every expression of the script.
     apexes: Vec<Vec<Vector3<f64>>>,
 }
 
 impl<S: Borrow<Subject>> SimulatedRecording<S> {
-    /// The recording of a subject that was made with the same options: each of their emotions once, in seeded order. The number of frames
-    /// follows from the script; that of the options is not used.
+    /// Makes the recording of a subject that was made with the same options. It shows each emotion of the options once, in seeded order.
+    /// The script determines the number of frames; that of the options is ignored.
     ///
     /// # Errors
     /// [`SimulateError`] when the options are out of range.
@@ -224,17 +225,17 @@ impl<S: Borrow<Subject>> SimulatedRecording<S> {
         Ok(Self { subject, options, wireframe, script, apexes })
     }
 
-    /// Number of frames.
+    /// Returns the number of frames.
     pub fn frame_count(&self) -> usize {
         self.script.frames
     }
 
-    /// Its expressions, in time.
+    /// Returns the expressions, in order of time.
     pub fn expressions(&self) -> &[TrueExpression] {
         &self.script.expressions
     }
 
-    /// First and last frame of its rests: no expression, no speech. Blinks and turns of the head happen in them.
+    /// Returns the first and last frame of each rest, without expression or speech. Blinks and head motion occur in rests.
     pub fn rests(&self) -> Vec<(usize, usize)> {
         let whole = |&(from, to): &(f64, f64)| {
             let (first, last) = (from.max(0.0).ceil() as usize, to.floor().max(0.0) as usize);
@@ -262,14 +263,14 @@ impl<S: Borrow<Subject>> SimulatedRecording<S> {
         HeadPose::new(self.script.pose(t), middle, px_per_unit(&self.options))
     }
 
-    /// Picture and nodes of a frame, `frame` in `0..frame_count()`.
+    /// Returns the picture and nodes of a frame, `frame` in `0..frame_count()`.
     pub fn frame(&self, frame: usize) -> SimulatedFrame {
         let t = frame as f64;
         see(self.subject.borrow(), &self.wireframe, &self.offsets(t), &self.pose(t), &self.options, frame)
     }
 }
 
-/// Picture and nodes of a person whose nodes are away from neutral by `offsets`.
+/// Returns the picture and nodes of a person whose nodes differ from neutral by `offsets`.
 pub(super) fn see(
     who: &Subject,
     wireframe: &Wireframe,
@@ -287,10 +288,10 @@ pub(super) fn see(
     SimulatedFrame { image, nodes: nodes.iter().map(|n| pose.project(n)).collect() }
 }
 
-/// FAPs of a mouth that speaks.
+/// Returns the FAPs of a speaking mouth.
 fn speech_faps(open: f64, wide: f64) -> FapFrame {
     let mut frame = FapFrame::default();
-    // Jaw down; lower lip with it, its sides less; corners out or in.
+    // The jaw opens; the lower lip follows it, its sides less; the corners move out or in.
     let values = [
         (3, JAW * open),
         (5, -JAW * open),
@@ -325,11 +326,11 @@ struct RestRow {
     last_frame: usize,
 }
 
-/// Name of every subject's recording.
+/// Name of each subject's recording.
 pub(super) const RECORDING_NAME: &str = "R1";
 
-/// Writes a recording of every subject: `manifest.csv` with the column `segment`, the frames, and what is true of them in
-/// `truth/expressions.csv` and `truth/rests.csv`, frames counted from 1.
+/// Writes a recording of every subject: `manifest.csv` with the column `segment`, the frames, and the truth in `truth/expressions.csv` and
+/// `truth/rests.csv`, with frames counted from 1.
 ///
 /// # Errors
 /// As [`super::simulate_dataset`].
@@ -410,7 +411,7 @@ mod tests {
             let is_between = |&(first, last): &(usize, usize)| first as f64 >= pair[0].offset && last as f64 <= pair[1].onset;
             assert!(recording.rests().iter().any(is_between), "{pair:?} {:?}", recording.rests());
         }
-        // At rest nothing moves but the lids.
+        // At rest only the lids move.
         let (first, last) = recording.rests()[1];
         let moved = |t: usize| recording.offsets(t as f64)[31].norm();
         assert!((first..=last).all(|t| moved(t) < 1e-12));

@@ -1,8 +1,8 @@
-//! From nodes to pixels.
+//! Renders nodes to pixels.
 //!
-//! The inverse warp is piecewise linear on the refined surface: a sample of the picture looks up its place on the plane and the
-//! texture there. Two samples per pixel and direction; pixel (i, j) is the mean of the samples at `i ± 1/4`, `j ± 1/4`, so the centre
-//! of the top-left pixel is (0, 0).
+//! The inverse warp is piecewise linear on the refined surface: each sample of the picture takes the texture at its position on the plane.
+//! There are two samples per pixel and direction. Pixel (i, j) is the mean of the samples at `i ± 1/4`, `j ± 1/4`, so the centre of the
+//! top-left pixel is (0, 0).
 
 use grimace::internal::wireframe::LID_MARGINS;
 use nalgebra::{Point2, Point3, Vector3};
@@ -19,24 +19,24 @@ use super::{
 
 /// Samples per pixel and direction.
 pub const SAMPLES: usize = 2;
-/// Depth of the skirt, model units: a little behind the border of the face.
+/// Depth of the skirt, model units, slightly behind the border of the face.
 const SKIRT_DEPTH: f64 = -0.40;
-/// How much a change of the surface's direction may change its brightness.
+/// Range of the brightness relative to neutral, when the direction of the surface changes.
 const SHADE_RANGE: (f64, f64) = (0.80, 1.20);
 
-/// What stays the same in every frame of a subject.
+/// The parts of a subject's surface that are the same in every frame.
 #[derive(Clone, Debug)]
 pub struct Surface {
     /// Refined vertices of the neutral face, face space.
     neutral: Vec<Vector3<f64>>,
-    /// How much each refined vertex belongs to the body that does not roll, 0 to 1.
+    /// Weight of the body, which does not rotate, in the motion of each refined vertex, 0 to 1.
     body: Vec<f64>,
     /// Brightness of the neutral surface at each refined vertex.
     brightness: Vec<f64>,
 }
 
 impl Surface {
-    /// The neutral surface of a subject.
+    /// Computes the neutral surface of a subject.
     pub fn new(mesh: &SkinMesh, neutral: &[Point3<f64>]) -> Self {
         let coarse: Vec<Vector3<f64>> = mesh
             .anchors()
@@ -54,19 +54,19 @@ impl Surface {
     }
 }
 
-/// The offsets of the coarse vertices: those of the nodes; the skirt does not follow the expression.
+/// Returns the offsets of the coarse vertices: those of the nodes, and zero for the skirt, which does not follow the expression.
 fn coarse(mesh: &SkinMesh, offsets: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
     let offset = |anchor: &Anchor| if let Anchor::Node(n) = anchor { offsets[n.index()] } else { Vector3::zeros() };
     mesh.anchors().iter().map(offset).collect()
 }
 
-/// Unit normals at the refined vertices.
+/// Returns the unit normals at the refined vertices.
 fn normals(mesh: &SkinMesh, vertices: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
     let mut sums = vec![Vector3::zeros(); vertices.len()];
     for triangle in mesh.triangles() {
         let [a, b, c] = triangle.map(|k| vertices[k as usize]);
         let normal = (b - a).cross(&(c - a));
-        // The winding of a few triangles of Candide-3 is reversed; the face looks towards the viewer everywhere.
+        // A few triangles of Candide-3 have reversed winding; all normals must point towards the viewer.
         let normal = if normal.z < 0.0 { -normal } else { normal };
         for &k in triangle {
             sums[k as usize] += normal;
@@ -96,17 +96,17 @@ pub struct Samples {
 }
 
 impl Samples {
-    /// Sample coordinates of an image point.
+    /// Returns the sample coordinates of an image point.
     pub fn from_image(p: Point2<f64>) -> Point2<f64> {
         Point2::from(p.coords * SAMPLES as f64).map(|c| c + (SAMPLES as f64 - 1.0) / 2.0)
     }
 
-    /// Image point of a sample.
+    /// Returns the image point of a sample.
     pub fn to_image(x: usize, y: usize) -> Point2<f64> {
         Point2::new(x as f64, y as f64).map(|c| (c - (SAMPLES as f64 - 1.0) / 2.0) / SAMPLES as f64)
     }
 
-    /// The samples inside a box of image points, as ranges of x and y.
+    /// Returns the samples inside the box of image points, with a margin, as ranges of x and y.
     pub fn window(&self, points: &[Point2<f64>], margin_px: f64) -> (std::ops::Range<usize>, std::ops::Range<usize>) {
         let range = |values: &mut dyn Iterator<Item = f64>, size: usize| {
             let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
@@ -118,7 +118,7 @@ impl Samples {
         (range(&mut points.iter().map(|p| p.x), self.width), range(&mut points.iter().map(|p| p.y), self.height))
     }
 
-    /// Lays an opaque colour (0 to 255) over a sample with the given coverage.
+    /// Blends an opaque colour (0 to 255) over a sample with the given coverage.
     pub fn lay(&mut self, x: usize, y: usize, coverage: f64, colour: [f32; 3]) {
         let sample = &mut self.data[y * self.width + x];
         let coverage = coverage.clamp(0.0, 1.0) as f32;
@@ -128,7 +128,7 @@ impl Samples {
     }
 }
 
-/// The picture of a subject whose nodes are moved by `offsets` (face space, model units) and seen under `pose`.
+/// Renders a subject whose nodes are moved by `offsets` (model units of face space) and seen under `pose`.
 pub fn render(subject: &Subject, texture: &Texture, offsets: &[Vector3<f64>], pose: &HeadPose, size: (u32, u32)) -> Samples {
     let mesh = &subject.mesh;
     let surface = &subject.surface;
@@ -149,7 +149,7 @@ pub fn render(subject: &Subject, texture: &Texture, offsets: &[Vector3<f64>], po
     let (width, height) = (size.0 as usize * SAMPLES, size.1 as usize * SAMPLES);
     let mut samples = Samples { width, height, data: vec![[0; 4]; width * height] };
     for eye in LID_MARGINS {
-        // Under the lids the skin goes on, so that no crack opens between a lid's curve and its triangles.
+        // The skin continues under the lids, so that no gap opens between the curve of a lid and its triangles.
         let [upper, lower] = eye;
         for k in 0..4 {
             let quad = [upper[k], upper[k + 1], lower[k], lower[k + 1]].map(|n| {
@@ -178,7 +178,7 @@ fn fill(samples: &mut Samples, texture: &Texture, [a, b, c]: [Corner; 3]) {
     let clip = |value: f64, size: usize| value.clamp(0.0, size as f64) as usize;
     let low_y = clip(a.y.min(b.y).min(c.y).ceil(), samples.height);
     let high_y = clip(a.y.max(b.y).max(c.y).floor() + 1.0, samples.height);
-    // Any quantity is linear over the triangle: value at a, and slopes in x and y.
+    // Values are linear over the triangle: the value at a, and slopes in x and y.
     let plane_of = |qa: f64, qb: f64, qc: f64| {
         let dx = ((qb - qa) * (c.y - a.y) - (qc - qa) * (b.y - a.y)) / area;
         let dy = ((qc - qa) * (b.x - a.x) - (qb - qa) * (c.x - a.x)) / area;
@@ -189,7 +189,7 @@ fn fill(samples: &mut Samples, texture: &Texture, [a, b, c]: [Corner; 3]) {
     let shade = plane_of(a.shade, b.shade, c.shade);
     for y in low_y..high_y {
         let Some((from, to)) = span([a, b, c], y as f64) else { continue };
-        // A hair's breadth more on both sides: neighbours overlap rather than leave a crack.
+        // A margin on both sides makes neighbouring triangles overlap instead of leaving a gap.
         let (from, to) = (clip((from - 1e-6).ceil(), samples.width), clip((to + 1e-6).floor() + 1.0, samples.width));
         let ((mut pu, du), (mut pv, dv), (mut ps, ds)) =
             (u(from as f64, y as f64), v(from as f64, y as f64), shade(from as f64, y as f64));
@@ -205,7 +205,7 @@ fn fill(samples: &mut Samples, texture: &Texture, [a, b, c]: [Corner; 3]) {
     }
 }
 
-/// Where a row crosses a triangle.
+/// Returns the interval in which a row crosses a triangle.
 fn span(corners: [Corner; 3], y: f64) -> Option<(f64, f64)> {
     let mut range: Option<(f64, f64)> = None;
     for k in 0..3 {
@@ -222,7 +222,7 @@ fn span(corners: [Corner; 3], y: f64) -> Option<(f64, f64)> {
     range
 }
 
-/// Adds up what the shutter lets through: the samples of one or more sub-frames.
+/// Accumulates the samples of one or more sub-frames while the shutter is open.
 #[derive(Clone, Debug)]
 pub struct Film {
     width: usize,
@@ -233,7 +233,7 @@ pub struct Film {
 }
 
 impl Film {
-    /// Unexposed film of a size in pixels.
+    /// Makes unexposed film of a size in pixels.
     pub fn new((width, height): (u32, u32)) -> Self {
         let (width, height) = (width as usize, height as usize);
         Self { width, height, sums: vec![[0; 4]; width * height], subframes: 0 }
@@ -257,7 +257,7 @@ impl Film {
         }
     }
 
-    /// Their mean, over a soft studio background of the given colour.
+    /// Returns the mean of the sub-frames over a soft studio background of the given colour.
     pub fn exposure(&self, base: Colour) -> Exposure {
         let (width, height) = (self.width, self.height);
         let quota = ((SAMPLES * SAMPLES) as u32 * self.subframes.max(1)) as f32;
@@ -283,7 +283,7 @@ mod tests {
     /// Period of the test pattern on the plane, model units.
     const PERIOD: f64 = 0.2;
 
-    /// A plane whose colour tells one coordinate: red is its sine, green its cosine, blue a reference that shading changes alike.
+    /// A texture that encodes one coordinate: red is its sine, green its cosine, blue a reference that shading changes in the same way.
     fn pattern(texture: &Texture, pick: fn(f32, f32) -> f32) -> Texture {
         texture.repainted(|x, y| {
             let angle = f64::from(pick(x, y)) / PERIOD * TAU;
@@ -291,7 +291,7 @@ mod tests {
         })
     }
 
-    /// A plane coordinate shown by a sample minus the expected one; model units, up to whole periods.
+    /// Returns the difference between the plane coordinate in a sample and the expected one; model units, modulo whole periods.
     fn miss(samples: &Samples, x: usize, y: usize, expected: f64) -> f64 {
         let [sine, cosine, light, _] = samples.data[y * samples.width + x].map(f64::from);
         let angle = (sine / light * 100.0 - 100.0).atan2(cosine / light * 100.0 - 100.0) - expected / PERIOD * TAU;
@@ -304,7 +304,7 @@ mod tests {
         let subject = Subject::new(&options, 2).unwrap();
         let patterns = [pattern(&subject.texture, |x, _| x), pattern(&subject.texture, |_, y| y)];
         let px = super::super::motion::px_per_unit(&options);
-        // On the edge of an opening, eye or mouth may win the very sample; the eyeballs are no skin.
+        // At the edge of an opening the sample may show the eye or the mouth; eyeballs are not skin.
         let lips = [87, 81, 82, 88, 89, 40, 83, 84];
         let edge: Vec<u16> = LID_MARGINS.concat().concat().into_iter().chain(lips).collect();
         let mut checked = 0;
@@ -316,17 +316,17 @@ mod tests {
                 if edge.contains(&node.0) {
                     continue;
                 }
-                // Moved so that the node falls on a sample in the middle of a small picture: no interpolation is needed.
+                // The pose is shifted so that the node falls on a sample in the middle of a small picture; no interpolation is needed.
                 let pose = pose.shifted(Samples::to_image(32, 32) - nodes[node.index()]);
                 let plane = subject.neutral()[node.index()];
                 let [x, y] = patterns.each_ref().map(|p| render(&subject, p, &offsets, &pose, (32, 32)));
                 let error = miss(&x, 32, 32, plane.x).hypot(miss(&y, 32, 32, plane.y)) * px;
-                // 8 bits resolve 0.5 / 90 / tau of the period, 0.03 px, twice that where shading takes light; in x and in y.
+                // 8 bits resolve 0.5 / 90 / tau of the period (0.03 px), or twice that where shading darkens, in x and in y.
                 assert!(error < 0.1, "{emotion} frame {frame} node {node}: {error:.3} px");
                 checked += 1;
             }
         }
-        // 96 skin nodes less 16 of the lid margins and 8 of the inner lips, each at four moments.
+        // 96 skin nodes minus 16 of the lid margins and 8 of the inner lips, each in four frames.
         assert_eq!(checked, (96 - 16 - 8) * 4);
     }
 
@@ -345,7 +345,7 @@ mod tests {
                 };
                 let folded: f64 =
                     mesh.triangles().iter().filter(|t| area(t, 0.0) * area(t, 1.0) < 0.0).map(|t| area(t, 1.0).abs()).sum();
-                // The face covers about 2 square units. A lid may slide under its fold, a lip under the nose.
+                // The face covers about 2 square units. A lid may slide under its fold, and a lip under the nose.
                 assert!(folded < 0.006, "subject {index}, {emotion}: {folded} square units are folded");
             }
         }

@@ -1,4 +1,4 @@
-//! One sequence in memory: every frame's picture with the position of every node.
+//! A simulated sequence in memory: the picture and the position of every node for each frame.
 
 use std::borrow::Borrow;
 
@@ -16,12 +16,12 @@ use super::{
 };
 use grimace::internal::wireframe::Wireframe;
 
-/// One frame: what a camera sees, and what is true.
+/// A frame with its ground truth.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SimulatedFrame {
     /// The picture.
     pub image: RgbImage,
-    /// Exact image position (pixels) of all N nodes, in node order.
+    /// Exact image positions (pixels) of all N nodes, in node order.
     pub nodes: Vec<Point2<f64>>,
 }
 
@@ -38,7 +38,7 @@ pub struct SimulatedSequence<S: Borrow<Subject>> {
 }
 
 impl<S: Borrow<Subject>> SimulatedSequence<S> {
-    /// The sequence of a subject that was made with the same options.
+    /// Makes the sequence of a subject that was made with the same options.
     ///
     /// # Errors
     /// [`SimulateError`] when the options are out of range.
@@ -52,22 +52,22 @@ impl<S: Borrow<Subject>> SimulatedSequence<S> {
         Ok(Self { subject, options: options.clone(), emotion, course, blink, wireframe, apex })
     }
 
-    /// Number of frames.
+    /// Returns the number of frames.
     pub fn frame_count(&self) -> usize {
         self.options.frames
     }
 
-    /// Head pose in a frame, `frame` in `0..frame_count()`.
+    /// Returns the head pose in a frame, `frame` in `0..frame_count()`.
     pub fn pose(&self, frame: usize) -> HeadPose {
         self.course.pose(frame as f64)
     }
 
-    /// Exact image positions of all N nodes in a frame, pixels: those of the middle of its exposure.
+    /// Returns the exact image positions of all N nodes in a frame, pixels, at the middle of its exposure.
     pub fn nodes(&self, frame: usize) -> Vec<Point2<f64>> {
         self.nodes_at(frame as f64)
     }
 
-    /// Picture of a frame.
+    /// Returns the picture of a frame.
     pub fn image(&self, frame: usize) -> RgbImage {
         let subject = self.subject.borrow();
         let size = (self.options.width, self.options.height);
@@ -79,7 +79,7 @@ impl<S: Borrow<Subject>> SimulatedSequence<S> {
         develop(film.exposure(subject.appearance().background), &self.options, subject.index(), self.emotion.code(), frame)
     }
 
-    /// Offsets from neutral at a time in frames, face space, model units.
+    /// Returns the offsets from neutral at a time in frames, in model units of face space.
     pub(super) fn offsets(&self, time: f64) -> Vec<Vector3<f64>> {
         let intensity = self.course.intensity(time);
         let mut offsets: Vec<Vector3<f64>> = self.apex.iter().map(|d| d * intensity).collect();
@@ -97,7 +97,7 @@ impl<S: Borrow<Subject>> SimulatedSequence<S> {
         nodes.iter().map(|n| pose.project(n)).collect()
     }
 
-    /// How far the fastest node moves while the shutter is open, pixels.
+    /// Returns the motion of the fastest node while the shutter is open, pixels.
     fn extent(&self, frame: usize) -> f64 {
         let half = self.options.camera.shutter / 2.0;
         if half == 0.0 {
@@ -107,16 +107,16 @@ impl<S: Borrow<Subject>> SimulatedSequence<S> {
         open.iter().zip(&close).map(|(a, b)| (b - a).norm()).fold(0.0, f64::max)
     }
 
-    /// Picture and nodes of a frame.
+    /// Returns the picture and nodes of a frame.
     pub fn frame(&self, frame: usize) -> SimulatedFrame {
         SimulatedFrame { image: self.image(frame), nodes: self.nodes(frame) }
     }
 }
 
-/// Picture and nodes of one frame of a subject's sequence, `frame` in `0..options.frames`.
+/// Returns the picture and nodes of one frame of a subject's sequence, `frame` in `0..options.frames`.
 ///
 /// # Errors
-/// [`SimulateError`] when the options, or the frame, are out of range.
+/// [`SimulateError`] when the options or the frame are out of range.
 pub fn render_frame(
     subject: &Subject,
     emotion: Emotion,
@@ -157,7 +157,7 @@ impl Iterator for SimulatedFrames {
 
 impl ExactSizeIterator for SimulatedFrames {}
 
-/// The frames of the sequence of subject number `subject` (from 0) with the given emotion, made one at a time.
+/// Returns the frames of the sequence of subject `subject` (from 0) with the given emotion, rendered one at a time.
 ///
 /// # Errors
 /// [`SimulateError`] when the options are out of range.

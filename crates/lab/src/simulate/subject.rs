@@ -1,4 +1,4 @@
-//! Who is simulated: bone structure, colours, metadata.
+//! Simulated people: facial proportions, colours and metadata.
 
 use nalgebra::{Point2, Point3};
 use rand::RngExt;
@@ -14,9 +14,8 @@ use super::{
 };
 use grimace::internal::wireframe::{Fapus, Tables, Wireframe};
 
-/// Mean and standard deviation of each of Candide-3's shape units in the simulated population, by unit number. The means round
-/// Candide's angular default face: eyes narrower and more open, so that the iris fills them as it does in people, brows a
-/// little higher, and a narrower jaw.
+/// Mean and standard deviation of Candide-3's shape units in the simulated population, by unit number. The means make Candide-3's angular
+/// default face rounder: narrower and more open eyes, so that the iris fills them as in people, slightly higher brows, and a narrower jaw.
 const SHAPE: [(u16, f64, f64); 12] = [
     (0, 0.00, 0.20),
     (1, 0.20, 0.12),
@@ -31,14 +30,14 @@ const SHAPE: [(u16, f64, f64); 12] = [
     (11, 0.00, 0.28),
     (13, -0.35, 0.30),
 ];
-/// Shape parameters are kept within these many standard deviations of their mean.
+/// Limit of the shape parameters, in standard deviations from their mean.
 const SHAPE_LIMIT_SD: f64 = 2.0;
 /// Strength of the expressions of cohort B relative to cohort A.
 const COHORT_B_STRENGTH: f64 = 0.75;
 /// Texels per image pixel: the renderer takes two samples per pixel and direction.
 const TEXELS_PER_PX: f64 = 2.0;
 
-/// Sex of a simulated subject: hair, brows, lips and beard shadow follow it.
+/// Sex of a simulated subject; it affects hair, brows, lips and beard shadow.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sex {
     /// `f` in the manifest.
@@ -47,19 +46,19 @@ pub enum Sex {
     Male,
 }
 
-/// Which half of the population a subject belongs to: something for `--by` to find.
+/// Half of the population that a subject belongs to: a group difference for `--by`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cohort {
     /// Expressions at full strength.
     A,
-    /// Expressions at three quarters of it.
+    /// Expressions at three quarters of full strength.
     B,
 }
 
 /// An RGB colour, components in [0, 1].
 pub type Colour = [f32; 3];
 
-/// What colours and decorates one face.
+/// Colours and details of a face.
 #[derive(Clone, Debug)]
 pub struct Appearance {
     /// Base colour of the skin.
@@ -70,11 +69,11 @@ pub struct Appearance {
     pub hair: Colour,
     /// Colour of the iris.
     pub iris: Colour,
-    /// Clothes.
+    /// Colour of the clothes.
     pub cloth: Colour,
-    /// Background in the middle of the picture.
+    /// Colour of the background in the middle of the picture.
     pub background: Colour,
-    /// Hair falls beside the face instead of ending above the ears.
+    /// Whether hair falls beside the face; short hair ends above the ears.
     pub long_hair: bool,
     /// Side of the parting, -1 to 1.
     pub parting: f32,
@@ -84,11 +83,11 @@ pub struct Appearance {
     pub beard: f32,
     /// Number of freckles.
     pub freckles: usize,
-    /// Thickness of the brows, 1 for the average.
+    /// Thickness of the brows relative to the average of 1.
     pub brow: f32,
     /// Strength of the lips' colour.
     pub lip: f32,
-    /// Seed of every surface noise.
+    /// Seed of all surface noise.
     pub noise: u32,
 }
 
@@ -126,7 +125,7 @@ fn colour(rgb: [u8; 3]) -> Colour {
 }
 
 impl Subject {
-    /// The subject number `index` (from 0) of a dataset.
+    /// Makes subject number `index` (from 0) of a dataset.
     ///
     /// # Errors
     /// [`SimulateError`] when the options are out of range.
@@ -145,27 +144,27 @@ impl Subject {
         Ok(Self { index, sex, cohort, neutral, fapus, appearance, mesh, surface, texture })
     }
 
-    /// Number of the subject, from 0.
+    /// Returns the number of the subject, from 0.
     pub fn index(&self) -> u32 {
         self.index
     }
 
-    /// Name in the manifest: `S001` and up.
+    /// Returns the name in the manifest: `S001` and up.
     pub fn id(&self) -> String {
         format!("S{:03}", self.index + 1)
     }
 
-    /// Sex.
+    /// Returns the sex.
     pub fn sex(&self) -> Sex {
         self.sex
     }
 
-    /// Cohort.
+    /// Returns the cohort.
     pub fn cohort(&self) -> Cohort {
         self.cohort
     }
 
-    /// How strongly this person's cohort performs expressions.
+    /// Returns the strength of expressions in this person's cohort.
     pub fn strength(&self) -> f64 {
         match self.cohort {
             Cohort::A => 1.0,
@@ -173,27 +172,27 @@ impl Subject {
         }
     }
 
-    /// Neutral nodes in face space, model units; all N, followers at their leaders.
+    /// Returns all N neutral nodes in face space, model units, with followers at the mean of their leaders.
     pub fn neutral(&self) -> &[Point3<f64>] {
         &self.neutral
     }
 
-    /// FAPUs of the neutral face, model units.
+    /// Returns the FAPUs of the neutral face, model units.
     pub fn fapus(&self) -> &Fapus {
         &self.fapus
     }
 
-    /// Colours and decoration.
+    /// Returns the colours and details.
     pub fn appearance(&self) -> &Appearance {
         &self.appearance
     }
 }
 
-/// The neutral nodes of a seeded person.
+/// Returns the neutral nodes of a seeded person.
 pub(super) fn identity(wireframe: &Wireframe, seed: u64, index: u32) -> Vec<Point3<f64>> {
     let mut random = generator(seed, Purpose::Shape, index, 0, 0);
     let mut nodes = wireframe.vertices().to_vec();
-    // Shape units have no numbers in a wireframe: their order is that of the file, which numbers them from 0.
+    // Shape units have no numbers in a wireframe; they are in the order of the file, which numbers them from 0.
     for (number, mean, sd) in SHAPE {
         let z: f64 = StandardNormal.sample(&mut random);
         let parameter = mean + sd * z.clamp(-SHAPE_LIMIT_SD, SHAPE_LIMIT_SD);
@@ -220,7 +219,7 @@ fn appearance(seed: u64, index: u32, sex: Sex) -> Appearance {
     let skin_index = random.random_range(0..SKINS.len());
     let darkness = skin_index as f32 / (SKINS.len() - 1) as f32;
     let mut pick = |list: &[[u8; 3]], limit: usize| colour(list[random.random_range(0..limit.min(list.len()))]);
-    // Dark skin goes with dark hair and eyes.
+    // Dark skin is combined with dark hair and eyes.
     let hair = pick(&HAIRS, if skin_index > 3 { 2 } else { 6 });
     let iris = pick(&IRISES, if skin_index > 3 { 2 } else { 6 });
     let cloth = pick(&CLOTHS, 6);

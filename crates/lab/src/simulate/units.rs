@@ -1,4 +1,4 @@
-//! A person who shows single action units of Candide-3, as strong as asked.
+//! Frames of a person who shows single action unit vectors of Candide-3 at given strengths.
 
 use nalgebra::{Point2, Vector3};
 
@@ -10,8 +10,8 @@ use super::{
 };
 use grimace::internal::wireframe::{ExpressionUnit, Wireframe, find_unit, settle_offsets};
 
-/// A frame of a person who shows action unit vectors (number, strength; 1 is Candide's own) and lids closed by `closure` (0 to 1), the
-/// head turned by yaw and pitch, degrees. `frame` seeds the noise.
+/// Returns a frame of a person who shows action unit vectors (number, strength; 1 is Candide-3's own), with lids closed by `closure` (0 to
+/// 1) and the head turned by yaw and pitch, degrees. `frame` selects the seed of the noise.
 pub fn show_units(
     who: &Subject,
     units: &[(u16, f64)],

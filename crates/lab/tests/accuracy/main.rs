@@ -1,4 +1,4 @@
-//! How near the method comes to the truth: simulated people, and real ones where the shared data lies beside the repository.
+//! Accuracy of the method on simulated people, and on real ones when the shared data is next to the repository.
 #![allow(missing_docs, clippy::pedantic)]
 
 #[path = "../../../../tests/common/mod.rs"]

@@ -1,5 +1,5 @@
-//! How near the fit comes to whole faces from a few marks, with each shape prior: real people the priors were not learned from, and
-//! simulated people. Errors are means of distances over the eye distance (between the pupils), in percent.
+//! Accuracy of fits to a few marks, for each shape prior, on real people who are not part of the prior's training data and on simulated
+//! people. Errors are mean distances in percent of the eye distance (between the pupils).
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -20,7 +20,7 @@ use nalgebra::{Point2, Vector2};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 
-/// Corners of eyes and mouth, the chin, and eight more: brow ends and tops, lips, nose base, jaw.
+/// Corners of eyes and mouth, the chin, and eight further nodes: ends and tops of the brows, lips, base of the nose, jaw.
 const FIFTEEN: [u16; 15] = [20, 23, 53, 56, 31, 64, 10, 15, 48, 16, 49, 7, 8, 6, 30];
 
 /// Standard deviation of a mark's error on simulated people, px.
@@ -28,8 +28,7 @@ const MARK_NOISE_PX: f64 = 0.7;
 
 const SIMULATED_PEOPLE: u32 = 40;
 
-/// People are simulated in pictures this many times smaller than 640x480, and their nodes scaled up: pictures cost time, and only
-/// the nodes are used.
+/// Reduction of the simulated pictures from 640x480; the nodes are scaled up. Only the nodes are used, and smaller pictures are faster.
 const REDUCTION: u32 = 4;
 
 fn eleven() -> Vec<NodeId> {
@@ -48,7 +47,7 @@ fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-/// Fits one face per item and averages the error over the nodes to be compared.
+/// Fits every face and returns the mean error over the compared nodes.
 fn mean_error(prior: &PriorKind, faces: &[Face], marked: &[NodeId]) -> f64 {
     let wireframe = Wireframe::candide3();
     let fitter = Fitter::new(&wireframe, FitOptions { prior: prior.clone(), ..FitOptions::default() });
@@ -68,7 +67,7 @@ fn mean_error(prior: &PriorKind, faces: &[Face], marked: &[NodeId]) -> f64 {
 }
 
 struct Face {
-    /// Marks at every node that any test marks.
+    /// Marks at every node that a test marks.
     marks: Vec<Correspondence>,
     truth: Vec<(NodeId, Point2<f64>)>,
     /// Whether marked nodes are left out of the comparison.
@@ -76,7 +75,7 @@ struct Face {
     eye_distance: f64,
 }
 
-/// Neutral frames of the London people with their landmarks; compared at the inner-face landmarks 17 to 67 that were not marked.
+/// Returns the neutral frames of the London people with their landmarks, compared at the unmarked landmarks 17 to 67 of the inner face.
 fn real_faces() -> Option<Vec<Face>> {
     let root = &crate::common::shared_data("sequences", "the prior's accuracy on real faces was not measured")?;
     let tables = Tables::candide3();
@@ -99,7 +98,7 @@ fn real_faces() -> Option<Vec<Face>> {
     Some(faces)
 }
 
-/// The 90 people's nodes where their hand-set points are, by `candide/locator_points.csv`, with the distance of the pupils.
+/// Returns the nodes of the 90 people from their hand-set points (`candide/locator_points.csv`), with the distance of the pupils.
 fn set_by_hand() -> Option<Vec<(NeutralFace, f64)>> {
     let root = crate::common::root();
     let path = &crate::common::shared_data("people/delineation189.csv", "marks set by hand were not tried")?;
@@ -122,14 +121,14 @@ fn set_by_hand() -> Option<Vec<(NeutralFace, f64)>> {
     Some(people.map(face).collect())
 }
 
-/// Marked at any node that is known, and compared at the others.
+/// Makes a face that can be marked at any known node and is compared at the others.
 fn as_face((face, eye_distance): &(NeutralFace, f64)) -> Face {
     let FacePoints::Nodes(nodes) = &face.points else { unreachable!("nodes set by hand") };
     let marks = nodes.iter().map(|&(node, position)| Correspondence::mark(node, position)).collect();
     Face { marks, truth: nodes.clone(), leave_out_marks: true, eye_distance: *eye_distance }
 }
 
-/// Simulated people at 640x480, marks with Gaussian noise; compared at all live nodes.
+/// Returns simulated people at 640x480, with Gaussian noise on the marks, compared at all live nodes.
 fn simulated_faces(marked: &[NodeId]) -> Vec<Face> {
     let wireframe = Wireframe::candide3();
     let (width, height) = (640 / REDUCTION, 480 / REDUCTION);
@@ -190,8 +189,8 @@ fn the_fit_reaches_its_goals_on_real_and_simulated_people() {
     }
 }
 
-/// What people call the end of a brow or the tip of a chin is not what networks do: with marks set by hand the prior that was learned from
-/// such marks serves, on people left out; and the default takes it.
+/// People and networks place the end of a brow or the tip of the chin differently. For hand-set marks, the prior learned from such marks is
+/// accurate on left-out people, and the default selects it.
 #[test]
 fn marks_set_by_hand_are_served_by_what_was_learned_from_such() {
     let Some(people) = set_by_hand() else { return };
@@ -217,7 +216,7 @@ fn marks_set_by_hand_are_served_by_what_was_learned_from_such() {
     assert!(auto < 0.7 * springs, "{auto} {springs}");
 }
 
-/// Also a prior learned afresh from half of the people serves on the other half.
+/// A prior learned from half of the people is accurate on the other half.
 #[test]
 fn a_prior_learned_from_some_people_serves_for_others() {
     let skipped = "learning from half of the people was not measured";
@@ -245,7 +244,7 @@ fn a_prior_learned_from_some_people_serves_for_others() {
     assert!(error <= 2.2, "{error}");
 }
 
-/// The shipped files are what the commands written in them make.
+/// The shipped files can be reproduced by the commands recorded in them.
 #[test]
 fn the_shipped_priors_can_be_made_again() {
     let path = &crate::common::root().join("../shared/data/people/landmarks68.csv");

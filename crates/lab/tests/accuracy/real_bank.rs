@@ -1,4 +1,4 @@
-//! The dense synthesis on a real face bank, which is not shipped: built, mixed and measured as the issue asks.
+//! The dense synthesis on a real face bank, which is not shipped: the bank is built, mixed and measured.
 
 use std::path::Path;
 
@@ -8,7 +8,7 @@ use grimace::internal::synthesis::{
 };
 use grimace_lab::evaluate::{Seams, SynthesisStudy, SynthesisTarget, evaluate_crossovers, evaluate_solvers};
 
-/// Builds the 53 shapes, the bank of 30 and the 354 unseen models; `None`, said loudly, where the data is not there.
+/// Builds the 53 shapes, the bank of 30 and the 354 unseen models; prints a notice and returns `None` without the data.
 fn banks(folder: &Path) -> Option<(Bank, Bank, Bank)> {
     let source = &crate::common::root().join("../shared/data/ict");
     if !source.is_dir() {

@@ -1,4 +1,4 @@
-//! The whole pipeline against the truth of simulated sequences.
+//! The whole pipeline, compared with the ground truth of simulated sequences.
 
 use crate::common::Work;
 use grimace::internal::{
@@ -17,7 +17,7 @@ use grimace_lab::simulate::{Emotion, SimulateOptions, SimulatedFrame, simulate_d
 use nalgebra::Point2;
 use rayon::prelude::*;
 
-/// Mean error over the live nodes at the last frame, px, of a track that starts from the true nodes of the neutral frame.
+/// Returns the mean error over the live nodes at the last frame, px, for a track that starts from the true nodes of the neutral frame.
 fn error_at_apex(simulated: &[SimulatedFrame], options: &TrackOptions) -> f64 {
     let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
     let fitted = FittedWireframe {
@@ -40,7 +40,7 @@ fn error_at_apex(simulated: &[SimulatedFrame], options: &TrackOptions) -> f64 {
     live.iter().map(|n| (found[n.index()].position - truth[n.index()]).norm()).sum::<f64>() / live.len() as f64
 }
 
-/// A goal of the project: 24 frames of 640x480, mean error at the last frame at most 1 px, and lower than without deformation.
+/// Goal of the project: for 24 frames of 640x480 the mean error at the last frame is at most 1 px, and lower than without deformation.
 #[test]
 fn tracking_from_the_true_nodes_stays_within_a_pixel_and_deformation_helps() {
     let options = SimulateOptions { seed: 2006, ..SimulateOptions::default() };
@@ -65,16 +65,16 @@ fn tracking_from_the_true_nodes_stays_within_a_pixel_and_deformation_helps() {
     assert!(with < without, "{with:.4} px with deformation, {without:.4} px without: {errors:.3?}");
 }
 
-/// The true positions of a simulated sequence, from its file.
+/// Reads the true positions of a simulated sequence from its file.
 fn truth(work: &Work, name: &str) -> DynamicExpressionModel<Px> {
     track_model(&read_track(&work.path(name)).unwrap()).unwrap()
 }
 
-/// Three people with one face, performance and picture, marked at all their nodes: what is representative of them is that person.
+/// The representative of three people with the same face, performance and picture, marked at all nodes, is that person.
 #[test]
 fn the_representative_of_identical_subjects_is_that_subject() {
-    /// Mean distance to the truth at the apex, face units: 2 % of the eye distance (1024), which is about as much as the tracker
-    /// allows a node to be off on its way back.
+    /// Tolerance of the mean distance to the truth at the apex, face units: 2 % of the eye distance (1024), similar to the tracker's limit
+    /// for the forward-backward check.
     const TOLERANCE: f64 = 20.0;
     let work = Work::new();
     let options = SimulateOptions {
@@ -125,7 +125,7 @@ fn the_representative_of_identical_subjects_is_that_subject() {
     }
 }
 
-/// Signs of the apex FAPs that an expression must have.
+/// Required signs of the apex FAPs of an expression.
 #[test]
 fn fap_signs_are_those_of_the_expressions() {
     let work = Work::new();

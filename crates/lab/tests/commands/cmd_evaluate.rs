@@ -1,4 +1,4 @@
-//! `grimace evaluate`: what a user types, and what comes out.
+//! `grimace evaluate`: commands and their output.
 
 use std::{fs, path::Path, path::PathBuf};
 
@@ -11,7 +11,7 @@ use grimace_lab::evaluate::{Start, TrackerVariant, TrackingOptions, VariantKind,
 use predicates::str::contains;
 use tempfile::TempDir;
 
-/// A fresh folder to run in.
+/// A new folder to run in.
 struct Work {
     folder: TempDir,
 }
@@ -33,12 +33,12 @@ impl Work {
         serde_json::from_str(&self.read(name)).unwrap()
     }
 
-    /// Rows of a CSV file, by column name.
+    /// Returns the rows of a CSV file, by column name.
     fn rows(&self, name: &str) -> Vec<std::collections::BTreeMap<String, String>> {
         csv::Reader::from_path(self.path(name)).unwrap().deserialize().map(|r| r.unwrap()).collect()
     }
 
-    /// `grimace ARGS` in the folder.
+    /// Runs `grimace ARGS` in the folder.
     fn grimace(&self, args: &str) -> Assert {
         let mut command = Command::new(crate::common::grimace());
         command.current_dir(self.folder.path()).args(args.split_whitespace()).assert()
@@ -48,7 +48,7 @@ impl Work {
         String::from_utf8(self.grimace(args).success().get_output().stdout.clone()).unwrap()
     }
 
-    /// Every file of a folder with its bytes.
+    /// Returns every file of a folder with its bytes.
     fn bytes(&self, folder: &str) -> Vec<(String, Vec<u8>)> {
         let mut files: Vec<_> = fs::read_dir(self.path(folder))
             .unwrap()
@@ -64,7 +64,7 @@ fn number(row: &std::collections::BTreeMap<String, String>, column: &str) -> f64
     row[column].parse().unwrap_or_else(|_| panic!("{column} is {:?}", row[column]))
 }
 
-/// Small and few: a tenth of a second each.
+/// Options for small and few sequences, which take a tenth of a second each.
 const TINY: &str = "--subjects 1 --emotions happiness --frames 4 --size 240x180";
 
 #[test]
@@ -127,7 +127,7 @@ fn people_from_landmarks_are_compared_at_the_landmarks_that_were_not_marked() {
     assert!(work.path("out/methods_real.svg").is_file());
 }
 
-/// Three people whose landmarks are Candide's own nodes at different sizes, the nose of each out of place.
+/// Writes three people whose landmarks are Candide-3's own nodes at different sizes, each with a displaced nose.
 fn write_people(path: &Path) {
     let (wireframe, tables) =
         (grimace::internal::wireframe::Wireframe::candide3(), grimace::internal::wireframe::Tables::candide3());
@@ -354,7 +354,7 @@ fn found_points_are_compared_with_points_set_by_hand() {
     assert!(errors.lines().any(|line| line.starts_with("all,eye corner,2,")), "{errors}");
 }
 
-/// Plain KLT and the fit on the real sequences, against the figures that independent prototypes gave.
+/// Plain KLT and the fit on the real sequences, compared with the figures of independent prototypes.
 #[test]
 fn real_sequences_give_the_figures_of_the_prototypes() {
     let Some(data) = crate::common::shared_data("sequences", "the prototypes' figures were not compared") else { return };

@@ -15,14 +15,14 @@ fn simulate(out: &Path) -> Command {
     command
 }
 
-/// A small, fast dataset.
+/// Returns the command that simulates a small, fast dataset.
 fn small(out: &Path) -> Command {
     let mut command = simulate(out);
     command.args(["--subjects", "2", "--emotions", "happiness,surprise", "--frames", "3", "--size", "96x80", "--seed", "5"]);
     command
 }
 
-/// Every file below a folder with its bytes.
+/// Returns every file below a folder with its bytes.
 fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut found = BTreeMap::new();
     let mut open = vec![folder.to_owned()];
@@ -134,7 +134,7 @@ fn forcing_leaves_no_frames_of_the_earlier_run() {
     assert!(files(&again) == files(&fresh), "files of the earlier run are left");
 }
 
-/// A dataset is read by folders: what is not of the simulation would be taken for a part of it, and is nobody's to remove but the user's.
+/// Datasets are read by folder, so foreign files would become part of the dataset; only the user may remove them.
 #[test]
 fn forcing_removes_nothing_that_is_not_of_a_simulation() {
     let folder = tempfile::tempdir().unwrap();
@@ -182,8 +182,8 @@ fn help_has_an_example() {
         .stdout(contains("grimace simulate -o faces").and(contains("correspondences.csv")));
 }
 
-/// Grey levels by which a frame of the shipped dataset may differ from a fresh one, on average and at most: libraries of other
-/// machines may round a sine differently, which a JPEG block can spread.
+/// Tolerances in grey levels, mean and (`LARGEST_TOLERANCE`) largest, between a frame of the shipped dataset and a new one: libraries of
+/// other machines may round a sine differently, and a JPEG block spreads the difference.
 const MEAN_TOLERANCE: f64 = 0.05;
 const LARGEST_TOLERANCE: u8 = 24;
 

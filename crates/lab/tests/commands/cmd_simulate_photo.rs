@@ -1,4 +1,4 @@
-//! `grimace simulate --photo`: a rendered neutral face serves as the photograph.
+//! `grimace simulate --photo`, with a rendered neutral face as the photograph.
 
 use std::{
     collections::BTreeMap,

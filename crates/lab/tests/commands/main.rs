@@ -1,4 +1,4 @@
-//! `grimace simulate` and `grimace evaluate` end to end, as a user calls them.
+//! `grimace simulate` and `grimace evaluate` end to end.
 #![allow(missing_docs, clippy::pedantic)]
 
 #[path = "../../../../tests/common/mod.rs"]

@@ -1,5 +1,5 @@
-//! The same people smiling. Hand-set points are there of the neutral photographs alone; of both there are 68 landmarks of one network, whose
-//! inner lips lie apart where full lips are closed. What they are off on the neutral photograph they are taken to be off on the other.
+//! Smiles of the training people. Only the neutral photographs have hand-set points. Both photographs have 68 landmarks of a network, whose
+//! inner lips are apart on closed full lips. The landmarks' error on the neutral photograph is assumed to be the same on the smile.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -12,23 +12,23 @@ use crate::{
     },
 };
 
-/// Landmarks of a face in the file.
+/// Number of landmarks of a face in the file.
 const LANDMARKS: usize = 68;
 
-/// Landmarks of nose and eyes: a smile moves them little.
+/// Landmarks of nose and eyes, which a smile hardly moves.
 const STILL: std::ops::Range<usize> = 27..48;
 
-/// Corners of the mouth, as landmarks, in the picture from left to right.
+/// Landmarks of the corners of the mouth, from left to right in the picture.
 const CORNERS: [usize; 2] = [48, 54];
 
-/// Landmarks where [`line_points`] has points, the mean of two where there are two.
+/// Landmarks at the points of [`line_points`]; where there are two, their mean is used.
 const ON_LINES: [[[usize; 2]; EDGES]; 3] = [
     [[53, 53], [63, 63], [65, 65], [55, 56]],
     [[51, 51], [62, 62], [66, 66], [57, 57]],
     [[49, 49], [61, 61], [67, 67], [58, 59]],
 ];
 
-/// Reads the smiles of these faces; none where the table is not there, or a person in it.
+/// Reads the smiles of these faces; none if there is no table, or the person is not in it.
 pub fn read(folder: &Path, faces: &[TrainingFace], hasher: &mut blake3::Hasher) -> Result<Vec<Smile>, FacesError> {
     let path = folder.join("landmarks68.csv");
     if !path.exists() {
@@ -57,7 +57,7 @@ pub fn read(folder: &Path, faces: &[TrainingFace], hasher: &mut blake3::Hasher) 
     Ok(smiles)
 }
 
-/// Points and outline of a smile.
+/// Returns points and outline of a smile.
 fn smile(face: &TrainingFace, neutral: &[Point], smiling: &[Point]) -> (Shape, Vec<Point>) {
     let onto = Placement::fit(&neutral[STILL], &smiling[STILL]);
     let mut shape: Shape = face.shape.iter().map(|&p| onto.apply(p)).collect();
@@ -87,7 +87,8 @@ mod tests {
 
     #[test]
     fn what_a_network_is_off_on_closed_lips_is_taken_away() {
-        // Everything in one place but the mouth's corners; the network says that the closed lips are 6 px apart, and smiling 16: they are 10.
+        // All points coincide except the mouth's corners. The network has the closed lips 6 px apart, and the smiling ones 16: they are 10
+        // apart.
         let mut shape = vec![[50.0, 50.0]; points().len()];
         let [_, upper, lower, _] = line_points()[1];
         (shape[upper], shape[lower]) = ([50.0, 100.0], [50.0, 100.0]);

@@ -1,4 +1,4 @@
-//! Figures 1, 2, 5, 6, 7 and Table 1 of [KP], from the files of a run over a dataset.
+//! Figures 1, 2, 5, 6, 7 and Table 1 of [KP], made from a run over a dataset.
 
 use std::path::Path;
 
@@ -21,11 +21,11 @@ use grimace::internal::{
     warp::MouthInside,
 };
 
-/// Dispersions of [KP, Table 1]; laughter stands for happiness.
+/// Dispersions published in [KP, Table 1]; happiness is their laughter.
 pub const PUBLISHED_DISPERSIONS: [(&str, f64); 6] =
     [("anger", 11.13), ("disgust", 9.80), ("fear", 11.39), ("happiness", 10.89), ("sadness", 13.46), ("surprise", 13.57)];
 
-/// A tracked sequence with its pictures.
+/// A tracked sequence, with its frames.
 struct Performance {
     subject: String,
     name: String,
@@ -42,23 +42,23 @@ impl Performance {
         read.into_iter().next().map(|(_, picture)| picture).ok_or_else(|| failed(&format!("frame {} is not there", frame.number)))
     }
 
-    /// The neutral and the last frame.
+    /// Returns the neutral and the last frame.
     fn ends(&self) -> [&TrackedFrame; 2] {
-        // Tracks have two frames or more.
+        // A track has at least two frames.
         [&self.track[0], &self.track[self.track.len() - 1]]
     }
 }
 
-/// A run over a dataset.
+/// The figures from a run over a dataset.
 pub struct KpFigures<'a> {
     bench: &'a Workbench,
     run: &'a Path,
-    /// Those whose people may be shown.
+    /// Tracked sequences of people who permit publication.
     performances: Vec<Performance>,
-    /// Sequences with a track, shown or not: what the representatives are made of.
+    /// Number of tracked sequences, published or not; the representatives are made of them.
     tracked: usize,
     emotions: Vec<String>,
-    /// Who is seen, for the captions.
+    /// Description of the people, for the captions.
     who: String,
 }
 
@@ -66,7 +66,8 @@ impl<'a> KpFigures<'a> {
     /// Reads the tracks of a run over a dataset.
     ///
     /// # Errors
-    /// [`EvaluateError::Figure`] when the dataset or a track does not read, or no sequence was tracked from pictures.
+    /// [`EvaluateError::Figure`] when the dataset or a track cannot be read, or when there is no tracked sequence with pictures that may be
+    /// published.
     pub fn new(dataset: &Path, run: &'a Path, who: &str, bench: &'a Workbench) -> Result<Self, EvaluateError> {
         let failed = failed("the figures of Krinidis and Pitas");
         let opened = Dataset::open(dataset).map_err(|e| failed(&e))?;
@@ -82,7 +83,7 @@ impl<'a> KpFigures<'a> {
             let Some(info) = read_track_info(&path).map_err(|e| failed(&e))?.filter(|_| track.len() > 1) else { continue };
             tracked += 1;
             emotions.push(entry.emotion.clone());
-            // Who does not want to be shown counts in the representatives, and is in no figure.
+            // People who do not permit publication are part of the representatives, but appear in no figure.
             if !may_publish(&entry.metadata) {
                 continue;
             }
@@ -104,10 +105,10 @@ impl<'a> KpFigures<'a> {
         Ok(Self { bench, run, performances, tracked, emotions, who: who.to_owned() })
     }
 
-    /// All plates that these sequences allow; what they do not allow is in the second list, with the reason.
+    /// Returns all figures that these sequences allow, and the reasons why others are missing.
     ///
     /// # Errors
-    /// [`EvaluateError::Figure`] when a file of the run does not read, or a picture cannot be made.
+    /// [`EvaluateError::Figure`] when a file of the run cannot be read, or a picture cannot be made.
     pub fn plates(&self) -> Result<(Vec<Plate>, Vec<String>), EvaluateError> {
         let mut plates = self.fitting()?;
         plates.push(self.tracking()?);
@@ -130,7 +131,7 @@ impl<'a> KpFigures<'a> {
         draw_overlay(&frame, &self.bench.wireframe, &nodes, &marks)
     }
 
-    /// The wireframe of a normalized model's frame on white.
+    /// Draws the wireframe of one frame of a normalized model on a light background.
     fn wireframe(&self, model: &DynamicExpressionModel<FaceUnit>, frame: usize) -> RgbImage {
         const SIDE: f64 = 360.0;
         const FACE_UNITS: f64 = 3200.0;
@@ -141,7 +142,7 @@ impl<'a> KpFigures<'a> {
         draw_overlay(&blank, &self.bench.wireframe, &nodes, &[])
     }
 
-    /// Figure 1: the model scaled to the marks, and deformed by the springs.
+    /// Figure 1: the wireframe scaled to the marks, then deformed by the springs.
     fn fitting(&self) -> Result<Vec<Plate>, EvaluateError> {
         let failed = failed("KP Fig. 1");
         let p = &self.performances[0];
@@ -201,7 +202,7 @@ impl<'a> KpFigures<'a> {
         read_model(&self.run.join(format!("representatives/{emotion}.csv"))).map_err(|e| failed("a representative")(&e))
     }
 
-    /// A motion on a face, as far as `place` frames.
+    /// Draws the frame `place` of a motion on a face.
     fn on_face(&self, motion: &SourceMotion, target: &Target, place: f64) -> Result<RgbImage, EvaluateError> {
         let failed = failed("a face");
         let nodes = target.nodes_at(motion, &motion.at(place), Rescale::default(), 1.0, false, self.bench);
@@ -209,7 +210,7 @@ impl<'a> KpFigures<'a> {
         Ok(target.warp().render(target.texture(), &deformation, &MouthInside::Teeth))
     }
 
-    /// Figure 5: frames 3 and 5 of every representative, as wireframe and on a face.
+    /// Figure 5: frames 3 and 5 of every representative, as a wireframe and on a face.
     fn representatives(&self) -> Result<Plate, EvaluateError> {
         let failed = failed("KP Fig. 5");
         let target = showcase_target(self.bench).map_err(|e| failed(&e))?;
@@ -234,7 +235,7 @@ impl<'a> KpFigures<'a> {
         Ok(Plate::new("kp_fig5", "KP, Fig. 5", caption, sheet(rows)))
     }
 
-    /// Table 1: dispersions beside those published.
+    /// Table 1: dispersions next to the published ones.
     fn table(&self) -> Result<Plate, EvaluateError> {
         let failed = failed("KP Table 1");
         let csv = CsvFile::open(&self.run.join("statistics.csv")).map_err(|e| failed(&e))?;
@@ -258,7 +259,7 @@ impl<'a> KpFigures<'a> {
         Ok(Plate::new("kp_table1", "KP, Table 1", caption, PlateContent::Table(table)))
     }
 
-    /// A sequence's own neutral picture as a target.
+    /// Makes a target from a sequence's neutral picture.
     fn target(&self, p: &Performance) -> Result<Target, EvaluateError> {
         let picture = p.picture(p.ends()[0])?;
         self.bench.target(&p.name, picture, &p.marks).map_err(|e| failed("a target")(&e))
@@ -268,7 +269,7 @@ impl<'a> KpFigures<'a> {
         SourceMotion::from_track(&p.name, &p.track, &[], self.bench).map_err(|e| failed("a tracked motion")(&e))
     }
 
-    /// Figure 6: one person's smile on two others.
+    /// Figure 6: one person's smile cloned onto two other people.
     fn cloning(&self) -> Result<Result<Plate, String>, EvaluateError> {
         let Some(source) = self.of("happiness") else {
             return Ok(Err("KP Fig. 6: the dataset has no sequence of happiness".to_owned()));
@@ -293,7 +294,8 @@ impl<'a> KpFigures<'a> {
         Ok(Ok(Plate::new("kp_fig6", "KP, Fig. 6", caption, sheet(vec![row]))))
     }
 
-    /// Figure 7: sadness of a person, their own expression on their neutral picture, and the representative's; the models below.
+    /// Figure 7: a person's sadness, the same expression synthesized on the person's neutral picture, and the representative; the models
+    /// below.
     fn mapping(&self) -> Result<Result<Plate, String>, EvaluateError> {
         let Some(p) = self.of("sadness") else { return Ok(Err("KP Fig. 7: the dataset has no sequence of sadness".to_owned())) };
         let failed = failed("KP Fig. 7");
@@ -323,7 +325,7 @@ impl<'a> KpFigures<'a> {
     }
 }
 
-/// The default marks, where a sequence has them; else those it has.
+/// Returns the default marks when at least five are set, otherwise all marks.
 fn default_marks(marks: Vec<Correspondence>) -> Vec<Correspondence> {
     let chosen: Vec<Correspondence> = marks.iter().filter(|m| DEFAULT_LANDMARK_NODES.contains(&m.node)).copied().collect();
     if chosen.len() >= 5 { chosen } else { marks }

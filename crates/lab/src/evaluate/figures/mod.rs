@@ -1,4 +1,4 @@
-//! The figures and tables of both papers, made anew by this program: KP's from a dataset and the run over it, ZL's from a bank.
+//! Reproduces the figures and tables of both papers: those of KP from a run over a dataset, those of ZL from a bank.
 
 mod kp;
 mod scaling;
@@ -13,14 +13,14 @@ pub use kp::{KpFigures, PUBLISHED_DISPERSIONS};
 pub use scaling::{ScalingRow, scaling_rows, scaling_table};
 pub use zl::{ZlFigures, zl_plates};
 
-/// What a plate holds.
+/// Content of a plate, which determines its file format.
 #[derive(Clone, Debug)]
 pub enum PlateContent {
-    /// Pictures of faces: PNG.
+    /// A picture, written as PNG.
     Picture(RgbImage),
-    /// A plot: SVG.
+    /// A chart, written as SVG.
     Chart(LineChart),
-    /// Numbers: CSV.
+    /// A table, written as CSV.
     Table(Table),
 }
 
@@ -29,9 +29,9 @@ pub enum PlateContent {
 pub struct Plate {
     /// File name without extension, such as `kp_fig3`.
     pub name: String,
-    /// What it is in the paper.
+    /// The figure or table of the paper that it reproduces.
     pub what: String,
-    /// What is seen, of whom, and how it was made.
+    /// What the plate shows, of whom, and how it was made.
     pub caption: String,
     /// The content.
     pub content: PlateContent,
@@ -43,10 +43,10 @@ impl Plate {
     }
 }
 
-/// Height of a picture in a sheet, px.
+/// Height of a picture on a sheet, px.
 const HEIGHT: u32 = 300;
 
-/// Rows of labelled pictures in one picture.
+/// Arranges rows of labelled pictures in one picture.
 fn sheet(rows: Vec<Vec<(RgbImage, String)>>) -> PlateContent {
     let mut sheet = Sheet::new(HEIGHT);
     for row in rows {

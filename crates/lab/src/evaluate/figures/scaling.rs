@@ -1,4 +1,4 @@
-//! The claim of [KP, section 2]: a model 1.5 times too large or too small needs 15 marks, one scaled first 5 to 8.
+//! Test of a claim in [KP, section 2]: a model 1.5 times too large or too small needs 15 marks; a model that is scaled first needs 5 to 8.
 
 use nalgebra::{Point2, Vector2};
 
@@ -9,26 +9,26 @@ use grimace::internal::{
     wireframe::Wireframe,
 };
 
-/// Mean errors of the fit by springs with a number of marks.
+/// Mean errors of the fit by springs for one number of marks, percent of the eye distance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ScalingRow {
-    /// Marks.
+    /// Number of marks.
     pub marks: usize,
-    /// Scaled to the marks first, percent of the eye distance.
+    /// Error when the model is scaled to the marks first.
     pub scaled: f64,
-    /// 1.5 times too large.
+    /// Error when the model is 1.5 times too large.
     pub too_large: f64,
-    /// 1.5 times too small.
+    /// Error when the model is 1.5 times too small.
     pub too_small: f64,
 }
 
-/// How much too large or too small [KP].
+/// Factor by which the model is too large or too small [KP].
 const FACTOR: f64 = 1.5;
 
-/// Errors of springs alone with and without the scaling ahead, for numbers of marks in the order of a choice.
+/// Returns the errors of the fit by springs alone, with and without scaling first, for several numbers of marks of a choice.
 ///
 /// # Errors
-/// [`EvaluateError::Figure`] when marks determine no fit.
+/// [`EvaluateError::Figure`] when marks do not determine a fit.
 pub fn scaling_rows(
     population: &Population,
     choice: &MarkChoice,
@@ -47,7 +47,7 @@ pub fn scaling_rows(
             let Some(nodes) = choice.nodes(person, index as u32, count, seed) else { continue };
             let marks: Vec<_> = nodes.iter().filter_map(|&n| person.mark(n, MarkNoise::Uniform(marks_noise_px))).collect();
             let scaled = fitter.fit(wireframe, &marks).map_err(|e| failed(&e))?;
-            // The frontal wireframe in the image, y down, 1.5 times too large or small about the middle of the marks.
+            // Frontal wireframe in the image, y down; below it is scaled by 1.5 or 1 / 1.5 about the middle of the marks.
             let frontal: Vec<Point2<f64>> = wireframe.frontal().iter().map(|p| Point2::new(p.x, -p.y)).collect();
             let source: Vec<_> = marks.iter().map(|m| frontal[m.node.index()]).collect();
             let seen: Vec<_> = marks.iter().map(|m| m.position).collect();
@@ -73,13 +73,13 @@ pub fn scaling_rows(
     Ok(rows)
 }
 
-/// Mean distance to the truth, percent of the eye distance.
+/// Returns the mean distance to the true positions, percent of the eye distance.
 fn error(person: &Person, nodes: &[Point2<f64>]) -> f64 {
     let sum: f64 = person.truth.iter().map(|t| (nodes[t.node.index()] - t.position).norm()).sum();
     100.0 * sum / person.truth.len() as f64 / person.eye_distance
 }
 
-/// The rows as a table.
+/// Returns a table of the rows.
 pub fn scaling_table(rows: &[ScalingRow]) -> Table {
     let mut table = Table::new(["marks", "scaled_first_percent_es", "too_large_percent_es", "too_small_percent_es"]);
     for row in rows {

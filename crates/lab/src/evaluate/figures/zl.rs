@@ -1,4 +1,4 @@
-//! Figures 3b, 6b, 7 to 11, Table 1 and the regions of [ZL], on a bank and expressions that are not in it.
+//! Figures 3b, 6b, 7 to 11, Table 1 and the regions of [ZL], made from a bank and from expressions that are not in it.
 
 use image::RgbImage;
 
@@ -14,12 +14,12 @@ use grimace::internal::{
     },
 };
 
-/// How much is computed.
+/// Extent of the computation.
 #[derive(Clone, Copy, Debug)]
 pub struct ZlFigures {
-    /// Expressions that are not in the bank, chosen by the seed [ZL: 20, of which 10 for the regions].
+    /// Number of target expressions, which are not in the bank and are chosen by the seed [ZL: 20, of which 10 for the regions].
     pub targets: usize,
-    /// Runs of the genetic algorithm on each [ZL: 10].
+    /// Number of runs of the genetic algorithm on each target [ZL: 10].
     pub runs: usize,
     /// Seed.
     pub seed: u64,
@@ -28,10 +28,10 @@ pub struct ZlFigures {
 /// Side of a rendered face, px.
 const SIDE: u32 = 360;
 
-/// All plates.
+/// Makes all plates.
 ///
 /// # Errors
-/// [`EvaluateError`] for options out of range, or when `go_on` says no.
+/// [`EvaluateError`] for options out of range, a bank without expressions to search for, or when `go_on` returns `false`.
 pub fn zl_plates(
     bank: &Bank,
     unseen: &Bank,
@@ -137,7 +137,7 @@ fn solve_with(solver: Solver, regions: RegionScheme, emphasis: f64, ga: &GaOptio
     SynthesisOptions { solver, regions, emphasis, ga: *ga, bound_starts: 0, ..SynthesisOptions::default() }
 }
 
-/// The paper's .960, .972 and .981, on the same targets in every row.
+/// Fitness by number of regions, next to the .960, .972 and .981 of the paper; all rows use the same targets.
 fn regions_plate(study: &SynthesisStudy<'_>, go_on: &(impl Fn() -> bool + Sync)) -> Result<Plate, EvaluateError> {
     let mut table = Table::new(["regions", "targets", "fitness", "ZL fitness"]);
     for (scheme, published) in [(RegionScheme::Whole, 0.960), (RegionScheme::Halves, 0.972), (RegionScheme::Quarters, 0.981)] {
@@ -163,7 +163,7 @@ fn regions_plate(study: &SynthesisStudy<'_>, go_on: &(impl Fn() -> bool + Sync))
     Ok(Plate::new("zl_regions", "ZL, section 5, regions", caption, PlateContent::Table(table)))
 }
 
-/// Figure 9: the shares of both halves across the middle.
+/// Figure 9: the shares of both halves across the middle of the face.
 fn overlap_plate(bank: &Bank) -> Result<Plate, EvaluateError> {
     let regions = Regions::new(bank, RegionScheme::Halves, OVERLAP)?;
     let [low, high] = bank.mesh().bounds();
@@ -173,7 +173,7 @@ fn overlap_plate(bank: &Bank) -> Result<Plate, EvaluateError> {
         let mut points: Vec<(f64, f64)> =
             places.map(|(p, s)| (100.0 * f64::from(p[0] - low[0]) / width, f64::from(*s))).collect();
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
-        // One point a percent is enough for a line.
+        // One point for each percent is enough for a line.
         points.dedup_by_key(|p| p.0.round() as i64);
         points
     };
@@ -191,7 +191,7 @@ fn overlap_plate(bank: &Bank) -> Result<Plate, EvaluateError> {
     Ok(Plate::new("zl_fig9", "ZL, Fig. 9", caption, PlateContent::Chart(chart)))
 }
 
-/// Figure 10: one expression on the right half, another on the left.
+/// Figure 10: one expression on the right half and another on the left.
 fn asymmetric_plate(
     bank: &Bank,
     targets: &[SynthesisTarget<'_>],
@@ -222,7 +222,7 @@ fn asymmetric_plate(
     Ok(Plate::new("zl_fig10", "ZL, Fig. 10", caption, sheet(vec![row])))
 }
 
-/// The neutral face from the front, each triangle in the mixture of its regions' colours.
+/// Draws the neutral face from the front, each triangle in the mixture of its regions' colours.
 fn coloured(bank: &Bank, regions: &Regions) -> RgbImage {
     const COLOURS: [[f32; 3]; 4] = [[0.05, 0.30, 0.60], [0.75, 0.25, 0.02], [0.02, 0.42, 0.25], [0.60, 0.22, 0.42]];
     let mesh = bank.mesh();
@@ -241,7 +241,7 @@ fn coloured(bank: &Bank, regions: &Regions) -> RgbImage {
         for (region, base) in COLOURS.iter().enumerate().take(regions.count()) {
             let shares = regions.vertex_shares(region);
             let share: f32 = triangle.iter().map(|&v| shares[v as usize]).sum::<f32>() / 3.0;
-            // A little light from the front, so that the face is seen.
+            // A light from the front makes the shape visible.
             let light = 0.35 + 0.65 * triangle.iter().map(|&v| normals[v as usize][2].max(0.0)).sum::<f32>() / 3.0;
             colour.iter_mut().zip(base).for_each(|(c, b)| *c += share * b * light);
         }

@@ -1,15 +1,15 @@
-//! The face's relief and its light.
+//! Relief and lighting of the face.
 
 use nalgebra::Vector3;
 
 use super::{P, Painter, Sex, lit_skin, sheet::smooth, skin::Skin};
 
-/// Direction towards the light in face axes: from above, on the left of the picture.
+/// Direction towards the light in face axes: from above, and from the left of the picture.
 pub const LIGHT: [f32; 3] = [-0.38, 0.46, 0.80];
-/// Share of light that comes from everywhere.
+/// Share of ambient light.
 const AMBIENT: f32 = 0.36;
 
-/// Brightness of a surface with the given normal, 1 for one that faces the viewer.
+/// Returns the brightness of a surface with the given normal; 1 for one that faces the viewer.
 pub fn brightness(normal: Vector3<f32>) -> f32 {
     let light = Vector3::from(LIGHT).normalize();
     let half_lambert = |cosine: f32| (0.30 + 0.70 * cosine).max(0.0);
@@ -18,13 +18,13 @@ pub fn brightness(normal: Vector3<f32>) -> f32 {
 }
 
 impl Painter<'_> {
-    /// Outline of the face: the outer border of the wireframe, smooth.
+    /// Returns the outline of the face: the outer border of the wireframe, smoothed.
     pub(super) fn face_outline(&self) -> Vec<P> {
         let border = self.points([10, 32, 30, 28, 29, 14, 12, 11, 0, 44, 45, 47, 62, 61, 63, 65]);
         smooth(&border, true, 10)
     }
 
-    /// Skin, lit, over the outline of the face.
+    /// Paints lit skin within the outline of the face.
     pub(super) fn face(&mut self) {
         let mask = self.sheet.fill(&self.face_outline(), 0.006);
         let relief = self.relief();
@@ -45,7 +45,7 @@ impl Painter<'_> {
                     _ => 0.0,
                 }
             };
-            // Rows go down, the plane's y goes up.
+            // Rows are numbered downwards, and the plane's y points up.
             let normal = Vector3::new(-slope(1), slope(width), 1.0).normalize();
             let shade = brightness(normal) * (1.0 - shadow[index]).max(0.1);
             let shine = normal.dot(&halfway).max(0.0).powi(28) * gloss * (1.0 - shadow[index]).clamp(0.0, 1.0);
@@ -55,7 +55,7 @@ impl Painter<'_> {
         self.spots();
     }
 
-    /// Height of the face over the plane, model units: an egg and the forms on it.
+    /// Returns the height of the face over the plane, model units: an ellipsoid with the facial forms on it.
     fn relief(&self) -> Vec<f32> {
         let (half_width, chin) = (self.p(29).x, self.p(10));
         let mut z = vec![0.0; self.rgb.len()];
@@ -83,9 +83,9 @@ impl Painter<'_> {
             bump(P::new(on(16).x * 0.8, on(16).y - 0.015), (0.17, 0.05), 0.12 * side, 0.035 * male);
             bump(P::new(side * 0.37, self.p(27).y + 0.0), (0.12, 0.085), 0.5 * side, 0.060);
             bump(P::new(side * 0.42, -0.36), (0.09, 0.14), 0.0, -0.022);
-            // The muzzle's side and the corner of the mouth.
+            // The side of the muzzle and the corner of the mouth.
             bump(P::new(on(31).x + side * 0.03, on(31).y), (0.03, 0.05), 0.0, -0.016);
-            // Frontal eminence.
+            // The frontal eminence.
             bump(P::new(side * 0.2, 0.56), (0.16, 0.12), 0.0, 0.02);
         }
         let mouth = self.p(87);
@@ -95,7 +95,7 @@ impl Painter<'_> {
         bump(mouth, (0.16, 0.010), 0.0, -0.016);
         bump(P::new(0.0, self.p(8).y - 0.045), (0.11, 0.028), 0.0, -0.030);
         bump(P::new(0.0, chin.y + 0.12), (0.11, 0.075), 0.0, 0.065);
-        // Philtrum: a groove between two ridges.
+        // The philtrum: a groove between two ridges.
         let lip_to_nose = f32::midpoint(self.p(6).y, self.p(7).y);
         bump(P::new(0.0, lip_to_nose), (0.017, 0.055), 0.0, -0.010);
         for x in [-0.037, 0.037] {
@@ -113,7 +113,7 @@ impl Painter<'_> {
             if y > root + 0.22 || y < tip - 0.16 {
                 continue;
             }
-            // 0 at the root, 1 at the tip; the ridge rises, then ends in the ball of the tip.
+            // 0 at the root, 1 at the tip; the ridge rises and ends in the ball of the tip.
             let t = ((root - y) / (root - tip)).clamp(0.0, 1.0);
             let fade = if y > root { (-0.5 * ((y - root) / 0.08).powi(2)).exp() } else { 1.0 };
             let end = tip + 0.030;
@@ -133,7 +133,7 @@ impl Painter<'_> {
         }
     }
 
-    /// Where light does not reach: eye sockets, under nose, lips and chin, beside the jaw. 0 for none.
+    /// Returns the shadows in eye sockets, under nose, lips and chin, and beside the jaw; 0 for none.
     fn shadow_field(&self) -> Vec<f32> {
         let mut field = vec![0.0; self.rgb.len()];
         let s = self.sheet;

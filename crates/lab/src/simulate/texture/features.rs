@@ -1,4 +1,4 @@
-//! Brows, lids and lashes, nostrils, lips.
+//! Paints brows, lids and lashes, nostrils, and lips.
 
 use super::{
     super::{noise, subject::Colour},
@@ -6,13 +6,13 @@ use super::{
     sheet::smooth,
 };
 
-/// Nodes of the outer lip outline, from the left corner over the upper lip and back.
+/// Nodes of the outer lip outline, from the left corner along the upper lip and back.
 const OUTER_LIP: [usize; 10] = [31, 79, 33, 7, 66, 80, 64, 86, 8, 85];
-/// Nodes of the lip line, left corner to right.
+/// Nodes of the lip line, from the left corner to the right.
 const LIP_LINE: [usize; 5] = [88, 81, 87, 82, 89];
 
 impl Painter<'_> {
-    /// Everything that is drawn on the skin.
+    /// Paints all features on the skin.
     pub(super) fn features(&mut self) {
         self.nostrils();
         self.lips();
@@ -37,7 +37,7 @@ impl Painter<'_> {
             let mask = self.sheet.fill(&outline, 0.006);
             let dark = lit_skin(self.look.skin, 0.20);
             self.blend(&mask, 0.88, |_| dark);
-            // The wing's lower edge.
+            // The lower edge of the wing of the nose.
             let wing = [
                 P::new(side * ala.x * 0.98, ala.y + 0.035),
                 P::new(side * ala.x * 1.02, ala.y + 0.0),
@@ -90,7 +90,7 @@ impl Painter<'_> {
         }
     }
 
-    /// The fold from the nose's wing past the corner of the mouth, faint in a neutral face.
+    /// Paints the fold from the wing of the nose past the corner of the mouth, faint in a neutral face.
     fn folds(&mut self) {
         let (ala, corner) = (self.p(26), self.p(31));
         for side in [1.0, -1.0] {
@@ -111,13 +111,13 @@ impl Painter<'_> {
         let crease = self.points(crease_nodes);
         let [upper, lower] = margins.map(|points| smooth(&points, false, 10));
         let outward = if side == 0 { 1.0 } else { -1.0 };
-        // The crease runs above the margin: Candide's crease nodes lie close to it, a real fold a little higher.
+        // The crease runs above the margin. Candide-3's crease nodes lie close to it; a real fold is slightly higher.
         let fold: Vec<P> =
             crease.iter().enumerate().map(|(k, &p)| p + V::new(0.0, [0.003, 0.013, 0.015, 0.013, 0.005][k])).collect();
         let fold = smooth(&fold, false, 10);
         let mask = self.sheet.line(&fold, 0.008, 0.007);
         self.tint(&mask, [0.55, 0.45, 0.43]);
-        // The lid between fold and margin catches light, its edge is lined with lashes.
+        // The lid between fold and margin catches light; lashes line its edge.
         let mut plate = fold.clone();
         plate.extend(upper.iter().rev());
         let mask = self.sheet.fill(&plate, 0.008);
@@ -194,7 +194,7 @@ impl Painter<'_> {
             let ahead = between(lower[(index + 3).min(lower.len() - 1)], upper[(index + 3).min(upper.len() - 1)], 0.5)
                 - between(lower[index], upper[index], 0.5);
             let along = if ahead.norm() > 1e-6 { ahead.normalize() } else { V::new(outward, 0.0) };
-            // Inner hairs stand up; further out they lie along the brow, the upper ones pointing down, the lower ones up.
+            // Inner hairs stand up; outer ones lie along the brow, the upper hairs pointing down and the lower ones up.
             let lift = 0.85 * (1.0 - t * 2.4).max(0.0) + 0.60 * (0.5 - v);
             let direction = (along + V::new(0.0, lift)).normalize();
             let length = self.uniform(0.030, 0.054) * (0.75 + 0.25 * thick) * (1.0 - 0.35 * t);
@@ -210,7 +210,7 @@ impl Painter<'_> {
         }
         self.hairs(&strokes, None);
         if side == 1 {
-            // A trace of shade between the brows, where the frown sits.
+            // A trace of shadow between the brows, at the position of the frown.
             let glabella = P::new(0.0, inner.y);
             let line = [glabella + V::new(0.035, 0.05), glabella + V::new(0.03, -0.03)];
             for mirror in [false, true] {

@@ -1,4 +1,4 @@
-//! Hair: a shaded mass and thousands of strands.
+//! Paints hair: a shaded mass and thousands of strands.
 
 use super::{
     super::{noise, subject::Colour},
@@ -7,7 +7,7 @@ use super::{
 };
 
 impl Painter<'_> {
-    /// What of the hair is behind neck and ears.
+    /// Paints the hair behind neck and ears.
     pub(super) fn hair_behind(&mut self) {
         if !self.look.long_hair {
             return;
@@ -30,7 +30,7 @@ impl Painter<'_> {
         self.blend(&mask, 1.0, |p| scaled(hair, 0.42 + 0.14 * (p.x.abs() - 0.5).max(0.0)));
     }
 
-    /// Hair over skull and forehead, with strands down to the shoulders if it is long.
+    /// Paints the hair over skull and forehead; long hair has strands down to the shoulders.
     pub(super) fn hair_in_front(&mut self) {
         let cap = self.cap();
         let mask = self.sheet.fill(&cap, 0.006);
@@ -49,7 +49,7 @@ impl Painter<'_> {
         });
         let strands = self.strands();
         self.hairs(&strands, Some(&clip));
-        // Locks catch light unevenly along their length; without this a tracker would slide along the strands.
+        // Uneven light along each lock prevents trackers from sliding along the strands.
         for (index, coverage) in mask.texels(&self.sheet) {
             let p = self.sheet.at(index % self.sheet.width, index / self.sheet.width);
             let glint = 0.16 * noise::fractal(p.x * 13.0, p.y * 13.0, 3, seed ^ 0x42)
@@ -60,12 +60,12 @@ impl Painter<'_> {
         self.fringe();
     }
 
-    /// Where the hair falls apart, at the top of the skull.
+    /// Returns the top of the parting on the skull.
     fn parting_top(&self) -> P {
         P::new(self.look.parting * 0.35, self.p(0).y + 0.04)
     }
 
-    /// The border between forehead and hair, from temple to temple.
+    /// Returns the border between forehead and hair, from temple to temple.
     fn hairline(&self) -> Vec<P> {
         let up = self.look.hairline;
         let side = self.p(29).x;
@@ -88,7 +88,7 @@ impl Painter<'_> {
         smooth(&points, false, 8)
     }
 
-    /// Outline of the hair in front.
+    /// Returns the outline of the hair in front.
     fn cap(&self) -> Vec<P> {
         let side = self.p(29).x;
         let top = self.p(0).y;
@@ -134,7 +134,7 @@ impl Painter<'_> {
         let side = self.p(29).x;
         let mut strands = Vec::new();
         for _ in 0..1700 {
-            // From the parting in an arc over the skull to a place on the border of the cap.
+            // From the parting in an arc over the skull to a point on the border of the cap.
             let t = self.uniform(0.0, 1.0);
             let angle = std::f32::consts::PI * (1.12 * t - 0.06);
             let reach = self.uniform(0.35, 1.05);
@@ -153,7 +153,7 @@ impl Painter<'_> {
                 line: piece,
             });
         }
-        // Short hairs that soften the hairline: they grow up and outwards.
+        // Short hairs soften the hairline; they grow up and outwards.
         for _ in 0..1500 {
             let k = (self.uniform(0.0, 1.0) * (line.len() - 1) as f32) as usize;
             let root = line[k] + V::new(self.uniform(-0.03, 0.03), self.uniform(-0.01, 0.10));
@@ -193,7 +193,7 @@ impl Painter<'_> {
         strands
     }
 
-    /// Single hairs over the border of the hair, so that it does not end like a cap.
+    /// Paints single hairs over the border of the hair, so that it has no sharp edge.
     fn fringe(&mut self) {
         let line = self.hairline();
         let mut strokes = Vec::new();
@@ -217,7 +217,7 @@ impl Painter<'_> {
     }
 }
 
-/// A closed outline from its left half.
+/// Returns a closed outline from its left half.
 fn mirror_closed(half: &[P]) -> Vec<P> {
     let line = smooth(half, false, 8);
     let mut outline: Vec<P> = line.iter().rev().map(|&p| mirrored(p)).collect();

@@ -1,7 +1,7 @@
 //! The texture of a subject: skin, features, hair, neck and clothes, painted once on the neutral frontal plane.
 //!
-//! What is painted here is glued to the surface and moves with the nodes. Eyeballs and the inside of the mouth are not: they are
-//! drawn in every frame through the openings that the lids and the lips leave.
+//! The texture is attached to the surface and moves with the nodes. Eyeballs and the inside of the mouth are drawn separately in every
+//! frame, through the openings between lids and lips.
 
 mod face;
 mod features;
@@ -22,10 +22,10 @@ use wrinkles::Wrinkle;
 
 use super::subject::{Appearance, Colour, Sex};
 
-/// Region of the plane that is painted (model units): left, right, bottom, top.
+/// Painted region of the plane (model units): left, right, bottom, top.
 const REGION: (f32, f32, f32, f32) = (-1.75, 1.75, -2.0, 1.6);
 
-/// A painted plane: premultiplied RGBA, transparent where there is only background.
+/// A painted plane in premultiplied RGBA; background is transparent.
 #[derive(Clone, Debug)]
 pub struct Texture {
     sheet: Sheet,
@@ -34,7 +34,7 @@ pub struct Texture {
 }
 
 impl Texture {
-    /// The texture with the folds that a motion of the nodes makes (offsets from neutral, model units).
+    /// Returns the texture with the folds caused by a motion of the nodes (offsets from neutral, model units).
     pub fn folded(&self, offsets: &[Vector3<f64>]) -> Self {
         let mut texels = self.texels.clone();
         for wrinkle in &self.wrinkles {
@@ -46,7 +46,8 @@ impl Texture {
         Self { sheet: self.sheet, texels, wrinkles: Vec::new() }
     }
 
-    /// Colour at a plane point, bilinear, premultiplied, components 0 to 255. Beyond the painted region the border goes on.
+    /// Returns the colour at a plane point: bilinear, premultiplied, components 0 to 255. Outside the painted region the border is
+    /// repeated.
     pub fn sample(&self, x: f32, y: f32) -> [f32; 4] {
         let Sheet { width, height, scale, left, top } = self.sheet;
         let (fx, fy) = ((x - left) * scale - 0.5, (top - y) * scale - 0.5);
@@ -56,7 +57,7 @@ impl Texture {
         let (u, v) = (fx - i as f32, fy - j as f32);
         let k = j * width + i;
         let (a, b, c, d) = (self.texels[k], self.texels[k + 1], self.texels[k + width], self.texels[k + width + 1]);
-        // Said one by one: development builds call a function for every value of an array that is made by one.
+        // The values are listed one by one, because array functions are slow in development builds.
         let channel = |n: usize| {
             let upper = f32::from(a[n]) + (f32::from(b[n]) - f32::from(a[n])) * u;
             let lower = f32::from(c[n]) + (f32::from(d[n]) - f32::from(c[n])) * u;
@@ -65,7 +66,7 @@ impl Texture {
         [channel(0), channel(1), channel(2), channel(3)]
     }
 
-    /// The same plane with the colour of every texel given by a function of its place, opaque.
+    /// Returns an opaque texture whose colour is a function of the position on the plane.
     #[cfg(test)]
     pub fn repainted(&self, colour: impl Fn(f32, f32) -> [u8; 3]) -> Self {
         let sheet = self.sheet;
@@ -80,7 +81,7 @@ impl Texture {
     }
 }
 
-/// Paints a subject whose neutral frontal nodes (model units, y up) are given.
+/// Paints the texture of a subject from the neutral frontal nodes (model units, y up).
 pub fn paint(nodes: &[Point2<f64>], sex: Sex, look: &Appearance, texels_per_unit: f32) -> Texture {
     let (left, right, bottom, top) = REGION;
     let size = |length: f32| ((length * texels_per_unit).ceil() as usize).max(2);
@@ -105,7 +106,7 @@ pub fn paint(nodes: &[Point2<f64>], sex: Sex, look: &Appearance, texels_per_unit
     painter.finish(wrinkles)
 }
 
-/// The picture while it is painted.
+/// The picture during painting.
 struct Painter<'a> {
     sheet: Sheet,
     nodes: &'a [Point2<f64>],
@@ -117,13 +118,13 @@ struct Painter<'a> {
 }
 
 impl Painter<'_> {
-    /// A node of the subject on the plane.
+    /// Returns a node of the subject on the plane.
     fn p(&self, node: usize) -> P {
         let p = self.nodes[node];
         P::new(p.x as f32, p.y as f32)
     }
 
-    /// Nodes on the plane.
+    /// Returns nodes on the plane.
     fn points<const K: usize>(&self, nodes: [usize; K]) -> [P; K] {
         nodes.map(|n| self.p(n))
     }
@@ -132,7 +133,7 @@ impl Painter<'_> {
         self.random.random_range(low..high)
     }
 
-    /// Lays a colour over the picture through a mask.
+    /// Blends a colour over the picture through a mask.
     fn blend(&mut self, mask: &Mask, opacity: f32, mut colour: impl FnMut(P) -> Colour) {
         for (index, coverage) in mask.texels(&self.sheet) {
             let place = self.sheet.at(index % self.sheet.width, index / self.sheet.width);
@@ -150,7 +151,7 @@ impl Painter<'_> {
         }
     }
 
-    /// Multiplies the picture under a mask; `factor` is reached at full coverage.
+    /// Multiplies the picture by `factor` at full coverage of the mask, and by less at partial coverage.
     fn tint(&mut self, mask: &Mask, factor: Colour) {
         for (index, coverage) in mask.texels(&self.sheet) {
             let under = self.rgb[index];
@@ -158,7 +159,7 @@ impl Painter<'_> {
         }
     }
 
-    /// Strokes drawn by tiny-skia, laid over the picture where `clip` covers it.
+    /// Draws strokes with tiny-skia, blended over the picture where `clip` covers it.
     fn hairs(&mut self, strokes: &[Hair], clip: Option<&[f32]>) {
         let Some(mut layer) = tiny_skia::Pixmap::new(self.sheet.width as u32, self.sheet.height as u32) else { return };
         for hair in strokes {
@@ -189,7 +190,7 @@ impl Painter<'_> {
     }
 }
 
-/// One drawn hair.
+/// A hair to draw.
 struct Hair {
     line: Vec<P>,
     width: f32,
@@ -197,23 +198,23 @@ struct Hair {
     opacity: f32,
 }
 
-/// A colour times a number.
+/// Multiplies a colour by a number.
 fn scaled(colour: Colour, factor: f32) -> Colour {
     colour.map(|c| c * factor)
 }
 
-/// A colour under light of strength `shade` (1 for a surface that faces the viewer): skin's shadows are warm.
+/// Returns a skin colour under light of strength `shade` (1 for a surface that faces the viewer); shadows are warm.
 fn lit_skin(colour: Colour, shade: f32) -> Colour {
     let shade = shade.max(0.02);
     [colour[0] * shade.powf(0.89), colour[1] * shade, colour[2] * shade.powf(1.06)]
 }
 
-/// Mirror image of a point on the other side of the face.
+/// Returns the mirror image of a point on the other side of the face.
 fn mirrored(p: P) -> P {
     P::new(-p.x, p.y)
 }
 
-/// Point between two others.
+/// Returns the point at share `t` between two points.
 fn between(a: P, b: P, t: f32) -> P {
     a + (b - a) * t
 }

@@ -1,4 +1,4 @@
-//! A raster over the plane, and the few brushes that paint on it.
+//! A raster over the plane, and the brushes to paint on it.
 
 use nalgebra::Point2;
 use tiny_skia::{FillRule, LineCap, PathBuilder, Stroke, Transform};
@@ -6,7 +6,7 @@ use tiny_skia::{FillRule, LineCap, PathBuilder, Stroke, Transform};
 /// A point of the plane in single precision: model units, y up.
 pub type P = Point2<f32>;
 
-/// The raster's place on the plane: texel (i, j) covers `1 / scale` units, (0, 0) at the top left.
+/// Position of the raster on the plane: texel (i, j) covers `1 / scale` units, with (0, 0) at the top left.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sheet {
     /// Texels per row.
@@ -22,17 +22,17 @@ pub struct Sheet {
 }
 
 impl Sheet {
-    /// Plane position of a texel's centre.
+    /// Returns the plane position of a texel's centre.
     pub fn at(&self, i: usize, j: usize) -> P {
         P::new(self.left + (i as f32 + 0.5) / self.scale, self.top - (j as f32 + 0.5) / self.scale)
     }
 
-    /// Raster position of a plane point; texel (i, j) covers `i..i + 1`, `j..j + 1`.
+    /// Returns the raster position of a plane point; texel (i, j) covers `i..i + 1`, `j..j + 1`.
     pub fn raster(&self, p: P) -> (f32, f32) {
         ((p.x - self.left) * self.scale, (self.top - p.y) * self.scale)
     }
 
-    /// The texels within `reach` units of a box, as ranges of i and j.
+    /// Returns the texels within `reach` units of a box, as ranges of i and j.
     fn window(&self, low: P, high: P, reach: f32) -> (std::ops::Range<usize>, std::ops::Range<usize>) {
         let (i0, j0) = self.raster(P::new(low.x - reach, high.y + reach));
         let (i1, j1) = self.raster(P::new(high.x + reach, low.y - reach));
@@ -43,7 +43,8 @@ impl Sheet {
         (clip(i0, i1, self.width), clip(j0, j1, self.height))
     }
 
-    /// Adds `amount` times a Gaussian bump to a field over the sheet. `sigma` along and across the direction `angle` (radians).
+    /// Adds a Gaussian bump of height `amount` to a field over the sheet; `sigma` holds the standard deviations along and across the
+    /// direction `angle` (radians).
     pub fn bump(&self, field: &mut [f32], centre: P, sigma: (f32, f32), angle: f32, amount: f32) {
         let (sin, cos) = angle.sin_cos();
         let (columns, rows) = self.window(centre, centre, 3.2 * sigma.0.max(sigma.1));
@@ -56,12 +57,12 @@ impl Sheet {
         }
     }
 
-    /// Coverage of a closed outline, softened by a blur of `blur` units.
+    /// Returns the coverage of a closed outline, blurred by `blur` units.
     pub fn fill(&self, outline: &[P], blur: f32) -> Mask {
         self.cover(outline, blur, 0.0, true)
     }
 
-    /// Coverage of an open line of the given width (units), softened.
+    /// Returns the coverage of an open line of the given width (units), blurred by `blur` units.
     pub fn line(&self, points: &[P], width: f32, blur: f32) -> Mask {
         self.cover(points, blur, width, false)
     }
@@ -91,7 +92,7 @@ impl Sheet {
     }
 }
 
-/// A line or outline as a path in raster coordinates.
+/// Returns a line or outline as a path in raster coordinates.
 pub fn path(sheet: &Sheet, points: &[P], closed: bool) -> Option<tiny_skia::Path> {
     let mut builder = PathBuilder::new();
     for (k, &p) in points.iter().enumerate() {
@@ -104,7 +105,7 @@ pub fn path(sheet: &Sheet, points: &[P], closed: bool) -> Option<tiny_skia::Path
     builder.finish()
 }
 
-/// Coverage 0 to 1 over a window of the sheet; 0 elsewhere.
+/// Coverage, 0 to 1, over a window of the sheet, and 0 elsewhere.
 #[derive(Clone, Debug)]
 pub struct Mask {
     left: usize,
@@ -114,7 +115,7 @@ pub struct Mask {
 }
 
 impl Mask {
-    /// Every covered texel as (index in the sheet, coverage).
+    /// Returns every covered texel as (index in the sheet, coverage).
     pub fn texels(&self, sheet: &Sheet) -> impl Iterator<Item = (usize, f32)> + '_ {
         let sheet_width = sheet.width;
         self.data.iter().enumerate().filter(|&(_, &c)| c > 0.0).map(move |(k, &c)| {
@@ -123,7 +124,7 @@ impl Mask {
         })
     }
 
-    /// The mask as a field over the whole sheet.
+    /// Returns the mask as a field over the whole sheet.
     pub fn spread(&self, sheet: &Sheet) -> Vec<f32> {
         let mut field = vec![0.0; sheet.width * sheet.height];
         for (index, coverage) in self.texels(sheet) {
@@ -133,7 +134,8 @@ impl Mask {
     }
 }
 
-/// Three box blurs in each direction: close to a Gaussian of the given standard deviation (texels). Zero outside.
+/// Applies three box blurs in each direction, which approximate a Gaussian of the given standard deviation (texels). Values outside are
+/// zero.
 fn blur_box(data: &mut [f32], width: usize, height: usize, sigma: f32) {
     let radius = (((4.0 * sigma * sigma + 1.0).sqrt() - 1.0) / 2.0).round() as usize;
     if radius == 0 {
@@ -166,7 +168,7 @@ fn blur_line(data: &mut [f32], start: usize, stride: usize, count: usize, radius
     }
 }
 
-/// A smooth curve through points (centripetal enough for these outlines: Catmull-Rom), `steps` pieces between two of them.
+/// Returns a smooth curve (Catmull-Rom) through points, with `steps` pieces between neighbours.
 pub fn smooth(points: &[P], closed: bool, steps: usize) -> Vec<P> {
     let n = points.len() as isize;
     let at = |k: isize| -> P { if closed { points[k.rem_euclid(n) as usize] } else { points[k.clamp(0, n - 1) as usize] } };

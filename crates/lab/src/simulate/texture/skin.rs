@@ -1,11 +1,11 @@
-//! Skin without light: tone, blotches, pores, freckles and moles.
+//! Skin without lighting: tone, blotches, pores, freckles and moles.
 
 use super::{
     super::{noise, subject::Colour},
     P, Painter, Sex, V,
 };
 
-/// The skin's own colour at any place.
+/// Parameters of the skin's own colour.
 pub struct Skin {
     base: Colour,
     darkness: f32,
@@ -13,12 +13,12 @@ pub struct Skin {
 }
 
 impl Skin {
-    /// The skin of the painter's subject.
+    /// Returns the skin of the painter's subject.
     pub fn of(painter: &Painter) -> Self {
         Self { base: painter.look.skin, darkness: painter.look.darkness, seed: painter.look.noise }
     }
 
-    /// Colour at a place. `blush` adds blood under the skin, `beard` a blue-grey shadow; both 0 to about 1.
+    /// Returns the colour at a position. `blush` adds blood under the skin, `beard` a blue-grey shadow; both range from 0 to about 1.
     pub fn colour(&self, p: P, blush: f32, beard: f32) -> Colour {
         let n = |frequency: f32, octaves: u32, salt: u32| {
             noise::fractal(p.x * frequency + 31.7, p.y * frequency + 17.3, octaves, self.seed.wrapping_add(salt))
@@ -34,7 +34,7 @@ impl Skin {
 }
 
 impl Painter<'_> {
-    /// How much blood shows at every texel of the face.
+    /// Returns the blush at every texel of the face.
     pub(super) fn blush_field(&mut self) -> Vec<f32> {
         let mut field = vec![0.0; self.rgb.len()];
         let strength = if self.sex == Sex::Female { 1.0 } else { 0.75 };
@@ -52,7 +52,7 @@ impl Painter<'_> {
         field
     }
 
-    /// Where a beard would grow: jaw, chin, upper lip.
+    /// Returns the beard shadow at every texel: jaw, chin, upper lip.
     pub(super) fn beard_field(&mut self) -> Vec<f32> {
         let mut field = vec![0.0; self.rgb.len()];
         if self.look.beard > 0.0 {
@@ -79,12 +79,12 @@ impl Painter<'_> {
         field
     }
 
-    /// Freckles and moles, as small dark dots over the finished skin.
+    /// Paints freckles and moles as small dark dots over the finished skin.
     pub(super) fn spots(&mut self) {
         let count = self.look.freckles;
         let mut field = vec![0.0_f32; self.rgb.len()];
         for k in 0..count {
-            // The first few are moles anywhere on the face, the rest freckles over nose and cheeks.
+            // The first few are moles anywhere on the face, the others freckles on nose and cheeks.
             let mole = k < 5;
             let (spread, radius, depth) = if mole {
                 (V::new(0.5, 0.75), self.uniform(0.007, 0.013), self.uniform(0.3, 0.55))

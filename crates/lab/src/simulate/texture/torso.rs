@@ -1,4 +1,4 @@
-//! Neck, clothes and ears: what the face sits on.
+//! Paints neck, clothes and ears.
 
 use super::{super::noise, P, Painter, lit_skin, mirrored, scaled, sheet::smooth, skin::Skin};
 
@@ -20,7 +20,7 @@ impl Painter<'_> {
         let mask = self.sheet.fill(&outline, 0.006);
         let skin = Skin::of(self);
         self.blend(&mask, 1.0, |p| {
-            // A cylinder in the shadow of the jaw; two cords run down to the pit between the collar bones.
+            // A cylinder in the shadow of the jaw, with two cords down to the pit between the collar bones.
             let x = p.x / (width + 0.04 + 0.5 * (-1.05 - p.y).max(0.0));
             let round = (1.0 - 0.62 * x.abs().powf(2.4)).max(0.25) - 0.06 * x;
             let below = (chin.y - p.y).max(-0.5);
@@ -106,7 +106,7 @@ impl Painter<'_> {
     }
 }
 
-/// A closed outline from its left half, given from the top outwards.
+/// Returns a closed outline from its left half, given from the top outwards.
 fn symmetric(half: &[P]) -> Vec<P> {
     let line = smooth(half, false, 8);
     let mut outline: Vec<P> = line.iter().rev().map(|&p| mirrored(p)).collect();

@@ -1,23 +1,23 @@
-//! Folds that come with an expression: each is a shading on the plane, as strong as the nodes around it have moved.
+//! Wrinkles of expressions: shading on the plane, with a depth that depends on the motion of nearby nodes.
 
 use nalgebra::Vector3;
 
 use super::{P, Painter, sheet::smooth};
 
-/// A fold, and the motion that makes it.
+/// A fold, and the motion that causes it.
 #[derive(Clone, Debug)]
 pub struct Wrinkle {
-    /// Texels (index in the sheet) with the share of light that the full fold takes (positive) or adds (negative).
+    /// Texels (index in the sheet), each with the share of light that the full fold removes (positive) or adds (negative).
     shading: Vec<(u32, f32)>,
-    /// Motion of nodes that makes it: (node, x and y of the offset per model unit). Their sum is the strength.
+    /// Causes of the fold: (node, weights of x and y of its offset per model unit). The sum of the weighted offsets is the depth.
     causes: Vec<(usize, [f64; 2])>,
 }
 
-/// No fold gets deeper than this.
+/// Largest depth of a fold.
 const DEEPEST: f64 = 1.25;
 
 impl Wrinkle {
-    /// How deep the fold is, 0 to [`DEEPEST`], when the nodes have moved by `offsets` (model units).
+    /// Returns the depth of the fold, 0 to [`DEEPEST`], for offsets of the nodes (model units).
     pub fn depth(&self, offsets: &[Vector3<f64>]) -> f32 {
         let sum: f64 = self.causes.iter().map(|&(n, [x, y])| offsets[n].x * x + offsets[n].y * y).sum();
         sum.clamp(0.0, DEEPEST) as f32
@@ -28,24 +28,24 @@ impl Wrinkle {
         for &(index, amount) in &self.shading {
             let taken = amount * depth;
             let [r, g, b, alpha] = texels[index as usize];
-            // Less red than blue is lost in a fold of skin.
+            // A fold of skin loses less red than blue.
             let dim = |c: u8, share: f32| (f32::from(c) * (1.0 - taken * share)).clamp(0.0, f32::from(alpha)).round() as u8;
             texels[index as usize] = [dim(r, 0.85), dim(g, 1.0), dim(b, 1.05), alpha];
         }
     }
 }
 
-/// How a fold is drawn.
+/// Parameters to draw a fold.
 struct Fold {
     line: Vec<P>,
     width: f32,
     dark: f32,
-    /// Where the bulge beside it catches light, relative to the line.
+    /// Position of the bright bulge relative to the line.
     bulge: P,
 }
 
 impl Painter<'_> {
-    /// All folds of the face.
+    /// Returns all folds of the face.
     pub(super) fn wrinkles(&mut self) -> Vec<Wrinkle> {
         let mut all = Vec::new();
         self.forehead(&mut all);
@@ -71,7 +71,7 @@ impl Painter<'_> {
         Wrinkle { shading, causes }
     }
 
-    /// Furrows across the forehead when the brows go up.
+    /// Adds furrows across the forehead for raised brows.
     fn forehead(&mut self, all: &mut Vec<Wrinkle>) {
         let brow = f32::midpoint(self.p(16).y, self.p(49).y);
         let folds: Vec<Fold> = (0..4_u8)
@@ -93,7 +93,7 @@ impl Painter<'_> {
         all.push(self.fold(&folds, raise));
     }
 
-    /// Upright folds between the brows, and cross folds on the bridge of a wrinkled nose.
+    /// Adds vertical folds between the brows, and folds across the bridge of a wrinkled nose.
     fn frown(&mut self, all: &mut Vec<Wrinkle>) {
         let (brow, root) = (self.p(17), self.p(77));
         let mut folds = Vec::new();
@@ -120,8 +120,8 @@ impl Painter<'_> {
         all.push(self.fold(&folds, vec![(2, [0.0, -7.0]), (26, [0.0, 6.0]), (59, [0.0, 6.0])]));
     }
 
-    /// The fold from nose to mouth, the laughter lines beside the eye, the cheek's upper edge, the mark below a corner that is
-    /// pulled down.
+    /// Adds the fold from nose to mouth, laughter lines beside the eye, the upper edge of the cheek, and the line below a corner of the
+    /// mouth that is pulled down.
     fn cheek(&mut self, side: f32, all: &mut Vec<Wrinkle>) {
         let left = side > 0.0;
         let pick = |l: usize, r: usize| if left { l } else { r };
