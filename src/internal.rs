@@ -23,7 +23,7 @@ pub mod cli {
     }
     pub mod shared {
         pub use crate::modules::cli::shared::{
-            FitArgs, MarksArgs, MethodArgs, ModelArgs, PictureArgs, TrackArgs, alpha, count, memory, not_negative, positive,
+            FitArgs, MethodArgs, ModelArgs, PictureArgs, TrackArgs, WhichMarksArgs, alpha, count, memory, not_negative, positive,
             set_threads, stop_flag, thread_count, words,
         };
     }

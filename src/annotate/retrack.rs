@@ -412,6 +412,14 @@ fn item(csv: PathBuf, entries: &[SequenceEntry], node_count: usize) -> Result<It
     })?;
     let entry = entries.iter().find(|e| e.id == info.id);
     let entry = entry.ok_or_else(|| format!("{}: the dataset has no sequence {}", csv.display(), info.id))?;
+    if !info.has_pictures() {
+        return Err(format!(
+            "{}: the track was made from landmarks, so it has no pictures to correct it in; write corrections (frame,node,x,y) into {} and \
+             run again",
+            csv.display(),
+            corrections_path(&csv).display()
+        ));
+    }
     let source = entry.frames().map_err(|e| e.to_string())?;
     let name = |p: &Path| p.file_name().unwrap_or_default().to_string_lossy().into_owned();
     if source.files().into_iter().map(name).collect::<Vec<_>>() != info.source {

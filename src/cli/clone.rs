@@ -32,8 +32,8 @@ use super::{
     portrait,
     progress::frame_bar,
     shared::{
-        FitArgs, GeneralArgs, MarksArgs, ProfileArgs, about, are, emphasis, file_name, frame_rate, named_folder, note_if_still,
-        positive, stop_flag, words,
+        FitArgs, GeneralArgs, ProfileArgs, WhichMarksArgs, about, are, emphasis, file_name, frame_rate, named_folder,
+        note_if_still, positive, stop_flag, words,
     },
     source_frames::source_pictures,
 };
@@ -80,7 +80,7 @@ pub struct Args {
     #[command(flatten)]
     look: LookArgs,
     #[command(flatten)]
-    marks: MarksArgs,
+    marks: WhichMarksArgs,
     #[command(flatten)]
     fit: FitArgs,
     #[command(flatten)]

@@ -374,6 +374,20 @@ impl AnalysisArgs {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Marks and landmarks")]
 pub struct MarksArgs {
+    #[command(flatten)]
+    pub which: WhichMarksArgs,
+    /// Minimum confidence, 0 to 1, of a frame in a landmark file that has a confidence; frames below are lost
+    #[arg(long, default_value_t = LandmarkOptions::default().least_confidence, value_parser = share, value_name = "SHARE")]
+    landmark_confidence: f64,
+    /// Use the landmarks of a sequence instead of its images, if it has both
+    #[arg(long)]
+    prefer_landmarks: bool,
+}
+
+/// Which landmarks of a picture serve as marks.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Marks and landmarks")]
+pub struct WhichMarksArgs {
     /// Landmarks to use as marks if there are no correspondences: auto, default, high, all, or a list of nodes
     ///
     /// `auto` uses all landmarks, weighted by their expected errors, and finds marks in the neutral frame if there are no landmarks. The
@@ -381,12 +395,6 @@ pub struct MarksArgs {
     /// list of nodes such as 20,23,53,56,31,64,10.
     #[arg(long, default_value = "auto", value_parser = landmark_marks, value_name = "WHICH")]
     pub marks: LandmarkSelection,
-    /// Minimum confidence, 0 to 1, of a frame in a landmark file that has a confidence; frames below are lost
-    #[arg(long, default_value_t = LandmarkOptions::default().least_confidence, value_parser = share, value_name = "SHARE")]
-    landmark_confidence: f64,
-    /// Use the landmarks of a sequence instead of its images, if it has both
-    #[arg(long)]
-    prefer_landmarks: bool,
 }
 
 impl MarksArgs {

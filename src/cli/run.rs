@@ -105,7 +105,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let mut options = PipelineOptions {
         fit: args.fit.options_of(args.method.method),
         track: args.track.options_of(args.method.method),
-        marks: args.marks.marks.clone(),
+        marks: args.marks.which.marks.clone(),
         landmarks: args.marks.landmarks(),
         unchecked_marks: args.check.unchecked(),
         ..PipelineOptions::default()

@@ -23,7 +23,7 @@ pub use super::{
     numbers::{alpha, count, emphasis, frame_rate, gain, memory, not_negative, positive, share, thread_count},
     options::{
         AnalysisArgs, CheckArgs, ColumnArgs, FitArgs, MarksArgs, MethodArgs, ModelArgs, ProfileArgs, ResampleArgs, TrackArgs,
-        words,
+        WhichMarksArgs, words,
     },
 };
 

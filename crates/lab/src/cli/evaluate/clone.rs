@@ -15,7 +15,7 @@ use serde_json::json;
 use super::{CommonArgs, bar, clone_sheets};
 use grimace::internal::cli::{
     Outcome,
-    shared::{FitArgs, MarksArgs, TrackArgs, stop_flag},
+    shared::{FitArgs, TrackArgs, WhichMarksArgs, stop_flag},
 };
 
 /// Accuracy of clones: sequences cloned onto their own neutral frame, and simulated people onto each other.
@@ -55,7 +55,7 @@ pub struct Args {
     #[arg(long, value_name = "GRADES.csv", conflicts_with_all = ["dataset", "subjects"])]
     grades: Option<PathBuf>,
     #[command(flatten)]
-    pub(super) marks: MarksArgs,
+    pub(super) marks: WhichMarksArgs,
     #[command(flatten)]
     fit: FitArgs,
     #[command(flatten)]
