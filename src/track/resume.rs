@@ -120,7 +120,7 @@ pub fn resume_with(
             continue;
         }
         let (template_now, lids_now, frame) = (template.as_mut(), lids.as_ref(), &frame);
-        let mut step = Step { wireframe, plan, options, template: template_now, window, eye_distance, lids: lids_now, frame };
+        let mut step = Step { wireframe, plan, options, template: template_now, window, eye_distance, lids: lids_now, leap: None, frame };
         let nodes = step.run(tracker, &previous)?;
         let nodes = match corrections.get(&number) {
             Some(hard) => {
