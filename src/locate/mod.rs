@@ -183,12 +183,6 @@ impl Locator {
     /// `ModelError` if the program was built with an incomplete model.
     pub fn shipped() -> Result<&'static Self, ModelError> {
         static SHIPPED: OnceLock<Locator> = OnceLock::new();
-        if let Ok(path) = std::env::var("LOCATOR_FILE")
-            && SHIPPED.get().is_none()
-        {
-            let model = Model::read(std::path::Path::new(&path)).unwrap().0;
-            return Ok(SHIPPED.get_or_init(|| Self::new(model)));
-        }
         if let Some(locator) = SHIPPED.get() {
             return Ok(locator);
         }

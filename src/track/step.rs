@@ -17,7 +17,7 @@ use super::{
     AlignOptions, Evidence, Forces, Found, LossReason, NodeState, PointTracker, Probe, Slot, TrackError, TrackOptions,
     TrackedFrame, TrackedNode,
     align::{Template, Ties},
-    leap::{LOST_SHARE, Leap},
+    leap::{FAR, LOST_SHARE, Leap, PREDICTED_FORCE},
     lids::Lids,
     recover,
 };
@@ -220,24 +220,17 @@ impl Step<'_> {
         steps: &mut Vec<recover::NodeStep>,
     ) -> Result<(), TrackError> {
         let lost = |steps: &[recover::NodeStep]| steps.iter().filter(|s| s.loss.is_some()).count();
-        let most = std::env::var("LEAP").ok().and_then(|v| v.parse().ok()).unwrap_or(LOST_SHARE);
-        if (lost(steps) as f64) <= most * steps.len() as f64 {
+        if lost(steps) as f64 <= LOST_SHARE * steps.len() as f64 {
             return Ok(());
         }
         let Some(leap) = self.leap.as_mut() else { return Ok(()) };
         let Some(predicted) = leap.predict(self.frame, positions, self.wireframe, &self.plan.springs)? else { return Ok(()) };
         let live = self.wireframe.live_nodes();
         let guesses: Vec<_> = live.iter().map(|&n| predicted[n.index()] + self.probe_offset(n, &predicted)).collect();
-        let window = self.window;
-        let factor = std::env::var("LEAP_WINDOW").ok().and_then(|v| v.parse::<f64>().ok()).unwrap_or(1.0);
-        self.window = 2 * (f64::from(window / 2) * factor).round() as u32 + 1;
-        let again = self.search(tracker, starts, Some(&guesses));
-        self.window = window;
-        let mut again = again?;
-        let far = std::env::var("LEAP_FAR").ok().and_then(|v| v.parse::<f64>().ok()).unwrap_or(0.06);
+        let mut again = self.search(tracker, starts, Some(&guesses))?;
         for ((step, guess), start) in again.iter_mut().zip(&guesses).zip(starts) {
             let expected = guess - start;
-            if step.loss.is_none() && (step.displacement - expected).norm() > far * self.eye_distance {
+            if step.loss.is_none() && (step.displacement - expected).norm() > FAR * self.eye_distance {
                 step.loss = Some(LossReason::Extreme);
             }
         }
@@ -338,8 +331,9 @@ impl Step<'_> {
             return Ok(());
         }
         let Some(patch) = tracker.patch(Slot::Current, nodes, PATCH_MARGIN_PX, options.smoothing)? else { return Ok(()) };
-        let force =
-            |(s, g): (&recover::NodeStep, &Matrix2<f64>)| if s.loss.is_some() && !s.predicted { Matrix2::zeros() } else { self.force(s, g) };
+        let force = |(s, g): (&recover::NodeStep, &Matrix2<f64>)| {
+            if s.loss.is_some() && !s.predicted { Matrix2::zeros() } else { self.force(s, g) }
+        };
         let forces: Vec<_> = steps.iter().zip(gradients).map(force).collect();
         let live = self.wireframe.live_nodes();
         let start: Vec<_> = live.iter().map(|n| nodes[n.index()]).collect();
@@ -353,7 +347,7 @@ impl Step<'_> {
     /// Returns the force matrix of a node that was not lost: the one of the module's equation, or the same for all nodes.
     fn force(&self, step: &recover::NodeStep, gradient: &Matrix2<f64>) -> Matrix2<f64> {
         if step.predicted {
-            return Matrix2::identity() * std::env::var("LEAP_FORCE").ok().and_then(|v| v.parse().ok()).unwrap_or(5.0);
+            return Matrix2::identity() * PREDICTED_FORCE;
         }
         if self.options.forces == Forces::Same {
             return Matrix2::identity() * self.options.force;

@@ -91,14 +91,7 @@ pub fn learn_locator(people: &TrainingFaces, options: &LearnOptions, progress: &
     let faces = &people.faces;
     progress("making pictures");
     let sources: Vec<Source> = faces.iter().filter_map(Source::new).collect();
-    let mut samples = pictures(&sources, options.pictures, options.seed, 1);
-    let smiles: usize = std::env::var("SMILES_IN").ok().and_then(|v| v.parse().ok()).unwrap_or(0);
-    if smiles > 0 {
-        let (people_of, smiling): (Vec<usize>, Vec<Source>) =
-            people.smiles.iter().filter_map(|s| Some((s.person, Source::new(&s.face)?))).unzip();
-        samples.extend(pictures(&smiling, smiles, options.seed, 13).into_iter().map(|s| Sample { face: people_of[s.face], ..s }));
-    }
-    let samples = samples;
+    let samples = pictures(&sources, options.pictures, options.seed, 1);
     let mean = mean_face(faces);
     let features: Vec<usize> = (0..points().len()).filter(|&k| !WITHOUT_FEATURES.contains(&points()[k].group.as_str())).collect();
     let person: Vec<usize> = samples.iter().map(|s| s.face).collect();

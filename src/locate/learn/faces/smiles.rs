@@ -18,9 +18,6 @@ const LANDMARKS: usize = 68;
 /// Landmarks of nose and eyes, which a smile hardly moves.
 const STILL: std::ops::Range<usize> = 27..48;
 
-/// Distance from a landmark, over that of the outer eye corners, within which a point goes with it.
-const NEAR: f32 = 0.03;
-
 /// Landmarks of the corners of the mouth, from left to right in the picture.
 const CORNERS: [usize; 2] = [48, 54];
 
@@ -63,29 +60,7 @@ pub fn read(folder: &Path, faces: &[TrainingFace], hasher: &mut blake3::Hasher) 
 /// Returns points and outline of a smile.
 fn smile(face: &TrainingFace, neutral: &[Point], smiling: &[Point]) -> (Shape, Vec<Point>) {
     let onto = Placement::fit(&neutral[STILL], &smiling[STILL]);
-    let moved: Vec<Point> = neutral
-        .iter()
-        .zip(smiling)
-        .map(|(&from, to)| {
-            let still = onto.apply(from);
-            [to[0] - still[0], to[1] - still[1]]
-        })
-        .collect();
-    let near = NEAR * distance(neutral[36], neutral[45]);
-    let mut shape: Shape = face
-        .shape
-        .iter()
-        .map(|&p| {
-            let (mut sum, mut total) = ([0.0_f32, 0.0], 0.0_f32);
-            for (&landmark, step) in neutral.iter().zip(&moved) {
-                let weight = (distance(p, landmark).powi(2) + near * near).powi(-3);
-                total += weight;
-                sum = [sum[0] + weight * step[0], sum[1] + weight * step[1]];
-            }
-            let at = onto.apply(p);
-            [at[0] + sum[0] / total.max(f32::MIN_POSITIVE), at[1] + sum[1] / total.max(f32::MIN_POSITIVE)]
-        })
-        .collect();
+    let mut shape: Shape = face.shape.iter().map(|&p| onto.apply(p)).collect();
     let outline = face.outline.iter().map(|&p| onto.apply(p)).collect();
     let down = |landmarks: &[Point]| {
         let [left, right] = CORNERS.map(|k| landmarks[k]);
