@@ -19,7 +19,7 @@ use crate::{
 };
 
 /// Share of the live nodes that a step must lose for the face to be located.
-pub const LOST_SHARE: f64 = 0.2;
+pub const LOST_SHARE: f64 = 0.3;
 /// Largest distance of a match from the prediction, over the eye distance; a match further away is lost.
 pub const FAR: f64 = 0.06;
 /// Force that draws a lost node to its predicted position, in units of a spring's stiffness.
