@@ -415,10 +415,15 @@ fn option_rows(bench: &Workbench, tracked_here: bool) -> Vec<(String, String)> {
         ("Spring force on marks (over stiffness)", o.fit.force.to_string()),
         ("Forces on tracked nodes", json(serde_json::to_value(o.track.forces))),
         (
-            "Inner lips searched within their lip, eyes rigid, light made even, lids read, re-deformed",
+            "Inner lips searched within their lip, eyes rigid, light made even, lids read, lost faces located, re-deformed",
             format!(
-                "{}, {}, {}, {}, {}",
-                o.track.lip_probes, o.track.rigid_eyes, o.track.even_light, o.track.read_lids, o.track.deform
+                "{}, {}, {}, {}, {}, {}",
+                o.track.lip_probes,
+                o.track.rigid_eyes,
+                o.track.even_light,
+                o.track.read_lids,
+                o.track.locate_lost,
+                o.track.deform
             ),
         ),
         ("KLT window (over eye distance)", o.track.window.to_string()),

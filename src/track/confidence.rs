@@ -11,13 +11,13 @@
 //! c: a non-decreasing, piecewise linear calibration of the score. The expected error is a median: half of the errors of nodes with the
 //! same expected error are larger, half smaller. Weights and calibration were learned from simulated people and from photographs that were
 //! moved by known amounts (`grimace evaluate confidence`); they are in `candide/track_confidence.csv`. On faces smaller than those in the
-//! training data, ES0 is the smallest of the training data.
+//! training data, ES0 is the smallest of the training data. Jumps between two frames add an error of their own ([`jump_errors`]).
 
 use std::{fmt::Write as _, sync::LazyLock};
 
 use nalgebra::{Point2, Vector2};
 
-use super::{NodeState, TrackedFrame, eye_distance_px};
+use super::{NodeState, TrackedFrame, eye_distance_px, leap::jump_errors};
 use crate::{
     robust::median,
     units::NodeId,
@@ -410,10 +410,11 @@ pub fn expect_errors(frames: &mut [TrackedFrame], wireframe: &Wireframe, tables:
     let features = node_features(frames, wireframe, tables);
     let neutral: Vec<Point2<f64>> = frames.first().map(|f| f.nodes.iter().map(|n| n.position).collect()).unwrap_or_default();
     let Some(unit) = eye_distance_px(tables, &neutral) else { return };
-    for (frame, features) in frames.iter_mut().zip(features) {
-        for (id, features) in wireframe.live_nodes().iter().zip(&features) {
+    let jumps = jump_errors(frames, wireframe.live_nodes(), unit);
+    for ((frame, features), jumps) in frames.iter_mut().zip(features).zip(jumps) {
+        for ((id, features), jump) in wireframe.live_nodes().iter().zip(&features).zip(jumps) {
             if let (Some(node), Some(features)) = (frame.nodes.get_mut(id.index()), features) {
-                node.expected_error = Some(confidence.expected(features) * unit.max(SIZES.0));
+                node.expected_error = Some((confidence.expected(features) * unit.max(SIZES.0)).hypot(jump));
             }
         }
         for follower in wireframe.followers() {
@@ -521,7 +522,10 @@ mod tests {
         // 0.01 of 61.3 px; node 4 is in no triangle.
         assert!((frames[1].nodes[10].expected_error.unwrap() - 0.613).abs() < 1e-9);
         assert!((frames[1].nodes[4].expected_error.unwrap() - 0.613).abs() < 1e-9);
-        assert!((frames[2].nodes[31].expected_error.unwrap() - 0.613 * std::f64::consts::E).abs() < 1e-9);
+        // Lost, and 3 px away in one step: half of what goes beyond 0.03 of the eye distance is added as squares.
+        let jump = 0.5 * (3.0 - 0.03 * 61.3);
+        let expected = (0.613 * std::f64::consts::E).hypot(jump);
+        assert!((frames[2].nodes[31].expected_error.unwrap() - expected).abs() < 1e-9);
     }
 
     #[test]

@@ -22,8 +22,10 @@ const SIGMA_FLOOR: f64 = 0.004;
 pub struct NodeStep {
     /// The node.
     pub node: NodeId,
-    /// Displacement found, px; zero when lost.
+    /// Displacement found, px; when lost the predicted one, or zero.
     pub displacement: Vector2<f64>,
+    /// Whether a lost node has a predicted displacement.
+    pub predicted: bool,
     /// Forward-backward distance, px, if measured.
     pub residual: Option<f64>,
     /// Mean absolute grey difference of the matched windows, 0 to 255.
@@ -76,6 +78,7 @@ pub fn reject_extremes(neighbours: &Neighbours, steps: &mut [NodeStep], extreme:
         if difference.is_some_and(|d| d > limit) {
             step.loss = Some(LossReason::Extreme);
             step.displacement = Vector2::zeros();
+            step.predicted = false;
         }
     }
 }
@@ -100,6 +103,7 @@ mod tests {
         let step = |node: &NodeId| NodeStep {
             node: *node,
             displacement: Vector2::new(1.0, 0.5),
+            predicted: false,
             residual: None,
             difference: 1.0,
             loss: None,
@@ -117,6 +121,7 @@ mod tests {
         let step = |k: u16, x: f64, loss| NodeStep {
             node: NodeId(k),
             displacement: Vector2::new(x, -x),
+            predicted: false,
             residual: None,
             difference: 0.0,
             loss,

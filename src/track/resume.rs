@@ -10,7 +10,7 @@ use nalgebra::Point2;
 
 use super::{
     NodeState, PointTracker, TrackError, TrackOptions, TrackPlan, TrackedFrame, TrackedNode, align::Template, eye_distance_px,
-    lids::Lids, light::Light, step::Step, window_px,
+    leap::Leap, lids::Lids, light::Light, step::Step, window_px,
 };
 use crate::{
     fit::{DrivenNode, Pull, Springs},
@@ -96,7 +96,7 @@ pub fn resume_with(
     let before_start = track.iter().take_while(|f| f.number != start).last();
     let mut out: Vec<TrackedFrame> = Vec::new();
     let mut template = None;
-    let (mut light, mut lids): (Option<Light>, Option<Lids>) = (None, None);
+    let (mut light, mut lids, mut leap): (Option<Light>, Option<Lids>, Option<Leap>) = (None, None, None);
     // Frame numbers may ascend or descend; only their order in the track matters.
     let passed: BTreeSet<u32> = track.iter().map(|f| f.number).take_while(|&n| n != start).chain([start]).collect();
     for (index, frame) in frames.into_iter().enumerate() {
@@ -111,6 +111,7 @@ pub fn resume_with(
         if index == 0 {
             light = options.even_light.then(|| Light::new(&frame, wireframe.live_nodes(), &rest, window));
             lids = options.read_lids.then(|| Lids::new(&frame, &rest));
+            leap = options.locate_lost.then(|| Leap::new(&frame, &rest));
             template = plan.template(wireframe, tracker, &rest, (window, eye_distance), &options.align)?;
             // A corrected node's patch differs from the neutral frame: from there on it is not aligned with that frame.
             let corrected = corrections.iter().filter(|(number, _)| passed.contains(number)).flat_map(|(_, nodes)| nodes.keys());
@@ -120,7 +121,17 @@ pub fn resume_with(
             continue;
         }
         let (template_now, lids_now, frame) = (template.as_mut(), lids.as_ref(), &frame);
-        let mut step = Step { wireframe, plan, options, template: template_now, window, eye_distance, lids: lids_now, frame };
+        let mut step = Step {
+            wireframe,
+            plan,
+            options,
+            template: template_now,
+            window,
+            eye_distance,
+            lids: lids_now,
+            leap: leap.as_mut(),
+            frame,
+        };
         let nodes = step.run(tracker, &previous)?;
         let nodes = match corrections.get(&number) {
             Some(hard) => {

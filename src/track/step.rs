@@ -17,6 +17,7 @@ use super::{
     AlignOptions, Evidence, Forces, Found, LossReason, NodeState, PointTracker, Probe, Slot, TrackError, TrackOptions,
     TrackedFrame, TrackedNode,
     align::{Template, Ties},
+    leap::{FAR, LOST_SHARE, Leap, PREDICTED_FORCE},
     lids::Lids,
     recover,
 };
@@ -155,6 +156,8 @@ pub(super) struct Step<'a> {
     pub eye_distance: f64,
     /// Eyes of the neutral frame, when lids are read.
     pub lids: Option<&'a Lids>,
+    /// Locates the face in a step that loses much of it.
+    pub leap: Option<&'a mut Leap>,
     /// The current frame as recorded; the tracker may hold a version with corrected lighting.
     pub frame: &'a Frame,
 }
@@ -165,8 +168,9 @@ impl Step<'_> {
         let live = self.wireframe.live_nodes();
         let positions: Vec<_> = previous.nodes.iter().map(|n| n.position).collect();
         let starts: Vec<_> = live.iter().map(|&n| positions[n.index()] + self.probe_offset(n, &positions)).collect();
-        let mut steps = self.search(tracker, &starts)?;
+        let mut steps = self.search(tracker, &starts, None)?;
         recover::reject_extremes(&self.plan.neighbours, &mut steps, self.options.extreme, self.eye_distance);
+        self.leap(tracker, &positions, &starts, &mut steps)?;
         if self.options.rigid_eyes {
             for group in &self.plan.rigid {
                 recover::move_as_one(&mut steps, group);
@@ -207,20 +211,60 @@ impl Step<'_> {
         lip.or(corner).unwrap_or_default()
     }
 
-    /// Searches for every live node forward and back.
-    fn search(&self, tracker: &mut impl PointTracker, starts: &[Point2<f64>]) -> Result<Vec<recover::NodeStep>, TrackError> {
+    /// Searches again from where the located face predicts the nodes, if too many were lost.
+    fn leap(
+        &mut self,
+        tracker: &mut impl PointTracker,
+        positions: &[Point2<f64>],
+        starts: &[Point2<f64>],
+        steps: &mut Vec<recover::NodeStep>,
+    ) -> Result<(), TrackError> {
+        let lost = |steps: &[recover::NodeStep]| steps.iter().filter(|s| s.loss.is_some()).count();
+        if lost(steps) as f64 <= LOST_SHARE * steps.len() as f64 {
+            return Ok(());
+        }
+        let Some(leap) = self.leap.as_mut() else { return Ok(()) };
+        let Some(predicted) = leap.predict(self.frame, positions, self.wireframe, &self.plan.springs)? else { return Ok(()) };
+        let live = self.wireframe.live_nodes();
+        let guesses: Vec<_> = live.iter().map(|&n| predicted[n.index()] + self.probe_offset(n, &predicted)).collect();
+        let mut again = self.search(tracker, starts, Some(&guesses))?;
+        for ((step, guess), start) in again.iter_mut().zip(&guesses).zip(starts) {
+            let expected = guess - start;
+            if step.loss.is_none() && (step.displacement - expected).norm() > FAR * self.eye_distance {
+                step.loss = Some(LossReason::Extreme);
+            }
+        }
+        recover::reject_extremes(&self.plan.neighbours, &mut again, self.options.extreme, self.eye_distance);
+        for (step, node) in again.iter_mut().zip(live) {
+            if step.loss.is_some() {
+                step.displacement = predicted[node.index()] - positions[node.index()];
+                step.predicted = true;
+            }
+        }
+        *steps = again;
+        Ok(())
+    }
+
+    /// Searches for every live node forward and back, from `guesses` if given, else from where it was.
+    fn search(
+        &self,
+        tracker: &mut impl PointTracker,
+        starts: &[Point2<f64>],
+        guesses: Option<&[Point2<f64>]>,
+    ) -> Result<Vec<recover::NodeStep>, TrackError> {
         let levels = self.options.levels;
-        let probes: Vec<_> = starts.iter().map(|&p| Probe { position: p, guess: p }).collect();
+        let guess = |k: usize, start: Point2<f64>| guesses.map_or(start, |guesses| guesses[k]);
+        let probes: Vec<_> = starts.iter().enumerate().map(|(k, &p)| Probe { position: p, guess: guess(k, p) }).collect();
         let forward = tracker.find(Slot::Previous, Slot::Current, self.window, levels, &probes)?;
         let live = self.wireframe.live_nodes().iter().zip(starts);
         if self.options.forward_backward == 0.0 {
             return Ok(live.zip(forward).map(|((&node, &start), forward)| self.judge(node, start, forward, None)).collect());
         }
-        let end = |(found, start): (&Found, &Point2<f64>)| match *found {
-            Found::At { position, .. } => Probe { position, guess: position },
+        let end = |(k, (found, start)): (usize, (&Found, &Point2<f64>))| match *found {
+            Found::At { position, .. } => Probe { position, guess: position + (start - guess(k, *start)) },
             Found::Lost => Probe { position: *start, guess: *start },
         };
-        let ends: Vec<_> = forward.iter().zip(starts).map(end).collect();
+        let ends: Vec<_> = forward.iter().zip(starts).enumerate().map(end).collect();
         let backward = tracker.find(Slot::Current, Slot::Previous, self.window, levels, &ends)?;
         let ways = forward.into_iter().zip(backward);
         Ok(live.zip(ways).map(|((&node, &start), (there, back))| self.judge(node, start, there, Some(back))).collect())
@@ -231,6 +275,7 @@ impl Step<'_> {
         let lost = |reason, residual| recover::NodeStep {
             node,
             displacement: Vector2::zeros(),
+            predicted: false,
             residual,
             difference: 0.0,
             loss: Some(reason),
@@ -247,7 +292,7 @@ impl Step<'_> {
         if residual.is_some_and(|r| r > self.options.forward_backward * self.eye_distance) {
             return lost(LossReason::ForwardBackward, residual);
         }
-        recover::NodeStep { node, displacement: position - start, residual, difference, loss: None }
+        recover::NodeStep { node, displacement: position - start, predicted: false, residual, difference, loss: None }
     }
 
     /// Deforms the wireframe again, driven by the nodes that were not lost.
@@ -257,7 +302,7 @@ impl Step<'_> {
         steps: &[recover::NodeStep],
         gradients: &[Matrix2<f64>],
     ) -> Result<Vec<Point2<f64>>, TrackError> {
-        let kept = steps.iter().zip(gradients).filter(|(s, _)| s.loss.is_none());
+        let kept = steps.iter().zip(gradients).filter(|(s, _)| s.loss.is_none() || s.predicted);
         if !self.options.deform {
             let mut nodes = positions.to_vec();
             kept.for_each(|(s, _)| nodes[s.node.index()] += s.displacement);
@@ -286,8 +331,9 @@ impl Step<'_> {
             return Ok(());
         }
         let Some(patch) = tracker.patch(Slot::Current, nodes, PATCH_MARGIN_PX, options.smoothing)? else { return Ok(()) };
-        let force =
-            |(s, g): (&recover::NodeStep, &Matrix2<f64>)| if s.loss.is_some() { Matrix2::zeros() } else { self.force(s, g) };
+        let force = |(s, g): (&recover::NodeStep, &Matrix2<f64>)| {
+            if s.loss.is_some() && !s.predicted { Matrix2::zeros() } else { self.force(s, g) }
+        };
         let forces: Vec<_> = steps.iter().zip(gradients).map(force).collect();
         let live = self.wireframe.live_nodes();
         let start: Vec<_> = live.iter().map(|n| nodes[n.index()]).collect();
@@ -300,6 +346,9 @@ impl Step<'_> {
 
     /// Returns the force matrix of a node that was not lost: the one of the module's equation, or the same for all nodes.
     fn force(&self, step: &recover::NodeStep, gradient: &Matrix2<f64>) -> Matrix2<f64> {
+        if step.predicted {
+            return Matrix2::identity() * PREDICTED_FORCE;
+        }
         if self.options.forces == Forces::Same {
             return Matrix2::identity() * self.options.force;
         }

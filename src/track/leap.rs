@@ -1,0 +1,165 @@
+//! Large motion between two frames, as between a neutral photograph and one of the apex, bridged by the locator.
+//!
+//! KLT assumes small changes from frame to frame. If a step loses many nodes, the face is located in the neutral and in the current frame.
+//! The difference of the two readings predicts the motion of the nodes; errors that both readings share cancel. The search starts again
+//! from the predicted positions, and nodes that are still lost are drawn to them.
+//!
+//! After such a step the expected errors are larger ([`jump_errors`]): the model of [`super::confidence`] was learned from small steps.
+
+use nalgebra::{Point2, Vector2};
+
+use super::{NodeState, TrackError, TrackedFrame};
+use crate::{
+    fit::{DrivenNode, Pull, Springs},
+    locate::{LocatedFace, Locator, points},
+    robust::median,
+    sequence::Frame,
+    units::NodeId,
+    wireframe::Wireframe,
+};
+
+/// Share of the live nodes that a step must lose for the face to be located.
+pub const LOST_SHARE: f64 = 0.3;
+/// Largest distance of a match from the prediction, over the eye distance; a match further away is lost.
+pub const FAR: f64 = 0.06;
+/// Force that draws a lost node to its predicted position, in units of a spring's stiffness.
+pub const PREDICTED_FORCE: f64 = 5.0;
+/// Largest median expected error of a reading that is used, over the eye distance.
+const LARGEST_ERROR: f64 = 0.06;
+/// Force of a located node with an expected error of [`COMMON_ERROR`] over the eye distance, in units of a spring's stiffness.
+const FORCE: f64 = 20.0;
+const COMMON_ERROR: f64 = 0.02;
+
+/// The neutral frame, kept to locate the face in it when a step loses many nodes.
+pub struct Leap {
+    neutral: Frame,
+    nodes: Vec<Point2<f64>>,
+    /// The face in the neutral frame, once it was looked for.
+    reading: Option<Option<LocatedFace>>,
+}
+
+impl Leap {
+    /// Keeps the neutral frame and its nodes; nothing is located yet.
+    pub fn new(neutral: &Frame, nodes: &[Point2<f64>]) -> Self {
+        Self { neutral: neutral.clone(), nodes: nodes.to_vec(), reading: None }
+    }
+
+    /// Returns the predicted position of every node in a frame, px; `None` if the face cannot be located in both frames.
+    ///
+    /// # Errors
+    /// [`TrackError::Springs`] when the springs have no equilibrium.
+    pub fn predict(
+        &mut self,
+        frame: &Frame,
+        previous: &[Point2<f64>],
+        wireframe: &Wireframe,
+        springs: &Springs,
+    ) -> Result<Option<Vec<Point2<f64>>>, TrackError> {
+        let Ok(locator) = Locator::shipped() else { return Ok(None) };
+        if self.reading.is_none() {
+            self.reading = Some(read(locator, &self.neutral, &self.nodes));
+        }
+        let Some(Some(neutral)) = &self.reading else { return Ok(None) };
+        let Some(current) = read(locator, frame, previous) else { return Ok(None) };
+        let unit = neutral.eye_distance;
+        let targets: Vec<DrivenNode> = neutral
+            .points
+            .iter()
+            .zip(&current.points)
+            .filter(|(a, _)| wireframe.live_nodes().contains(&a.node))
+            .map(|(a, b)| {
+                let moved: Vector2<f64> = b.position - a.position;
+                let error = b.expected_error.max(0.5 * COMMON_ERROR * unit) / (COMMON_ERROR * unit);
+                DrivenNode {
+                    node: a.node,
+                    position: self.nodes[a.node.index()] + moved,
+                    pull: Pull::Force(FORCE / error.powi(2)),
+                }
+            })
+            .collect();
+        Ok(Some(springs.deform(wireframe, &self.nodes, &targets)?))
+    }
+}
+
+/// Locates the face near nodes; `None` if it is not there or its expected error is too large.
+fn read(locator: &Locator, frame: &Frame, nodes: &[Point2<f64>]) -> Option<LocatedFace> {
+    let near: Vec<_> = points().iter().filter_map(|point| Some((point.node?, *nodes.get(point.node?.index())?))).collect();
+    locator.read_near(frame.image(), &near).filter(|face| face.expected_error() <= LARGEST_ERROR)
+}
+
+/// Step, over the eye distance, from which motion is a jump, and the share of what goes beyond it that a node is expected to be off.
+const JUMP: (f64, f64) = (0.03, 0.5);
+/// Quantile of the steps of all nodes that stands for a lost node's step.
+const LOST_QUANTILE: f64 = 0.9;
+
+/// Returns the additional error that jumps lead to, `[frame][index among the live nodes]`, px.
+///
+/// A step is the motion of a node between two frames minus the median step of the face. A tracked node is expected to be off by a share of
+/// the part of its step beyond a limit; a lost node by the same share of the step of the fastest tenth of the nodes. Errors of several
+/// steps add as squares. A corrected node has none.
+pub fn jump_errors(frames: &[TrackedFrame], live: &[NodeId], unit: f64) -> Vec<Vec<f64>> {
+    let mut squares = vec![0.0_f64; live.len()];
+    let mut out = vec![squares.clone()];
+    for pair in frames.windows(2) {
+        let node = |frame: usize, id: &NodeId| pair[frame].nodes.get(id.index());
+        let step = |id: &NodeId| match (node(0, id), node(1, id)) {
+            (Some(from), Some(to)) => to.position - from.position,
+            _ => Vector2::zeros(),
+        };
+        let steps: Vec<Vector2<f64>> = live.iter().map(step).collect();
+        let (mut x, mut y): (Vec<f64>, Vec<f64>) = steps.iter().map(|s| (s.x, s.y)).unzip();
+        let head = Vector2::new(median(&mut x).unwrap_or(0.0), median(&mut y).unwrap_or(0.0));
+        let lengths: Vec<f64> = steps.iter().map(|s| (s - head).norm()).collect();
+        let mut sorted = lengths.clone();
+        sorted.sort_by(f64::total_cmp);
+        let fast = sorted.get((LOST_QUANTILE * sorted.len() as f64) as usize).copied().unwrap_or(0.0);
+        for ((square, id), &length) in squares.iter_mut().zip(live).zip(&lengths) {
+            let length = match node(1, id).map(|n| n.state) {
+                Some(NodeState::Corrected) => {
+                    *square = 0.0;
+                    continue;
+                }
+                Some(NodeState::Recovered(_)) => fast.max(length),
+                _ => length,
+            };
+            *square += (JUMP.1 * (length - JUMP.0 * unit).max(0.0)).powi(2);
+        }
+        out.push(squares.iter().map(|s| s.sqrt()).collect());
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::track::{LossReason, TrackedNode};
+
+    /// Ten nodes; the first goes `way` px to the right in the second frame, the others rest.
+    fn frames(way: f64, state: NodeState) -> Vec<TrackedFrame> {
+        let frame = |number: u32, way: f64| TrackedFrame {
+            number,
+            nodes: (0..10)
+                .map(|k| {
+                    let x = 10.0 * f64::from(k) + if k == 0 { way } else { 0.0 };
+                    TrackedNode::new(Point2::new(x, 0.0), if number > 1 && k == 1 { state } else { NodeState::Tracked }, None)
+                })
+                .collect(),
+        };
+        vec![frame(1, 0.0), frame(2, way), frame(3, way)]
+    }
+
+    #[test]
+    fn what_goes_beyond_a_limit_in_one_step_counts_by_half() {
+        let live: Vec<NodeId> = (0..10).map(NodeId).collect();
+        // The eyes are 100 px apart: half of what goes beyond 3 px.
+        let errors = jump_errors(&frames(13.0, NodeState::Tracked), &live, 100.0);
+        assert_eq!((errors[0][0], errors[1][0], errors[2][0], errors[2][1]), (0.0, 5.0, 5.0, 0.0));
+        let errors = jump_errors(&frames(2.9, NodeState::Tracked), &live, 100.0);
+        assert!(errors.iter().flatten().all(|&e| e == 0.0));
+        // A lost node may have gone as far as the fastest tenth; a corrected one is where it was put.
+        let lost = jump_errors(&frames(13.0, NodeState::Recovered(LossReason::Klt)), &live, 100.0);
+        assert_eq!((lost[1][1], lost[1][2]), (5.0, 0.0));
+        let set = jump_errors(&frames(13.0, NodeState::Corrected), &live, 100.0);
+        assert_eq!(set[2][1], 0.0);
+    }
+}
