@@ -28,8 +28,11 @@ emotion is the subject (but for one such as `videos` that holds everything), the
 `?`, to be filled in. Results, overlays and other pictures that grimace wrote are left out. A folder in the layout of Cohn-Kanade gets its labels and landmarks. people.csv has a column `subject`; its other \
 columns, such as gender, go to every sequence of that subject, to group by with --by.
 
-Emotions may be named in German, too (Freude, Trauer, Wut). Single pictures of several people in one folder (neutral/anna.jpg and \
-smiling/anna.jpg, or anna_neutral.jpg and anna_smiling.jpg) are no sequence: they are named, with how they become one.")]
+Emotions may be named in German, too (Freude, Trauer, Wut).
+
+Single pictures of several people become sequences of two pictures, the neutral one first: neutral/anna.jpg and smiling/anna.jpg, or anna_neutral.jpg and \
+anna_smiling.jpg, or names as in KDEF, RaFD and CFD. The column `frames` lists both: `neutral/anna.jpg;smiling/anna.jpg`. People who lack one of the two are \
+named. Pictures that cannot be paired in this way are in no row: they are named, with how they become a sequence.")]
 pub struct Args {
     /// Folder with the sequences
     folder: PathBuf,
@@ -78,6 +81,13 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         if !manifest.left_out.is_empty() {
             println!("note: left out, with fewer than two pictures: {}", shortened(&manifest.left_out));
         }
+        let pairs = manifest.rows.iter().filter(|row| row.frames.contains(';')).count();
+        if pairs > 0 {
+            println!("note: {} a neutral picture and one of an expression", count(pairs, "sequence is", "sequences are"));
+        }
+        if !manifest.lacking.is_empty() {
+            println!("note: in no pair: {}", shortened(&manifest.lacking));
+        }
         for pictures in &manifest.pictures_of_people {
             println!("note: not taken: {pictures}; then run `init` again");
         }
@@ -113,8 +123,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             println!("note: in the table of people, without a sequence: {}", shortened(&manifest.people_without_rows));
         }
         let folder = quoted(&args.folder.display().to_string());
+        // A model of five frames from two pictures.
+        let resample = if pairs > 0 { " --resample linear" } else { "" };
         println!(
-            "next: grimace check {folder}, which says in seconds what `run` would meet, then grimace run {folder} -o results"
+            "next: grimace check {folder}{resample}, which says in seconds what `run` would meet, then grimace run {folder} -o results{resample}"
         );
     }
     Ok(Outcome::Done)

@@ -1,6 +1,6 @@
 //! `grimace track`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use grimace::{
     dataset::{FrameSource, list_frames_among},
@@ -86,7 +86,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let inputs: Vec<_> = all.iter().map(|file| ("a frame of the sequence", file.as_path())).collect();
     check_apart(&[("--output", &args.output), ("the .json beside --output", &json)], &inputs)?;
     if let Some(folder) = &args.overlay {
-        OverlayFolder::check_apart(folder, [("this folder", args.sequence.as_path())])?;
+        let is_folder = matches!(frames, FrameSource::Images(_));
+        let folders = all.iter().filter(|_| is_folder).filter_map(|file| file.parent());
+        let folders = folders.map(|place| if place.as_os_str().is_empty() { Path::new(".") } else { place });
+        OverlayFolder::check_apart(folder, folders.map(|place| ("this folder", place)))?;
     }
     let found =
         marks_or_found(args.correspondences.as_deref(), &bench, &args.sequence, || Ok((read_first_frame(&frames)?, None)))?;

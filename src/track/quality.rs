@@ -322,11 +322,7 @@ fn judge(summary: &mut TrackSummary, frames: &[TrackedFrame], wireframe: &Wirefr
         reasons.push(format!("{count} of {of} nodes were lost in frame {number}"));
     }
     if let ([apex], true) = (later, reasons.len() > before && by_images(later)) {
-        reasons.push(format!(
-            "there are two pictures alone, {} and {}, and they lie far apart for a tracker, which looks for small steps: landmarks in both, \
-             or a video of what is between, track better",
-            neutral.number, apex.number
-        ));
+        reasons.push(two_pictures_said(neutral.number, apex.number, "lie"));
     }
     if let Some(apex) = later.last().filter(|apex| !moves(neutral, apex, live, unit)) {
         reasons.push(format!(
@@ -341,6 +337,14 @@ fn judge(summary: &mut TrackSummary, frames: &[TrackedFrame], wireframe: &Wirefr
     reasons.extend(missing_said(frames.iter().map(|frame| frame.number)));
     summary.verdict = if reasons.is_empty() { Verdict::Good } else { Verdict::LookAgain };
     summary.reasons = reasons;
+}
+
+/// Returns the message about a sequence of two pictures, before or after tracking.
+pub(crate) fn two_pictures_said(neutral: u32, apex: u32, lie: &str) -> String {
+    format!(
+        "there are two pictures alone, {neutral} and {apex}, and they {lie} far apart for a tracker, which looks for small steps: landmarks in \
+         both, with --prefer-landmarks, or a video of what is between, track better"
+    )
 }
 
 /// Whether nodes were searched for in pictures: then they have a residual, or a loss reason that does not occur with landmarks.
