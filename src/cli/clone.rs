@@ -116,7 +116,7 @@ struct MotionArgs {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Picture")]
 struct LookArgs {
-    /// The frames that the source's track was made from (folder or video): for wrinkles, teeth, and the sheet
+    /// The frames that the source's track was made from (folder, video, or pictures separated by `;`): for wrinkles, teeth, and the sheet
     #[arg(long, value_name = "SEQUENCE")]
     source_frames: Option<PathBuf>,
     /// Carry the source's folds and wrinkles over, with a strength (1 if none is given)

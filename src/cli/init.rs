@@ -83,7 +83,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         }
         let pairs = manifest.rows.iter().filter(|row| row.frames.contains(';')).count();
         if pairs > 0 {
-            println!("note: {} a neutral picture and one of an expression", count(pairs, "sequence is", "sequences are"));
+            println!(
+                "note: {} of a neutral picture and one of an expression",
+                count(pairs, "sequence consists", "sequences consist")
+            );
         }
         if !manifest.lacking.is_empty() {
             println!("note: in no pair: {}", shortened(&manifest.lacking));

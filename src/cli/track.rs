@@ -30,7 +30,7 @@ Example:
 The track has one row for every node of every frame: frame,node,x,y,state,residual,expected_error. Lost nodes are placed by the springs and say so in \
 their state. Beside it stands a .json with the source, the options and what it was made from.")]
 pub struct Args {
-    /// Folder of images in order, or a video; the first frame is neutral, the last the apex
+    /// Folder of images in order, a video, or pictures separated by `;`; the first frame is neutral, the last the apex
     sequence: PathBuf,
     /// Marked points on the first frame: node,x,y; found in it if not given
     #[arg(short, long, value_name = "C.csv")]

@@ -233,7 +233,7 @@ fn of_dataset(root: &Path, dataset: &Dataset) -> ProposedManifest {
 
 fn of_folders(root: &Path) -> Result<ProposedManifest, DatasetError> {
     let mut found = Found::in_folder(root)?;
-    let Pairs { rows: pairs, lacking, refused: pictures_of_people } = take_pictures_of_people(root, &mut found);
+    let Pairs { rows: pairs, lacking, refused: pictures_of_people, .. } = take_pictures_of_people(root, &mut found);
     let relative_all = |paths: &[PathBuf]| paths.iter().map(|path| relative(root, path)).collect();
     let names: Vec<Vec<String>> = found.sequences.iter().map(|path| names(root, path)).collect();
     let holds_all = names.first().and_then(|n| n.first()).filter(|first| holds_all(first, &names)).cloned();

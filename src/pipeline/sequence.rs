@@ -198,9 +198,12 @@ impl SequenceSource {
         if let FrameSource::Video { first, last, .. } = &self.frames {
             part(format!("{first:?} {last:?}").as_bytes());
         }
-        // The numbers of listed pictures are not in their names.
+        // Of listed pictures, the numbers and the folders are not in the content.
         if let (FrameSource::Images(files), true) = (&self.frames, self.frames.is_numbered_apart()) {
-            files.iter().for_each(|file| part(&file.number.to_le_bytes()));
+            for (file, name) in files.iter().zip(self.frames.names()) {
+                part(&file.number.to_le_bytes());
+                part(name.as_bytes());
+            }
         }
         if bench.options.unchecked_marks {
             part(b"unchecked marks");

@@ -180,6 +180,8 @@ pub(super) struct Pairs {
     pub rows: Vec<ProposedRow>,
     /// People without a neutral picture or without a picture of an expression, and other pictures in no pair.
     pub lacking: Vec<String>,
+    /// Pictures from the side.
+    side: usize,
     /// Collections without pairs.
     pub refused: Vec<PicturesOfPeople>,
 }
@@ -259,10 +261,16 @@ impl Pairs {
         }
         self.rows.extend(rows);
         self.lacking.extend(lacking.into_iter().chain(unknown));
-        if !side.is_empty() {
-            self.lacking.push(count(side.len(), "picture from the side", "pictures from the side"));
-        }
+        self.side += side.len();
         true
+    }
+
+    /// With the pictures from the side, as one message.
+    fn finished(mut self) -> Self {
+        if self.side > 0 {
+            self.lacking.push(count(self.side, "picture from the side", "pictures from the side"));
+        }
+        self
     }
 }
 
@@ -364,7 +372,7 @@ pub(super) fn take_pictures_of_people(root: &Path, found: &mut Found) -> Pairs {
     // Several such parents mean one person each.
     let (Some((parent, mut views)), true) = (beside.pop_first(), beside.is_empty()) else {
         found.sequences.retain(|path| !taken.contains(path));
-        return pairs;
+        return pairs.finished();
     };
     let name = parent.canonicalize().ok().and_then(|p| p.file_name().map(|n| composed(&n.to_string_lossy()))).unwrap_or_default();
     let mut people: BTreeSet<String> = BTreeSet::new();
@@ -404,7 +412,7 @@ pub(super) fn take_pictures_of_people(root: &Path, found: &mut Found) -> Pairs {
     }
     found.sequences.retain(|path| !taken.contains(path));
     found.left_out.retain(|path| !taken.contains(path));
-    pairs
+    pairs.finished()
 }
 
 #[cfg(test)]
