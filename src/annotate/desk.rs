@@ -19,7 +19,7 @@ use super::{
     AnnotateError, AnnotateOptions, CascadeError, Cascades, ENOUGH_MARKS, RequestError,
     found::propose_from_face,
     frames::{FrameList, FrameShelf, Picture},
-    item::{Item, confidence, cut, find, frames_of, manifest_blake3, no_sequence, picture_entry, version},
+    item::{Item, all_frames_of, confidence, cut, find, frames_of, manifest_blake3, no_sequence, picture_entry, version},
     live::LiveFrame,
     manifest_edit::{manifest_text, relative, set_fields},
     messages::{List, Listed, Mark, Opened, Proposed, SaveFrames, SaveMarks, Saved},
@@ -354,13 +354,13 @@ impl Desk {
     /// A frame of a sequence in grey.
     pub(super) fn grey(&self, id: &str, number: u32) -> Result<GrayImage, RequestError> {
         let entry = find(&mut self.lock(), id)?.entry.clone();
-        self.shelf.grey(&entry.frames_path, (entry.first_frame, entry.last_frame), number)
+        self.shelf.grey(&all_frames_of(&entry)?, (entry.first_frame, entry.last_frame), number)
     }
 
     /// One frame for the browser.
     pub fn picture(&self, id: &str, number: u32) -> Result<Picture, RequestError> {
         let entry = find(&mut self.lock(), id)?.entry.clone();
-        self.shelf.picture(&entry.frames_path, (entry.first_frame, entry.last_frame), number)
+        self.shelf.picture(&all_frames_of(&entry)?, (entry.first_frame, entry.last_frame), number)
     }
 
     /// Reads the manifest again if its content has changed, and updates the sequences from it.
@@ -382,8 +382,10 @@ impl Desk {
                 let entry = entries.remove(&item.entry.id.to_string());
                 item.listed = entry.is_some();
                 if let Some(entry) = entry {
-                    let range = |entry: &SequenceEntry| (entry.first_frame, entry.last_frame);
-                    if entry.frames_path != item.entry.frames_path || range(&entry) != range(&item.entry) {
+                    let shown = |entry: &SequenceEntry| {
+                        (entry.frames_path.clone(), entry.pictures.clone(), entry.first_frame, entry.last_frame)
+                    };
+                    if shown(&entry) != shown(&item.entry) {
                         item.frames = None;
                     }
                     item.entry = entry;
@@ -421,7 +423,7 @@ impl Desk {
         if let Some(frames) = &item.frames {
             return Ok(frames.clone());
         }
-        let frames = self.shelf.list(&item.entry.frames_path, (item.entry.first_frame, item.entry.last_frame))?;
+        let frames = self.shelf.list(&all_frames_of(&item.entry)?, (item.entry.first_frame, item.entry.last_frame))?;
         Ok(item.frames.insert(frames).clone())
     }
 

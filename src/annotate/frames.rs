@@ -9,7 +9,7 @@ use image::{ExtendedColorType, GrayImage, ImageEncoder, codecs::png::PngEncoder}
 
 use super::RequestError;
 use crate::{
-    dataset::{FrameFile, FrameSource, is_picture, list_readable},
+    dataset::FrameSource,
     sequence::{Frame, ImageSize, SequenceReader, read_frame, read_frame_of},
 };
 
@@ -55,20 +55,20 @@ struct VideoFrame {
 }
 
 impl FrameShelf {
-    /// Lists the frames of a folder, a video or a picture. Of a video with more than 2,000 frames it lists those around the `named` ones,
+    /// Lists the given frames. Of a video with more than 2,000 frames it lists those around the `named` ones,
     /// or every second or fewer if these are further apart.
     ///
     /// # Errors
     /// [`RequestError::Refused`] when there are none, or the first one cannot be decoded.
-    pub fn list(&self, path: &Path, named: Named) -> Result<FrameList, RequestError> {
-        match frames_at(path)? {
+    pub fn list(&self, source: &FrameSource, named: Named) -> Result<FrameList, RequestError> {
+        match source {
             FrameSource::Images(files) => {
                 let first = files.first().ok_or_else(|| RequestError::Refused("no frames".to_owned()))?;
                 let size = read_frame(&first.path).map_err(RequestError::refused)?.size();
                 Ok(FrameList { numbers: files.iter().map(|f| f.number).collect(), size })
             }
-            source @ FrameSource::Video { .. } => {
-                let frames = self.video(path, &source, named)?;
+            FrameSource::Video { path, .. } => {
+                let frames = self.video(path, source, named)?;
                 let first = frames.first().ok_or_else(|| RequestError::Refused("the video has no frames".to_owned()))?;
                 Ok(FrameList { numbers: frames.iter().map(|f| f.number).collect(), size: first.size })
             }
@@ -79,15 +79,15 @@ impl FrameShelf {
     ///
     /// # Errors
     /// [`RequestError`] when the frame does not exist or cannot be decoded.
-    pub fn picture(&self, path: &Path, named: Named, number: u32) -> Result<Picture, RequestError> {
+    pub fn picture(&self, source: &FrameSource, named: Named, number: u32) -> Result<Picture, RequestError> {
         let missing = || RequestError::NotFound(format!("there is no frame {number}"));
-        match frames_at(path)? {
+        match source {
             FrameSource::Images(files) => {
                 let file = files.iter().find(|f| f.number == number).ok_or_else(missing)?;
                 image_file(&file.path, files.first().map_or(&file.path, |first| &first.path))
             }
-            source @ FrameSource::Video { .. } => {
-                let frames = self.video(path, &source, named)?;
+            FrameSource::Video { path, .. } => {
+                let frames = self.video(path, source, named)?;
                 let frame = frames.iter().find(|f| f.number == number).ok_or_else(missing)?;
                 Ok(Picture { mime: "image/png", bytes: frame.png.clone() })
             }
@@ -98,14 +98,14 @@ impl FrameShelf {
     ///
     /// # Errors
     /// As [`FrameShelf::picture`].
-    pub fn grey(&self, path: &Path, named: Named, number: u32) -> Result<GrayImage, RequestError> {
-        if let FrameSource::Images(files) = frames_at(path)? {
+    pub fn grey(&self, source: &FrameSource, named: Named, number: u32) -> Result<GrayImage, RequestError> {
+        if let FrameSource::Images(files) = source {
             let missing = || RequestError::NotFound(format!("there is no frame {number}"));
             let file = files.iter().find(|f| f.number == number).ok_or_else(missing)?;
             let frame = read_frame_of(&file.path, files.first().map_or(&file.path, |first| &first.path));
             return Ok(frame.map_err(RequestError::refused)?.into_image());
         }
-        let picture = self.picture(path, named, number)?;
+        let picture = self.picture(source, named, number)?;
         Ok(image::load_from_memory(&picture.bytes).map_err(RequestError::failed)?.into_luma8())
     }
 
@@ -113,16 +113,16 @@ impl FrameShelf {
     ///
     /// # Errors
     /// As [`FrameShelf::picture`].
-    pub fn any_picture(&self, path: &Path, number: u32) -> Result<Picture, RequestError> {
+    pub fn any_picture(&self, source: &FrameSource, number: u32) -> Result<Picture, RequestError> {
         /// Number of frames of a video that are kept together.
         const BLOCK: u32 = 1000;
         let kept = {
             let shelf = self.video.lock().unwrap_or_else(PoisonError::into_inner);
-            let known = shelf.as_ref().filter(|known| known.path == path);
+            let known = shelf.as_ref().filter(|known| source.files() == [known.path.as_path()]);
             known.filter(|known| known.frames.iter().any(|f| f.number == number)).map(|known| known.named)
         };
         let low = (number - number % BLOCK).max(1);
-        self.picture(path, kept.unwrap_or((Some(low), Some(low + BLOCK - 1))), number)
+        self.picture(source, kept.unwrap_or((Some(low), Some(low + BLOCK - 1))), number)
     }
 
     fn video(&self, path: &Path, source: &FrameSource, named: Named) -> Result<Arc<Vec<VideoFrame>>, RequestError> {
@@ -183,19 +183,6 @@ fn window(reader: SequenceReader, (neutral, apex): Named, most: u32) -> Result<(
     Ok((kept, read))
 }
 
-/// One picture as the frames of a sequence.
-pub fn picture_frames(path: &Path) -> FrameSource {
-    FrameSource::Images(vec![FrameFile { number: 1, path: path.to_owned() }])
-}
-
-/// The frames of a folder, a video or a picture.
-fn frames_at(path: &Path) -> Result<FrameSource, RequestError> {
-    if is_picture(path) {
-        return Ok(picture_frames(path));
-    }
-    list_readable(path).map_err(RequestError::refused)
-}
-
 /// An image file of a sequence whose first picture is `first`: unchanged if browsers show it correctly, otherwise decoded to grey.
 fn image_file(path: &Path, first: &Path) -> Result<Picture, RequestError> {
     // Decoding ensures that only a complete image is sent, whatever the file's name.
@@ -241,6 +228,7 @@ mod tests {
     use std::fs;
 
     use super::*;
+    use crate::dataset::{FrameFile, list_readable};
 
     fn gray(width: u32, height: u32) -> image::GrayImage {
         image::GrayImage::from_fn(width, height, |x, y| image::Luma([(x * 7 + y * 3) as u8]))
@@ -255,12 +243,13 @@ mod tests {
         fs::write(folder.path().join("secret_9.png"), "a text that is called an image").unwrap();
         fs::write(folder.path().join("notes.txt"), "x").unwrap();
         let shelf = FrameShelf::default();
-        let list = shelf.list(folder.path(), (None, None)).unwrap();
+        let source = list_readable(folder.path()).unwrap();
+        let list = shelf.list(&source, (None, None)).unwrap();
         assert_eq!((list.numbers, list.size), (vec![3, 5, 9], ImageSize { width: 8, height: 6 }));
-        assert_eq!(shelf.picture(folder.path(), (None, None), 5).ok().map(|p| p.mime), Some("image/png"));
-        assert!(matches!(shelf.picture(folder.path(), (None, None), 4), Err(RequestError::NotFound(_))));
+        assert_eq!(shelf.picture(&source, (None, None), 5).ok().map(|p| p.mime), Some("image/png"));
+        assert!(matches!(shelf.picture(&source, (None, None), 4), Err(RequestError::NotFound(_))));
         assert!(
-            matches!(shelf.picture(folder.path(), (None, None), 9), Err(RequestError::Refused(reason)) if reason.contains("not an image"))
+            matches!(shelf.picture(&source, (None, None), 9), Err(RequestError::Refused(reason)) if reason.contains("not an image"))
         );
     }
 
@@ -271,7 +260,7 @@ mod tests {
         pgm.extend([0, 50, 100, 150, 200, 250, 10, 20]);
         fs::write(folder.path().join("a1.pgm"), &pgm).unwrap();
         fs::write(folder.path().join("a2.pgm"), &pgm).unwrap();
-        let picture = FrameShelf::default().picture(folder.path(), (None, None), 1).ok().unwrap();
+        let picture = FrameShelf::default().picture(&list_readable(folder.path()).unwrap(), (None, None), 1).ok().unwrap();
         let shown = image::load_from_memory(&picture.bytes).unwrap().to_luma8();
         assert_eq!((picture.mime, shown.get_pixel(1, 1).0[0]), ("image/png", 250));
         // A PNG file with 16 bits per sample is decoded, too.

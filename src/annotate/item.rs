@@ -5,12 +5,9 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use super::{
-    RequestError,
-    frames::{FrameList, picture_frames},
-};
+use super::{RequestError, frames::FrameList};
 use crate::{
-    dataset::{FrameSource, SequenceEntry, is_picture},
+    dataset::{FrameFile, FrameSource, SequenceEntry, is_picture},
     units::SequenceId,
 };
 
@@ -35,6 +32,7 @@ pub fn picture_entry(path: &Path) -> SequenceEntry {
         id: SequenceId { subject: name, sequence: "picture".to_owned() },
         emotion: String::new(),
         frames_path: path.to_owned(),
+        pictures: Vec::new(),
         first_frame: None,
         last_frame: None,
         correspondences_path: None,
@@ -46,10 +44,24 @@ pub fn picture_entry(path: &Path) -> SequenceEntry {
 }
 
 pub fn frames_of(entry: &SequenceEntry) -> Result<FrameSource, RequestError> {
-    if is_picture(&entry.frames_path) {
-        return Ok(picture_frames(&entry.frames_path));
+    match single_picture(entry) {
+        Some(source) => Ok(source),
+        None => entry.frames().map_err(RequestError::refused),
     }
-    entry.frames().map_err(RequestError::refused)
+}
+
+/// All frames of a sequence, also those before its neutral and after its apex frame.
+pub fn all_frames_of(entry: &SequenceEntry) -> Result<FrameSource, RequestError> {
+    match single_picture(entry) {
+        Some(source) => Ok(source),
+        None => entry.readable_frames().map_err(RequestError::refused),
+    }
+}
+
+/// The picture that was opened without a dataset.
+fn single_picture(entry: &SequenceEntry) -> Option<FrameSource> {
+    let is_single = entry.pictures.is_empty() && is_picture(&entry.frames_path);
+    is_single.then(|| FrameSource::Images(vec![FrameFile { number: 1, path: entry.frames_path.clone() }]))
 }
 
 pub fn no_sequence(id: &str) -> RequestError {
@@ -89,9 +101,10 @@ pub fn version(entry: &SequenceEntry) -> String {
         Ok(bytes) => hasher.update(&[1]).update(&bytes),
         Err(_) => hasher.update(&[0]),
     };
-    let SequenceEntry { frames_path, first_frame, last_frame, landmarks_paths, .. } = entry;
+    let SequenceEntry { frames_path, pictures, first_frame, last_frame, landmarks_paths, .. } = entry;
     // The path of the marks counts, and not whether the manifest names it: the first save enters the default path there.
-    for path in [entry.marks_path(), frames_path].into_iter().chain(landmarks_paths.iter().map(PathBuf::as_path)) {
+    let listed = pictures.iter().skip(1).chain(landmarks_paths).map(PathBuf::as_path);
+    for path in [entry.marks_path(), frames_path].into_iter().chain(listed) {
         hasher.update(path.as_os_str().as_encoded_bytes()).update(&[0]);
     }
     hasher.update(format!("{first_frame:?} {last_frame:?}").as_bytes());

@@ -17,6 +17,7 @@ use serde::{Deserialize, Serialize};
 use super::{
     AnnotateError, RequestError,
     frames::{FrameShelf, Picture},
+    item::all_frames_of,
     messages::{Mark, hundredth},
     untouched::Untouched,
 };
@@ -103,7 +104,8 @@ struct Item {
     csv: PathBuf,
     id: String,
     emotion: String,
-    frames_path: PathBuf,
+    /// Its row in the manifest.
+    entry: SequenceEntry,
     source: FrameSource,
     summary: TrackSummary,
     corrected: usize,
@@ -205,8 +207,8 @@ impl TrackDesk {
 
     /// Returns one frame for the browser.
     pub fn picture(&self, id: &str, number: u32) -> Result<Picture, RequestError> {
-        let path = find(&self.lock(), id)?.frames_path.clone();
-        self.shelf.any_picture(&path, number)
+        let entry = find(&self.lock(), id)?.entry.clone();
+        self.shelf.any_picture(&all_frames_of(&entry)?, number)
     }
 
     /// A frame with unsaved corrections, shown while a node is dragged.
@@ -421,8 +423,7 @@ fn item(csv: PathBuf, entries: &[SequenceEntry], node_count: usize) -> Result<It
         ));
     }
     let source = entry.frames().map_err(|e| e.to_string())?;
-    let name = |p: &Path| p.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    if source.files().into_iter().map(name).collect::<Vec<_>>() != info.source {
+    if source.names() != info.source {
         return Err(format!(
             "{}: the track was made from different frames than {} has now; run `grimace run` again",
             csv.display(),
@@ -439,7 +440,7 @@ fn item(csv: PathBuf, entries: &[SequenceEntry], node_count: usize) -> Result<It
     }
     let corrected = count_corrected(&frames);
     let (id, emotion) = (info.id.to_string(), info.emotion);
-    Ok(Item { csv, id, emotion, frames_path: entry.frames_path.clone(), source, summary: info.summary, corrected })
+    Ok(Item { csv, id, emotion, entry: entry.clone(), source, summary: info.summary, corrected })
 }
 
 fn info_of(csv: &Path) -> Result<TrackInfo, RequestError> {

@@ -118,7 +118,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 }
 
 fn print_summary(checked: &DatasetCheck, args: &Args) {
-    let DatasetCheck { sequences, people, emotions, columns, skipped, notes } = checked;
+    let DatasetCheck { sequences, people, emotions, columns, skipped, notes, .. } = checked;
     let failing = sequences.iter().filter(|s| s.failure.is_some()).count();
     let look = sequences.iter().filter(|s| s.failure.is_none() && !s.reasons.is_empty()).count();
     println!(
@@ -165,8 +165,12 @@ fn print_summary(checked: &DatasetCheck, args: &Args) {
         let dataset = quoted(&args.dataset.display().to_string());
         // Corrections that were checked belong to the results that they lie in.
         let results = args.results.as_ref().map_or_else(|| "results".to_owned(), |out| quoted(&out.display().to_string()));
-        let command = [format!("grimace run {dataset} -o {results}")].into_iter().chain(given_options::<Cli>(&NOT_OF_RUN));
-        println!("next: {}", command.collect::<Vec<_>>().join(" "));
+        let mut command = vec![format!("grimace run {dataset} -o {results}")];
+        command.extend(given_options::<Cli>(&NOT_OF_RUN));
+        if checked.recommends_linear && !command.iter().any(|option| option.starts_with("--resample")) {
+            command.push("--resample linear".to_owned());
+        }
+        println!("next: {}", command.join(" "));
     }
 }
 

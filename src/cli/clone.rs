@@ -126,7 +126,9 @@ struct MotionArgs {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Picture")]
 struct LookArgs {
-    /// Frames of the source's track, a folder or a video; needed for --wrinkles, for --teeth source, and to show the source on the sheet
+    /// Frames of the source's track: a folder, a video, or pictures separated by `;`
+    ///
+    /// They are needed for --wrinkles, for --teeth source, and to show the source on the sheet.
     #[arg(long, value_name = "SEQUENCE")]
     source_frames: Option<PathBuf>,
     /// Transfer the folds and wrinkles of the source, with this strength; 1 if no number is given

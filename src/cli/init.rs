@@ -31,8 +31,9 @@ Every video and every folder with two or more images, at any depth, becomes a ro
 Emotions may be named in English or German (Freude, Trauer, Wut). A folder that holds everything, such as `videos`, is not a subject. `init` leaves out results, overlays and other pictures that grimace wrote. For a folder in the layout of Cohn-Kanade it reads the labels and \
 landmarks. people.csv has a column `subject`; its other columns, such as gender, are added to every sequence of that subject, so that you can group with --by.
 
-Single pictures of several people in one folder (neutral/anna.jpg and smiling/anna.jpg, or anna_neutral.jpg and anna_smiling.jpg) are not \
-a sequence; `init` lists them and explains how to make sequences of them.")]
+Single pictures of several people become sequences of two pictures, the neutral one first: neutral/anna.jpg and smiling/anna.jpg, or \
+anna_neutral.jpg and anna_smiling.jpg, or names as in KDEF, RaFD and CFD. The column `frames` lists both: `neutral/anna.jpg;smiling/anna.jpg`. \
+`init` lists people who lack one of the two, and pictures that it cannot pair, with what to do.")]
 pub struct Args {
     /// Folder with the sequences
     folder: PathBuf,
@@ -84,6 +85,16 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         if !manifest.left_out.is_empty() {
             println!("note: skipped, fewer than two pictures: {}", shortened(&manifest.left_out));
         }
+        let pairs = manifest.rows.iter().filter(|row| row.frames.contains(';')).count();
+        if pairs > 0 {
+            println!(
+                "note: {} of a neutral picture and one of an expression",
+                count(pairs, "sequence consists", "sequences consist")
+            );
+        }
+        if !manifest.lacking.is_empty() {
+            println!("note: in no pair: {}", shortened(&manifest.lacking));
+        }
         for pictures in &manifest.pictures_of_people {
             println!("note: skipped: {pictures}; then run `init` again");
         }
@@ -122,7 +133,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             println!("note: in the table of people, but without a sequence: {}", shortened(&manifest.people_without_rows));
         }
         let folder = quoted(&args.folder.display().to_string());
-        println!("next: check the dataset in seconds with grimace check {folder}, then grimace run {folder} -o results");
+        // A model has five frames, so those between two pictures are interpolated.
+        let resample = if pairs > 0 { " --resample linear" } else { "" };
+        println!(
+            "next: check the dataset in seconds with grimace check {folder}{resample}, then grimace run {folder} -o results{resample}"
+        );
     }
     Ok(Outcome::Done)
 }

@@ -10,8 +10,6 @@ use grimace::{
 };
 use image::RgbImage;
 
-use super::shared::file_name;
-
 /// Refuses frames that are not called as those that a track was made from: of another person as a rule. Folders may have moved.
 fn check_names(
     folder: &Path,
@@ -20,15 +18,21 @@ fn check_names(
     motion: &SourceMotion,
     info: &TrackInfo,
 ) -> anyhow::Result<()> {
+    let names = listed.names();
     let used: Vec<String> = match listed {
-        FrameSource::Images(files) => files.iter().filter(|f| numbers.contains(&f.number)).map(|f| file_name(&f.path)).collect(),
-        FrameSource::Video { path, .. } => vec![file_name(path)],
+        FrameSource::Images(files) => {
+            files.iter().zip(names).filter(|(f, _)| numbers.contains(&f.number)).map(|(_, name)| name).collect()
+        }
+        FrameSource::Video { .. } => names,
     };
     let other = used.iter().find(|name| !info.source.contains(name));
     if let (Some(other), Some(known)) = (other, info.source.first()) {
         let more = if info.source.len() > 1 { " and others" } else { "" };
+        // Pictures of several folders have paths for names.
+        let what =
+            if info.source.iter().all(|name| name.contains('/')) { "pictures, separated by `;`," } else { "folder or video" };
         anyhow::bail!(
-            "{}: {other} is not one of the files that the track {} was made from ({known}{more}); give the folder or video of the track",
+            "{}: {other} is not one of the files that the track {} was made from ({known}{more}); give the {what} of the track",
             folder.display(),
             motion.name
         );
@@ -41,7 +45,8 @@ fn check_content(folder: &Path, listed: &FrameSource, motion: &SourceMotion, inf
     let Some(known) = &info.frames_blake3 else { return Ok(()) };
     let tracked = match listed {
         FrameSource::Images(files) => {
-            let named = |name: &String| files.iter().find(|file| file_name(&file.path) == *name).cloned();
+            let names = listed.names();
+            let named = |name: &String| names.iter().position(|n| n == name).and_then(|place| files.get(place)).cloned();
             let Some(files) = info.source.iter().map(named).collect() else { return Ok(()) };
             FrameSource::Images(files)
         }

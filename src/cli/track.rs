@@ -1,6 +1,6 @@
 //! `grimace track`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use grimace::{
     dataset::{FrameSource, list_frames_among},
@@ -30,7 +30,7 @@ Example:
 The track has one row for every node of every frame: frame,node,x,y,state,residual,expected_error. The springs place lost nodes, and their \
 state shows it. A .json beside the track records the source files and the options.")]
 pub struct Args {
-    /// Folder of images in order, or a video; the first frame is neutral, the last one the apex
+    /// Folder of images in order, a video, or pictures separated by `;`; the first frame is neutral, the last one the apex
     sequence: PathBuf,
     /// Marked points on the first frame, a CSV file node,x,y in pixels; by default found in it
     #[arg(short, long, value_name = "C.csv")]
@@ -90,7 +90,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let inputs: Vec<_> = all.iter().map(|file| ("a frame of the sequence", file.as_path())).collect();
     check_apart(&[("--output", &args.output), ("the .json beside --output", &json)], &inputs)?;
     if let Some(folder) = &args.overlay {
-        OverlayFolder::check_apart(folder, [("this folder", args.sequence.as_path())])?;
+        let is_folder = matches!(frames, FrameSource::Images(_));
+        let folders = all.iter().filter(|_| is_folder).filter_map(|file| file.parent());
+        let folders = folders.map(|place| if place.as_os_str().is_empty() { Path::new(".") } else { place });
+        OverlayFolder::check_apart(folder, folders.map(|place| ("this folder", place)))?;
     }
     let found =
         marks_or_found(args.correspondences.as_deref(), &bench, &args.sequence, || Ok((read_first_frame(&frames)?, None)))?;

@@ -160,6 +160,7 @@ fn entry(folders: &Folders, id: &SequenceId, labels: Labels) -> Result<Option<Se
         emotion: emotion.to_owned(),
         default_correspondences_path: frames_path.join(CORRESPONDENCES_NAME),
         frames_path,
+        pictures: Vec::new(),
         first_frame: None,
         last_frame: None,
         correspondences_path: None,

@@ -7,7 +7,12 @@ use std::{
 
 use super::{
     DatasetError, FrameSource, FramesError, LEAST_CONFIDENCE, LandmarkSelection, LandmarkTrack, LandmarksError,
-    correspondences_from_landmarks, frames::has_frames, landmark_files, landmarks::has_landmark_extension, list_frames,
+    correspondences_from_landmarks,
+    frames::{frames_of_place, has_frames, readable_of_place},
+    landmark_files,
+    landmarks::has_landmark_extension,
+    list_recording,
+    listed::frames_of_list,
     read_face, read_marks,
 };
 use crate::{correspondence::Correspondence, units::SequenceId, wireframe::Tables};
@@ -29,8 +34,10 @@ pub struct SequenceEntry {
     pub id: SequenceId,
     /// Emotion label, lower case.
     pub emotion: String,
-    /// Folder of images, or video file.
+    /// Folder of images, or video file; the first of [`SequenceEntry::pictures`] if these are listed.
     pub frames_path: PathBuf,
+    /// Pictures listed one by one, numbered from 1; empty for a folder or a video.
+    pub pictures: Vec<PathBuf>,
     /// Number of the neutral frame; the first if `None`.
     pub first_frame: Option<u32>,
     /// Number of the apex frame; the last if `None`.
@@ -92,9 +99,37 @@ impl SequenceEntry {
     /// Lists the frames from the neutral to the apex frame.
     ///
     /// # Errors
-    /// As [`list_frames`].
+    /// As [`super::list_frames`].
     pub fn frames(&self) -> Result<FrameSource, FramesError> {
-        list_frames(&self.frames_path, self.first_frame, self.last_frame)
+        if self.pictures.is_empty() {
+            return Ok(frames_of_place(&self.frames_path, self.first_frame, self.last_frame)?.0);
+        }
+        frames_of_list(&self.pictures, self.first_frame, self.last_frame)
+    }
+
+    /// Lists all readable frames, also those before the neutral and after the apex frame.
+    ///
+    /// # Errors
+    /// As [`super::list_readable`].
+    pub(crate) fn readable_frames(&self) -> Result<FrameSource, FramesError> {
+        if self.pictures.is_empty() { readable_of_place(&self.frames_path) } else { frames_of_list(&self.pictures, None, None) }
+    }
+
+    /// Lists the frames of a whole recording.
+    ///
+    /// # Errors
+    /// As [`list_recording`].
+    pub(crate) fn recording(&self) -> Result<FrameSource, FramesError> {
+        if self.pictures.is_empty() { list_recording(&self.frames_path) } else { frames_of_list(&self.pictures, None, None) }
+    }
+
+    /// Folders with the frames, or the video file.
+    pub(crate) fn places(&self) -> Vec<&Path> {
+        if self.pictures.is_empty() {
+            return vec![&self.frames_path];
+        }
+        let folders = self.pictures.iter().filter_map(|path| path.parent());
+        folders.map(|folder| if folder.as_os_str().is_empty() { Path::new(".") } else { folder }).collect()
     }
 
     /// File for the marks of the neutral frame, existing or not: the one named in the manifest, else the default.

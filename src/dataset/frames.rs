@@ -7,6 +7,7 @@ use std::{
 };
 
 use super::{
+    listed::{frames_of_list, pictures_in},
     numbering::{Numbering, numbered},
     unread::{unread_frames, unread_pictures},
 };
@@ -43,8 +44,8 @@ pub struct FrameFile {
     pub path: PathBuf,
 }
 
-/// Source of the frames of a sequence, ordered from neutral to apex, whichever was recorded first. [`list_frames`] creates it from a folder
-/// or a video. A custom list of files is read in its order.
+/// Source of the frames of a sequence, ordered from neutral to apex, whichever was recorded first. [`list_frames`] creates it from a folder,
+/// a video or a list of pictures. A custom list of files is read in its order.
 ///
 /// ```
 /// use grimace::dataset::{FrameSource, list_frames};
@@ -139,6 +140,52 @@ pub enum FramesError {
         /// The file.
         path: PathBuf,
     },
+    /// A listed picture that does not exist.
+    #[error("{}: there is no such picture (frames listed one by one, separated by `;`){}", path.display(), backslashes(path))]
+    PictureNotFound {
+        /// The file.
+        path: PathBuf,
+    },
+    /// Something else than a picture in a list of pictures.
+    #[error(
+        "{}: is not a picture that is read (extensions of images: {}); frames separated by `;` are pictures only",
+        path.display(), IMAGE_EXTENSIONS.join(" ")
+    )]
+    NotAPicture {
+        /// The folder or file.
+        path: PathBuf,
+    },
+    /// A picture that is listed twice.
+    #[error("{}: is in the list twice, as picture {first} and {second}; a sequence shows two states of the face", path.display())]
+    ListedTwice {
+        /// The file.
+        path: PathBuf,
+        /// Its first place in the list, from 1.
+        first: u32,
+        /// The later place.
+        second: u32,
+    },
+    /// A single picture.
+    #[error(
+        "{}: one picture alone is not a sequence; list the neutral picture and those up to the apex, separated by `;`",
+        path.display()
+    )]
+    OnePicture {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A first or last frame that is not in the list.
+    #[error("{}: {column} is {number}, but the list has {found} pictures, numbered from 1", path.display())]
+    NotListed {
+        /// The first picture of the list.
+        path: PathBuf,
+        /// `first_frame` or `last_frame`.
+        column: &'static str,
+        /// The number asked for.
+        number: u32,
+        /// Number of pictures.
+        found: u32,
+    },
     /// A folder without images.
     #[error("{}: no images in the folder (extensions of images: {})", folder.display(), IMAGE_EXTENSIONS.join(" "))]
     NoImages {
@@ -218,6 +265,9 @@ pub enum FramesError {
 /// names, it is the one run of digits that varies. Images are sorted by number. If several runs vary, as in dates with times, images are
 /// sorted by name and counted from 1.
 ///
+/// A path such as `neutral/1.jpg;smiling/1.jpg`, which names no folder or file, lists the pictures of a sequence. They are numbered from 1 in
+/// this order.
+///
 /// ```
 /// use grimace::dataset::list_frames;
 ///
@@ -229,7 +279,7 @@ pub enum FramesError {
 /// ```
 ///
 /// # Errors
-/// [`FramesError`] when there is no such folder or video, no image, a frame in an unsupported format, an image without a number, a
+/// [`FramesError`] when there is no such folder, video or listed picture, no image, a frame in an unsupported format, an image without a number, a
 /// duplicate number, a `first` or `last` that does not exist, or fewer than two frames.
 pub fn list_frames(path: &Path, first: Option<u32>, last: Option<u32>) -> Result<FrameSource, FramesError> {
     list_frames_among(path, first, last).map(|(frames, _)| frames)
@@ -240,6 +290,18 @@ pub fn list_frames(path: &Path, first: Option<u32>, last: Option<u32>) -> Result
 /// # Errors
 /// As [`list_frames`].
 pub fn list_frames_among(path: &Path, first: Option<u32>, last: Option<u32>) -> Result<(FrameSource, Vec<PathBuf>), FramesError> {
+    match pictures_in(path) {
+        Some(pictures) => Ok((frames_of_list(&pictures, first, last)?, pictures)),
+        None => frames_of_place(path, first, last),
+    }
+}
+
+/// As [`list_frames_among`] for a folder or a video.
+pub(super) fn frames_of_place(
+    path: &Path,
+    first: Option<u32>,
+    last: Option<u32>,
+) -> Result<(FrameSource, Vec<PathBuf>), FramesError> {
     if path.is_dir() {
         let all = numbered_images(path)?;
         check_unread(path, &all, first, last)?;
@@ -250,7 +312,7 @@ pub fn list_frames_among(path: &Path, first: Option<u32>, last: Option<u32>) -> 
 }
 
 /// Checks that a sequence has at least two frames.
-fn images(folder: &Path, frames: Vec<FrameFile>) -> Result<FrameSource, FramesError> {
+pub(super) fn images(folder: &Path, frames: Vec<FrameFile>) -> Result<FrameSource, FramesError> {
     match frames.len() {
         found @ 0..MINIMUM_FRAMES => Err(FramesError::TooFew { folder: folder.to_owned(), found }),
         _ => Ok(FrameSource::Images(frames)),
@@ -275,6 +337,14 @@ pub fn list_recording(path: &Path) -> Result<FrameSource, FramesError> {
 /// # Errors
 /// As [`list_frames`], except unsupported pictures.
 pub fn list_readable(path: &Path) -> Result<FrameSource, FramesError> {
+    match pictures_in(path) {
+        Some(pictures) => frames_of_list(&pictures, None, None),
+        None => readable_of_place(path),
+    }
+}
+
+/// As [`list_readable`] for a folder or a video.
+pub(super) fn readable_of_place(path: &Path) -> Result<FrameSource, FramesError> {
     if path.is_dir() {
         return images(path, cut(path, numbered_images(path)?, None, None)?);
     }
@@ -291,6 +361,9 @@ fn check_unread(folder: &Path, frames: &[FrameFile], first: Option<u32>, last: O
 fn video(path: &Path, first: Option<u32>, last: Option<u32>) -> Result<FrameSource, FramesError> {
     if !path.exists() {
         return Err(FramesError::NotFound { path: path.to_owned(), near: same_number(path) });
+    }
+    if is_picture(path) {
+        return Err(FramesError::OnePicture { path: path.to_owned() });
     }
     if !is_video(path) {
         return Err(FramesError::NotAVideo { path: path.to_owned() });

@@ -1,5 +1,7 @@
-//! Proposes a manifest for folders without one: a row for every folder of images and every video, at any depth.
+//! Proposes a manifest for folders without one: a row for every folder of images and every video, at any depth, and for every pair of a neutral
+//! picture and one of an expression.
 
+mod codes;
 mod emotions;
 mod kept;
 mod people;
@@ -14,7 +16,7 @@ use std::{
 
 use self::{
     emotions::{emotion_of, has_other_words},
-    people::take_pictures_of_people,
+    people::{Pairs, take_pictures_of_people},
     search::Found,
 };
 pub use self::{kept::Kept, people::PicturesOfPeople};
@@ -40,7 +42,7 @@ pub struct ProposedRow {
     pub sequence: String,
     /// Emotion, or [`UNKNOWN_EMOTION`].
     pub emotion: String,
-    /// Folder of images or video, relative to the manifest.
+    /// Folder of images, video, or pictures separated by `;`, relative to the manifest.
     pub frames: String,
     /// File or folder of landmarks, relative to the manifest; may be empty.
     pub landmarks: String,
@@ -69,6 +71,8 @@ pub struct ProposedManifest {
     pub skipped: Vec<String>,
     /// Folders without a sequence, relative to the manifest: empty ones, and those with a single picture.
     pub left_out: Vec<String>,
+    /// People and pictures in no pair of a neutral picture and one of an expression, with the reason.
+    pub lacking: Vec<String>,
     /// Collections of pictures of several people, which are in no row.
     pub pictures_of_people: Vec<PicturesOfPeople>,
     /// Videos and pictures in unsupported formats, relative to the manifest.
@@ -83,7 +87,7 @@ pub struct ProposedManifest {
 /// Proposes a manifest for a folder.
 ///
 /// For Cohn-Kanade's layout it uses its labels. Otherwise it has a row for every folder with two or more images and every video below, with
-/// the emotion in the folder or file name.
+/// the emotion in the folder or file name. Single pictures of people, neutral and of expressions, are paired.
 ///
 /// # Errors
 /// [`DatasetError`] when a folder cannot be read or nothing is found.
@@ -229,21 +233,25 @@ fn of_dataset(root: &Path, dataset: &Dataset) -> ProposedManifest {
 
 fn of_folders(root: &Path) -> Result<ProposedManifest, DatasetError> {
     let mut found = Found::in_folder(root)?;
-    let pictures_of_people = take_pictures_of_people(root, &mut found.sequences);
+    let Pairs { rows: pairs, lacking, refused: pictures_of_people, .. } = take_pictures_of_people(root, &mut found);
     let relative_all = |paths: &[PathBuf]| paths.iter().map(|path| relative(root, path)).collect();
     let names: Vec<Vec<String>> = found.sequences.iter().map(|path| names(root, path)).collect();
     let holds_all = names.first().and_then(|n| n.first()).filter(|first| holds_all(first, &names)).cloned();
     let people_first = are_people(names.iter().filter_map(|n| n.get(usize::from(holds_all.is_some()))));
     let mut seen = BTreeSet::new();
-    let row = |(path, names): (&PathBuf, &Vec<String>)| {
-        let names = &names[usize::from(holds_all.is_some())..];
-        let (subject, mut sequence) = subject_and_sequence(root, names, people_first);
+    let mut unique = |subject: &str, sequence: String| {
         let plain = sequence.clone();
-        let mut number = 1;
+        let (mut sequence, mut number) = (sequence, 1);
         while !seen.insert(name_key(&format!("{subject}_{sequence}"))) {
             number += 1;
             sequence = format!("{plain}-{number}");
         }
+        sequence
+    };
+    let row = |(path, names): (&PathBuf, &Vec<String>)| {
+        let names = &names[usize::from(holds_all.is_some())..];
+        let (subject, sequence) = subject_and_sequence(root, names, people_first);
+        let sequence = unique(&subject, sequence);
         // A person's name such as Joy is not an emotion.
         let is_name = |name: &&String| people_first && names.len() > 1 && **name == subject && !has_other_words(name);
         let emotion =
@@ -252,9 +260,19 @@ fn of_folders(root: &Path) -> Result<ProposedManifest, DatasetError> {
         ProposedRow { subject, sequence, emotion, frames, landmarks: String::new(), person: Vec::new(), more: Vec::new() }
     };
     let mut rows: Vec<ProposedRow> = found.sequences.iter().zip(&names).map(row).collect();
+    rows.extend(pairs.into_iter().map(|row| ProposedRow { sequence: unique(&row.subject, row.sequence.clone()), ..row }));
     rows.sort_by(|a, b| (&a.subject, &a.sequence).cmp(&(&b.subject, &b.sequence)));
     let (left_out, unread, results) = (relative_all(&found.left_out), relative_all(&found.unread), relative_all(&found.results));
-    Ok(ProposedManifest { rows, left_out, pictures_of_people, unread, results, holds_all, ..ProposedManifest::default() })
+    Ok(ProposedManifest {
+        rows,
+        left_out,
+        lacking,
+        pictures_of_people,
+        unread,
+        results,
+        holds_all,
+        ..ProposedManifest::default()
+    })
 }
 
 /// Whether the first folder of all sequences, such as `videos`, is without meaning: it is neither an emotion nor has a form typical of

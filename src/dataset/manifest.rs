@@ -2,7 +2,7 @@
 //!
 //! Required columns: `subject,sequence,emotion`. Optional columns:
 //!
-//! - `frames`: folder of images or video, relative to the manifest, by default `SUBJECT/SEQUENCE`
+//! - `frames`: folder of images, video, or pictures separated by `;`, relative to the manifest, by default `SUBJECT/SEQUENCE`
 //! - `first_frame`, `last_frame`: numbers as in the file names
 //! - `correspondences`: path relative to the manifest, by default `SUBJECT/SEQUENCE/correspondences.csv` if that exists
 //! - `landmarks`: name in the frames' folder, or else path relative to the manifest
@@ -21,6 +21,7 @@ use super::{
     entry::{FACE_COLUMN, is_publish_column},
     error::{check_file_name, name_key},
     frames::is_video,
+    listed::listed_pictures,
     spelling::place_of,
 };
 use crate::{
@@ -244,15 +245,22 @@ fn entry(
         None => None,
     };
     let folder = place_of(root, &format!("{}/{}", id.subject, id.sequence));
-    let frames_path = given(columns.frames).map_or_else(|| folder.clone(), |k| place_of(root, row.get(k)));
+    let pictures = given(columns.frames).and_then(|k| listed_pictures(root, row.get(k))).unwrap_or_default();
+    let frames_path = match (pictures.first(), given(columns.frames)) {
+        (Some(first), _) => first.clone(),
+        (None, Some(k)) => place_of(root, row.get(k)),
+        (None, None) => folder.clone(),
+    };
     let landmarks_paths = given(columns.landmarks).map_or_else(Vec::new, |k| {
-        let beside = if is_video(&frames_path) { frames_path.parent().unwrap_or(root) } else { &frames_path };
+        let beside =
+            if is_video(&frames_path) || !pictures.is_empty() { frames_path.parent().unwrap_or(root) } else { &frames_path };
         vec![place_of(beside, row.get(k)), place_of(root, row.get(k))]
     });
     Ok(SequenceEntry {
         id,
         emotion,
         frames_path,
+        pictures,
         first_frame,
         last_frame,
         correspondences_path: given(columns.correspondences).map(|k| place_of(root, row.get(k))),

@@ -10,6 +10,7 @@ mod error;
 mod frames;
 mod init;
 mod landmarks;
+mod listed;
 mod manifest;
 mod marks;
 mod numbering;
@@ -35,6 +36,7 @@ pub use landmarks::{
     DEFAULT_LANDMARK_NODES, LANDMARK_COUNT, LEAST_CONFIDENCE, LandmarkFrame, LandmarkSelection, LandmarkSequence, LandmarkTrack,
     LandmarksError, correspondences_from_landmarks, landmark_files, read_face, read_landmarks,
 };
+pub(crate) use listed::PICTURE_SEPARATOR;
 pub(crate) use manifest::{CORRESPONDENCES_NAME, has_columns, is_manifest};
 pub use manifest::{FRAME_RATES, MANIFEST_COLUMNS};
 pub use marks::{MarksFileError, read_marks};

@@ -51,6 +51,33 @@ fn landmark_csv(frames: &[u32]) -> String {
 }
 
 #[test]
+fn pictures_of_a_row_are_listed_one_by_one() {
+    let folder = tempfile::tempdir().unwrap();
+    for file in ["n/a.jpg", "s/a.jpg"] {
+        write(&folder, file, "");
+    }
+    write(&folder, "marks/a.csv", landmark_csv(&[1, 2]));
+    let rows = "S1,1,joy,n/a.jpg; s/a.jpg,marks/a.csv\nS1,2,joy,n/a.jpg;none.jpg,\nS1,3,joy,none.jpg;n/a.jpg,marks/a.csv\n";
+    write(&folder, MANIFEST_NAME, format!("subject,sequence,emotion,frames,landmarks\n{rows}"));
+    let dataset = Dataset::open(folder.path()).unwrap();
+    let [pair, broken, landmarks] = &dataset.sequences[..] else { panic!("three rows") };
+    let frames = pair.frames().unwrap();
+    assert_eq!((frames.names(), frames.neutral_number()), (vec!["n/a.jpg".to_owned(), "s/a.jpg".to_owned()], 1));
+    assert_eq!(pair.places(), [folder.path().join("n"), folder.path().join("s")]);
+    assert_eq!((pair.driving_landmarks(false).unwrap(), pair.missing_frames()), (None, None));
+    assert_eq!(pair.driving_landmarks(true).unwrap(), Some(folder.path().join("marks/a.csv")));
+    assert!(
+        broken
+            .frames()
+            .unwrap_err()
+            .to_string()
+            .ends_with("none.jpg: there is no such picture (frames listed one by one, separated by `;`)")
+    );
+    // Landmarks drive a sequence whose pictures are elsewhere.
+    assert!(landmarks.driving_landmarks(false).unwrap().is_some() && landmarks.missing_frames().is_some());
+}
+
+#[test]
 fn a_manifest_of_semicolons_reads() {
     let (_folder, dataset) = manifest(
         "\u{FEFF}subject;sequence;emotion;fps;age;note\r\nS1;1;joy;12,5;23,5;\"mild; closed\"\r\nS1;2;joy;1.000,5;;\r\n;;;;;\r\nS1;3\r\n",

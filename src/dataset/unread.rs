@@ -69,8 +69,11 @@ pub(super) fn unread_frames(read: &[FrameFile], unread: Vec<PathBuf>, first: Opt
     found.into_iter().map(|(_, path)| path.clone()).collect()
 }
 
-/// Note about unsupported pictures in the folder of the frames with names of another form.
+/// Note about unsupported pictures in the folder of the frames with names of another form. Beside listed pictures there is anything.
 pub fn unread_beside(frames: &FrameSource) -> Option<String> {
+    if frames.is_numbered_apart() {
+        return None;
+    }
     let FrameSource::Images(files) = frames else { return None };
     let folder = files.first()?.path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let patterns: BTreeSet<_> = files.iter().map(|frame| pattern(&frame.path)).collect();

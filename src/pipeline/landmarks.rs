@@ -11,8 +11,7 @@ use super::{
 };
 use crate::{
     dataset::{
-        CorrespondenceSource, FrameSource, LandmarkSequence, LandmarkTrack, LandmarksError, SequenceEntry, list_frames,
-        read_face, read_marks,
+        CorrespondenceSource, FrameSource, LandmarkSequence, LandmarkTrack, LandmarksError, SequenceEntry, read_face, read_marks,
     },
     fit::{Correspondence, FittedWireframe, MarkKind},
     sequence::{Clock, ImageSize},
@@ -31,8 +30,8 @@ pub(super) struct LandmarkSource {
     metadata: BTreeMap<String, String>,
     fps: Option<f64>,
     path: PathBuf,
-    /// Where images would be; they only determine the frame numbers.
-    images: PathBuf,
+    /// The row, for its images: they only determine the frame numbers.
+    entry: Box<SequenceEntry>,
     /// Id of the face, if there are several.
     face: Option<String>,
     /// Marks given in the manifest; without them, the landmarks of the neutral frame are used.
@@ -58,7 +57,7 @@ impl LandmarkSource {
             metadata: entry.metadata.clone(),
             fps: entry.fps,
             path,
-            images: entry.frames_path.clone(),
+            entry: Box::new(entry.clone()),
             face: entry.face_id().map(str::to_owned),
             marks_from: if marks.is_some() { "file" } else { "landmarks" },
             marks,
@@ -122,7 +121,7 @@ impl LandmarkSource {
 
     /// Numbers of the images from the neutral to the apex frame; empty for a video or without images.
     fn image_numbers(&self) -> Vec<u32> {
-        match list_frames(&self.images, self.first_frame, self.last_frame) {
+        match self.entry.frames() {
             Ok(FrameSource::Images(files)) => files.iter().map(|file| file.number).collect(),
             _ => Vec::new(),
         }

@@ -133,10 +133,19 @@ fn file(path: &Path) -> PictureSource {
 fn neutral_frames(dataset: &Dataset) -> (Vec<PictureSource>, Vec<String>) {
     let mut failures: Vec<String> = dataset.failures.iter().map(|f| f.error.to_string()).collect();
     let mut pictures: Vec<PictureSource> = Vec::new();
+    // Listed neutral pictures by name: several sequences of a person may share one.
+    let mut shared: BTreeMap<String, usize> = BTreeMap::new();
     for entry in &dataset.sequences {
         match entry.frames() {
             Ok(source) => {
                 let name = source.files().first().map_or(&*entry.frames_path, |f| *f).display().to_string();
+                if !entry.pictures.is_empty() {
+                    if let Some(known) = shared.get(&name).and_then(|&place| pictures.get_mut(place)) {
+                        known.may_publish &= may_publish(&entry.metadata);
+                        continue;
+                    }
+                    shared.insert(name.clone(), pictures.len());
+                }
                 pictures.push(PictureSource { name, may_publish: may_publish(&entry.metadata), frames: Frames::First(source) });
             }
             Err(error) => failures.push(format!("{}: {error}", entry.id)),
@@ -207,6 +216,19 @@ mod tests {
         let (pictures, _) = pictures_of(folder.path()).unwrap();
         let names: Vec<_> = pictures.iter().map(|p| p.name.rsplit('/').next().unwrap()).collect();
         assert_eq!(names, ["a.avi#7", "a.avi#90", "b.avi"]);
+    }
+
+    #[test]
+    fn a_neutral_picture_of_several_sequences_is_one_picture() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["n.jpg", "joy.jpg", "fear.jpg"] {
+            std::fs::write(folder.path().join(name), "").unwrap();
+        }
+        let rows = "S1,1,joy,n.jpg;joy.jpg,yes\nS1,2,fear,n.jpg;fear.jpg,no\n";
+        std::fs::write(folder.path().join(MANIFEST_NAME), format!("subject,sequence,emotion,frames,publish\n{rows}")).unwrap();
+        let (pictures, failures) = pictures_of(folder.path()).unwrap();
+        assert_eq!((pictures.len(), pictures[0].may_publish, failures.len()), (1, false, 0));
+        assert!(pictures[0].name.ends_with("n.jpg"));
     }
 
     #[test]

@@ -290,7 +290,8 @@ pub fn run(
     let sequences = opened.sequences.len() + opened.failures.len();
     event(Event::Started { sequences });
     if let Some(folder) = overlay {
-        OverlayFolder::check_apart(folder, opened.sequences.iter().map(|s| (&s.id, s.frames_path.as_path())))?;
+        let places = opened.sequences.iter().flat_map(|s| s.places().into_iter().map(|place| (&s.id, place)));
+        OverlayFolder::check_apart(folder, places)?;
     }
 
     let chosen: Vec<&SequenceEntry> = opened.sequences.iter().collect();

@@ -198,6 +198,13 @@ impl SequenceSource {
         if let FrameSource::Video { first, last, .. } = &self.frames {
             part(format!("{first:?} {last:?}").as_bytes());
         }
+        // Of listed pictures, the numbers and the folders are not in the content.
+        if let (FrameSource::Images(files), true) = (&self.frames, self.frames.is_numbered_apart()) {
+            for (file, name) in files.iter().zip(self.frames.names()) {
+                part(&file.number.to_le_bytes());
+                part(name.as_bytes());
+            }
+        }
         if bench.options.unchecked_marks {
             part(b"unchecked marks");
         }
@@ -307,7 +314,7 @@ fn track_frames(
         id: source.id.clone(),
         emotion: source.emotion.clone(),
         metadata: source.metadata.clone(),
-        source: source.frames.files().into_iter().map(file_name).collect(),
+        source: source.frames.names(),
         image_size: track.size,
         fps: source.fps,
         times: None,

@@ -138,6 +138,7 @@ fn entry_of(path: &Path) -> SequenceEntry {
         id,
         emotion: String::new(),
         frames_path: path.to_owned(),
+        pictures: Vec::new(),
         first_frame: None,
         last_frame: None,
         correspondences_path: None,

@@ -128,7 +128,7 @@ pub enum SequenceError {
     },
     /// Frames of different sizes.
     #[error(
-        "{}: frame {number} is {found} where the first frame is {expected}; all frames of a sequence must have one size",
+        "{}: frame {number} is {found} where the first frame is {expected}; all frames of a sequence must have one size; crop or scale them to it",
         path.display()
     )]
     Size {

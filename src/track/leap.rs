@@ -6,6 +6,8 @@
 //!
 //! After such a step the expected errors are larger ([`jump_errors`]): the model of [`super::confidence`] was learned from small steps.
 
+use std::cell::OnceCell;
+
 use nalgebra::{Point2, Vector2};
 
 use super::{NodeState, TrackError, TrackedFrame};
@@ -34,14 +36,14 @@ const COMMON_ERROR: f64 = 0.02;
 pub struct Leap {
     neutral: Frame,
     nodes: Vec<Point2<f64>>,
-    /// The face in the neutral frame, once it was looked for.
-    reading: Option<Option<LocatedFace>>,
+    /// The face in the neutral frame, if it is there; located when it is first needed.
+    reading: OnceCell<Option<LocatedFace>>,
 }
 
 impl Leap {
     /// Keeps the neutral frame and its nodes; nothing is located yet.
     pub fn new(neutral: &Frame, nodes: &[Point2<f64>]) -> Self {
-        Self { neutral: neutral.clone(), nodes: nodes.to_vec(), reading: None }
+        Self { neutral: neutral.clone(), nodes: nodes.to_vec(), reading: OnceCell::new() }
     }
 
     /// Returns the predicted position of every node in a frame, px; `None` if the face cannot be located in both frames.
@@ -49,17 +51,15 @@ impl Leap {
     /// # Errors
     /// [`TrackError::Springs`] when the springs have no equilibrium.
     pub fn predict(
-        &mut self,
+        &self,
         frame: &Frame,
         previous: &[Point2<f64>],
         wireframe: &Wireframe,
         springs: &Springs,
     ) -> Result<Option<Vec<Point2<f64>>>, TrackError> {
         let Ok(locator) = Locator::shipped() else { return Ok(None) };
-        if self.reading.is_none() {
-            self.reading = Some(read(locator, &self.neutral, &self.nodes));
-        }
-        let Some(Some(neutral)) = &self.reading else { return Ok(None) };
+        let reading = self.reading.get_or_init(|| read(locator, &self.neutral, &self.nodes));
+        let Some(neutral) = reading else { return Ok(None) };
         let Some(current) = read(locator, frame, previous) else { return Ok(None) };
         let unit = neutral.eye_distance;
         let targets: Vec<DrivenNode> = neutral

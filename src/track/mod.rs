@@ -52,8 +52,8 @@ pub(crate) use klt::smoothed;
 pub use klt::{Klt, KltKind, OpenCvKlt};
 pub use landmarks::LandmarkPlan;
 pub use options::{Forces, MIN_WINDOW_PX, TrackOptions};
-pub(crate) use quality::missing_said;
 pub use quality::{FrameQuality, TrackQuality, TrackSummary, Verdict, summarize};
+pub(crate) use quality::{missing_said, two_pictures_said};
 pub use resume::{Corrections, correct_nodes, corrections_of, resume_with};
 pub use state::{LossReason, NodeState};
 pub use step::TrackPlan;
@@ -522,7 +522,7 @@ impl<'a, T: PointTracker> FrameTracker<'a, T> {
         let even = self.light.as_ref().and_then(|light| light.undone_at(frame, self.wireframe, &self.last));
         self.tracker.advance(even.as_ref().unwrap_or(frame))?;
         let Self { wireframe, plan, options, window, eye_distance, .. } = *self;
-        let (template, lids, leap) = (self.template.as_mut(), self.lids.as_ref(), self.leap.as_mut());
+        let (template, lids, leap) = (self.template.as_mut(), self.lids.as_ref(), self.leap.as_ref());
         let mut step = step::Step { wireframe, plan, options, template, window, eye_distance, lids, leap, frame };
         let nodes = step.run(&mut self.tracker, &self.last)?;
         self.last = TrackedFrame { number: frame.number(), nodes };

@@ -322,11 +322,7 @@ fn judge(summary: &mut TrackSummary, frames: &[TrackedFrame], wireframe: &Wirefr
         reasons.push(format!("{count} of {of} nodes were lost in frame {number}"));
     }
     if let ([apex], true) = (later, reasons.len() > before && by_images(later)) {
-        reasons.push(format!(
-            "there are only two pictures, {} and {}, and their difference is large for a tracker; landmarks in both, or a video of the \
-             motion between them, give better tracks",
-            neutral.number, apex.number
-        ));
+        reasons.push(two_pictures_said(neutral.number, apex.number, "lie"));
     }
     if let Some(apex) = later.last().filter(|apex| !moves(neutral, apex, live, unit)) {
         reasons.push(format!(
@@ -342,6 +338,14 @@ fn judge(summary: &mut TrackSummary, frames: &[TrackedFrame], wireframe: &Wirefr
     reasons.extend(missing_said(frames.iter().map(|frame| frame.number)));
     summary.verdict = if reasons.is_empty() { Verdict::Good } else { Verdict::LookAgain };
     summary.reasons = reasons;
+}
+
+/// Returns the message about a sequence of two pictures, before or after tracking.
+pub(crate) fn two_pictures_said(neutral: u32, apex: u32, lie: &str) -> String {
+    format!(
+        "there are only two pictures, {neutral} and {apex}, and they {lie} far apart for a tracker, which follows small steps; landmarks in \
+         both (--prefer-landmarks), or a video of the motion between them, give better tracks"
+    )
 }
 
 /// Whether nodes were searched for in pictures: then they have a residual, or a loss reason that does not occur with landmarks.
@@ -476,9 +480,7 @@ mod tests {
         };
         let said = |frames: &[TrackedFrame]| {
             let reasons = summarize(frames, &w, &t).reasons;
-            reasons
-                .iter()
-                .any(|r| r.starts_with("there are only two pictures, 1 and 2, and their difference is large for a tracker"))
+            reasons.iter().any(|r| r.starts_with("there are only two pictures, 1 and 2, and they lie far apart for a tracker"))
         };
         let of = |lost, reason| [frame(1, 0, reason), frame(2, lost, reason)];
         // 104 live nodes: 11 are more than a tenth.

@@ -129,7 +129,7 @@ pub fn resume_with(
             window,
             eye_distance,
             lids: lids_now,
-            leap: leap.as_mut(),
+            leap: leap.as_ref(),
             frame,
         };
         let nodes = step.run(tracker, &previous)?;

@@ -157,7 +157,7 @@ pub(super) struct Step<'a> {
     /// Eyes of the neutral frame, when lids are read.
     pub lids: Option<&'a Lids>,
     /// Locates the face in a step that loses much of it.
-    pub leap: Option<&'a mut Leap>,
+    pub leap: Option<&'a Leap>,
     /// The current frame as recorded; the tracker may hold a version with corrected lighting.
     pub frame: &'a Frame,
 }
@@ -223,7 +223,7 @@ impl Step<'_> {
         if lost(steps) as f64 <= LOST_SHARE * steps.len() as f64 {
             return Ok(());
         }
-        let Some(leap) = self.leap.as_mut() else { return Ok(()) };
+        let Some(leap) = self.leap else { return Ok(()) };
         let Some(predicted) = leap.predict(self.frame, positions, self.wireframe, &self.plan.springs)? else { return Ok(()) };
         let live = self.wireframe.live_nodes();
         let guesses: Vec<_> = live.iter().map(|&n| predicted[n.index()] + self.probe_offset(n, &predicted)).collect();

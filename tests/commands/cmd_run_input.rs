@@ -364,3 +364,75 @@ fn a_frame_that_cannot_be_read_fails_alike_in_every_run() {
     work.grimace("run faces -o out").exit(3);
     assert_eq!(work.read("out/failures.csv"), first);
 }
+
+/// Photographs of two people in folders by expression, with marks where they are expected.
+fn photographs() -> Work {
+    let work = Work::with_sequences(&["S001_005", "S002_005"]);
+    for id in ["S001", "S002"] {
+        let frame = |number: u32| work.bytes(&format!("faces/{id}/005/{id}_005_{number:08}.png"));
+        work.write(&format!("photos/neutral/{id}.png"), frame(1)).write(&format!("photos/smiling/{id}.png"), frame(6));
+        let marks = work.read(&format!("faces/{id}/005/correspondences.csv"));
+        work.write(&format!("photos/{id}/smiling/correspondences.csv"), marks);
+    }
+    work
+}
+
+#[test]
+fn a_neutral_photograph_and_one_of_an_expression_are_a_sequence() {
+    let work = photographs();
+    work.write("photos/neutral/S003.png", "");
+    let init = work.grimace("init photos").exit(0);
+    init.prints(&[
+        "manifest.csv: 2 sequences",
+        "note: in no pair: S003 (the neutral picture alone)",
+        "grimace run photos -o results --resample linear",
+    ]);
+    let manifest = "subject,sequence,emotion,frames\n\
+                    S001,smiling,happiness,neutral/S001.png;smiling/S001.png\n\
+                    S002,smiling,happiness,neutral/S002.png;smiling/S002.png\n";
+    assert_eq!(work.read("photos/manifest.csv"), manifest);
+    let checked = work.grimace("check photos").exit(0);
+    let checked = checked.prints(&["next: grimace run photos -o results --resample linear"]);
+    checked.prints(&["there are only two pictures, 1 and 2, and they may lie far apart", "(--prefer-landmarks)"]);
+    assert!(!work.grimace("check photos --resample nearest").exit(0).stdout.contains("nearest --resample linear"));
+    let run = work.grimace("run photos -o out --resample linear --overlay drawn").exit(0);
+    run.prints(&["2 sequences: 2 tracked"]);
+    assert!(work.path("drawn/S001_smiling_00000002_overlay.png").exists());
+    let info: serde_json::Value = serde_json::from_str(&work.read("out/tracks/S001_smiling.json")).unwrap();
+    assert_eq!(info["source"], serde_json::json!(["neutral/S001.png", "smiling/S001.png"]));
+    work.grimace("run photos -o out --resample linear").exit(0).prints(&["nothing changed"]);
+    // The same as a folder of its own.
+    let folder = |number: u32| format!("faces/S001/two/{number}.png");
+    work.write(&folder(1), work.bytes("photos/neutral/S001.png")).write(&folder(2), work.bytes("photos/smiling/S001.png"));
+    let marks = "faces/S001/005/correspondences.csv";
+    work.grimace(&format!("track faces/S001/two -c {marks} -o folder.csv")).exit(0);
+    work.shell(&format!("$GRIMACE track 'photos/neutral/S001.png; photos/smiling/S001.png' -c {marks} -o list.csv")).exit(0);
+    assert_eq!(work.read("folder.csv"), work.read("list.csv"));
+    assert_eq!(work.read("folder.csv"), work.read("out/tracks/S001_smiling.csv"));
+    // Another order is another sequence, and so are other numbers.
+    work.replace("photos/manifest.csv", "neutral/S002.png;smiling/S002.png", "\"smiling/S002.png ; neutral/S002.png\"");
+    work.grimace("run photos -o out --resample linear").exit(0).prints(&["2 sequences: 1 tracked, 1 unchanged"]);
+    // Overlay pictures stay apart from the photographs.
+    work.grimace("run photos -o other --overlay photos/smiling").exit(1).says(&["would lie among the frames of S001_smiling"]);
+}
+
+#[test]
+fn listed_pictures_that_are_no_sequence_are_named() {
+    let work = photographs();
+    let small = image::load_from_memory(&work.bytes("photos/neutral/S001.png")).unwrap().crop_imm(0, 0, 180, 160);
+    small.save(work.path("photos/small.png")).unwrap();
+    work.write("photos/a.mp4", "");
+    for (frames, said) in [
+        ("neutral/S001.png;none.png", "none.png: there is no such picture"),
+        ("neutral/S001.png;a.mp4", "a.mp4: is not a picture"),
+        ("neutral/S001.png;smiling", "smiling: is not a picture"),
+        ("neutral/S001.png", "neutral/S001.png: one picture alone is not a sequence"),
+        (";neutral/S001.png", "neutral/S001.png: one picture alone is not a sequence"),
+        ("neutral/S001.png;neutral/S001.png", "neutral/S001.png: is in the list twice"),
+        ("neutral/S001.png;small.png", "small.png: frame 2 is 180x160 where the first frame is 200x160"),
+    ] {
+        work.write("photos/manifest.csv", format!("subject,sequence,emotion,frames\nS001,smiling,joy,{frames}\n"));
+        work.grimace("check photos").exit(3).prints(&[said]);
+        work.grimace("run photos -o out --force").exit(1).says(&[said]);
+    }
+}

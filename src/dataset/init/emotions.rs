@@ -8,7 +8,7 @@ use super::UNKNOWN_EMOTION;
 const NEGATIONS: [&str; 9] = ["not", "non", "no", "un", "never", "without", "nicht", "kein", "ohne"];
 
 /// Words that denote an emotion with any ending. No personal name begins with them.
-const EMOTION_STEMS: [(&str, &str); 29] = [
+const EMOTION_STEMS: [(&str, &str); 31] = [
     ("angr", "anger"),
     ("disg", "disgust"),
     ("fearful", "fear"),
@@ -25,6 +25,8 @@ const EMOTION_STEMS: [(&str, &str); 29] = [
     ("amaze", "surprise"),
     ("contempt", "contempt"),
     ("neutral", "neutral"),
+    ("neutre", "neutral"),
+    ("neutro", "neutral"),
     // German.
     ("wütend", "anger"),
     ("wuetend", "anger"),
@@ -128,6 +130,8 @@ mod tests {
             ("sadface", Some("sadness")),
             ("sad2", Some("sadness")),
             ("NEU", Some("neutral")),
+            ("visage_neutre", Some("neutral")),
+            ("Neutro", Some("neutral")),
             ("Freude", Some("happiness")),
             ("01_Trauer", Some("sadness")),
             ("Wut", Some("anger")),

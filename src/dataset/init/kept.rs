@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, path::Path};
 
 use super::{ProposedManifest, UNKNOWN_EMOTION};
 use crate::{
-    dataset::{DatasetError, MANIFEST_COLUMNS},
+    dataset::{DatasetError, MANIFEST_COLUMNS, PICTURE_SEPARATOR},
     input::CsvFile,
     text::composed,
 };
@@ -46,7 +46,7 @@ impl ProposedManifest {
             let fields: Vec<String> = (0..csv.header().len()).map(field_of).collect();
             let named = composed(&field(&fields, "frames"));
             let default = composed(&format!("{}/{}", field(&fields, "subject"), field(&fields, "sequence")));
-            let place = if named.is_empty() { default } else { named.trim_start_matches("./").trim_end_matches('/').to_owned() };
+            let place = if named.is_empty() { default } else { plain(&named) };
             earlier.entry(place).or_default().push(fields);
         }
         for (_, name) in &columns {
@@ -95,6 +95,12 @@ impl ProposedManifest {
         kept.columns = columns.into_iter().map(|(_, name)| name).collect();
         Ok(kept)
     }
+}
+
+/// Frames as a proposal names them.
+fn plain(frames: &str) -> String {
+    let names = frames.split(PICTURE_SEPARATOR).map(|name| name.trim().trim_start_matches("./").trim_end_matches('/'));
+    names.filter(|name| !name.is_empty()).collect::<Vec<_>>().join(&PICTURE_SEPARATOR.to_string())
 }
 
 #[cfg(test)]

@@ -78,6 +78,8 @@ pub struct DatasetCheck {
     pub skipped: Vec<(String, String)>,
     /// Notes on the dataset as a whole.
     pub notes: Vec<String>,
+    /// Whether one of the notes recommends linear resampling.
+    pub recommends_linear: bool,
 }
 
 /// Prepares every sequence of a dataset as a run does, without tracking.
@@ -110,7 +112,9 @@ pub fn check_dataset(
     let whole: Vec<&SequenceId> = sequences.iter().filter(|s| s.is_recording()).map(|s| &s.id).collect();
     let mut notes = notes(&usable, &labels, &whole, bench).map_err(AnalysisError::from)?;
     let lengths = sequences.iter().filter(|s| s.failure.is_none() && !s.is_recording()).filter_map(|s| Some((&s.id, s.frames?)));
-    notes.extend(too_short(lengths, bench.options.normalize.resample));
+    let too_short = too_short(lengths, bench.options.normalize.resample);
+    let recommends_linear = too_short.is_some();
+    notes.extend(too_short);
     if !whole.is_empty() {
         let named: Vec<String> = whole.iter().map(ToString::to_string).collect();
         notes.push(format!(
@@ -127,7 +131,7 @@ pub fn check_dataset(
     sequences.extend(damaged);
     sequences.sort_by(|a, b| a.id.cmp(&b.id));
     let skipped = opened.skipped.iter().map(|s| (s.id.to_string(), s.reason.clone())).collect();
-    Ok(DatasetCheck { sequences, people, emotions, columns, skipped, notes })
+    Ok(DatasetCheck { sequences, people, emotions, columns, skipped, notes, recommends_linear })
 }
 
 /// Counts sequences and people of every emotion.

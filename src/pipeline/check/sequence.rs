@@ -15,7 +15,7 @@ use super::super::{
 use crate::{
     dataset::{CorrespondenceSource, FailedEntry, FrameSource, LandmarkSelection, SequenceEntry, unread_beside},
     sequence::{ImageSize, SequenceError, SequenceReader, read_first_frame},
-    track::{TrackSummary, TrackedFrame, Verdict, missing_said, neutral_nodes, read_corrections, summarize},
+    track::{TrackSummary, TrackedFrame, Verdict, missing_said, neutral_nodes, read_corrections, summarize, two_pictures_said},
     units::SequenceId,
 };
 
@@ -213,7 +213,14 @@ impl CheckedSequence {
             ends.collect::<Result<Vec<_>, _>>().map_err(&failed)?;
             summary.reasons.extend(missing_said(files.iter().map(|file| file.number)));
         }
-        Ok((summary, unread_beside(&source.frames).into_iter().collect()))
+        let two = match &source.frames {
+            FrameSource::Images(files) => match &files[..] {
+                [neutral, apex] => Some(two_pictures_said(neutral.number, apex.number, "may lie")),
+                _ => None,
+            },
+            FrameSource::Video { .. } => None,
+        };
+        Ok((summary, two.into_iter().chain(unread_beside(&source.frames)).collect()))
     }
 
     /// Drives the wireframe by landmarks as a run does. Returns the track's reasons for review, and further notes.

@@ -12,7 +12,7 @@ use super::{
     write_recording,
 };
 use crate::{
-    dataset::{Dataset, DatasetError, FailedEntry, FrameSource, SEGMENT_COLUMN, SequenceEntry, list_recording, name_key},
+    dataset::{Dataset, DatasetError, FailedEntry, FrameSource, SEGMENT_COLUMN, SequenceEntry, name_key},
     output::OutputError,
     pipeline::{Event, RunError, Workbench},
     segment::SegmentOptions,
@@ -92,7 +92,7 @@ fn with_segments(files: RecordingFiles) -> Result<RecordingFiles, RecordingError
 /// # Errors
 /// [`RecordingError::Row`].
 pub(in super::super) fn recording_of(entry: &SequenceEntry, bench: &Workbench) -> Result<Recording, RecordingError> {
-    let frames = list_recording(&entry.frames_path).map_err(|e| RecordingError::Row { reason: e.to_string() })?;
+    let frames = entry.recording().map_err(|e| RecordingError::Row { reason: e.to_string() })?;
     if entry.last_frame.is_some() || (entry.first_frame.is_some() && entry.correspondences_path.is_none()) {
         let reason =
             "a whole recording (segment is auto) cannot have first_frame and last_frame: leave them empty, or leave segment \
