@@ -512,8 +512,8 @@ mod tests {
         let names = files(&["mix/L001_sad.jpg", "mix/L001_happy.jpg", "mix/L003_sad.jpg", "mix/L003_Trauer.jpg"]);
         let error = propose_manifest(folder(&names).path()).unwrap_err();
         assert!(matches!(&error, DatasetError::PicturesOfPeople { found, .. } if found.len() == 1), "{error}");
-        let said = "`mix`: single pictures of several people: L001; L003; a sequence is a folder of its own for every person and expression, with the \
-                    neutral picture as 1 and the other as 2";
+        let said = "`mix`: single pictures of several people: L001; L003; make a folder for every person and expression, with the neutral picture \
+                    as 1 and the other as 2";
         assert!(error.to_string().ends_with(said), "{error}");
         // A person twice in one folder.
         let twice = files(&["L001_neutral.jpg", "L001-neutral.jpg", "L001_happy.jpg"]);
