@@ -383,6 +383,7 @@ fn report_html(analysis: &Analysis, title: &str, bench: &Workbench) -> Result<St
         player: showcase::player(&analysis.classes, bench)?,
         face: showcase::face_name(bench),
         stems: analysis.classes.iter().map(|c| c.stem.clone()).collect(),
+        files: analysis_files(analysis, bench),
         tracked_here: analysis.tracked_here,
         variations: analysis.classes.iter().map(|class| variation_data(analysis, class)).collect(),
         covariates: analysis.covariates.iter().map(CovariateResult::shown).collect(),
@@ -390,6 +391,7 @@ fn report_html(analysis: &Analysis, title: &str, bench: &Workbench) -> Result<St
         strata: !bench.options.strata.is_empty(),
         groups: analysis.comparisons.as_ref().map(|comparisons| GroupsData {
             comparisons,
+            amplitudes: &analysis.amplitudes.comparisons,
             options: &bench.options.groups,
             classes: analysis.classes.iter().map(|c| (c.subjects, c.interval)).collect(),
         }),
