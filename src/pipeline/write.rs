@@ -10,6 +10,7 @@ use super::{
     analysis::{lengths_of, too_short},
     covariates::{COVARIATE_TABLES, CovariateResult, covariate_models, write_covariates},
     groups::{GROUP_TABLES, write_groups},
+    method::method_in_words,
     model_file::write_model,
     recognition::write_recognition,
     sequence_table::write_sequences,
@@ -412,7 +413,7 @@ fn option_rows(bench: &Workbench, tracked_here: bool) -> Vec<(String, String)> {
     let word = |value: serde_json::Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
     let json = |value: serde_json::Result<serde_json::Value>| value.map(word).unwrap_or_default();
     let tracking = [
-        ("Method", super::Method::name_of(o).to_owned()),
+        ("Method", method_in_words(o)),
         ("Shape prior", json(serde_json::to_value(&o.fit.prior))),
         ("Spring force on marks (over stiffness)", o.fit.force.to_string()),
         ("Forces on tracked nodes", json(serde_json::to_value(o.track.forces))),

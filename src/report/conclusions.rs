@@ -128,7 +128,9 @@ fn words(name: &str) -> String {
 
 fn of_groups(groups: &GroupsData<'_>, significance: f64) -> Vec<Kind> {
     let pairs = || groups.comparisons.pairs.iter().filter_map(|c| Some((c, c.outcome.as_ref().ok()?)));
-    let pair = |c: &Comparison| format!("{} differs between {} and {}", words(&c.emotion), group_values(&c.groups[0]), group_values(&c.groups[1]));
+    let pair = |c: &Comparison| {
+        format!("{} differs between {} and {}", words(&c.emotion), group_values(&c.groups[0]), group_values(&c.groups[1]))
+    };
     let least = pairs().map(|(_, t)| t.least_either_adjusted()).reduce(f64::min);
     let expression = Kind {
         topic: "Expression as a whole",

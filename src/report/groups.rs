@@ -126,11 +126,7 @@ impl AmplitudeRow {
             emotion: c.emotion.clone(),
             region: c.region,
             groups: c.groups.each_ref().map(group_values),
-            people: if t.paired {
-                format!("{} in pairs", t.people[0])
-            } else {
-                format!("{} and {}", t.people[0], t.people[1])
-            },
+            people: if t.paired { format!("{} in pairs", t.people[0]) } else { format!("{} and {}", t.people[0], t.people[1]) },
             means: t.means.map(|mean| fixed(mean, 2)),
             difference: format!("{} ({low} to {high})", fixed(t.difference, 2)),
             effect: fixed(t.effect, 2),

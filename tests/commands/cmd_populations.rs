@@ -201,6 +201,24 @@ fn groups_are_tested_with_everything_a_reviewer_asks_for() {
     {
         assert!(report.contains(text), "{text}");
     }
+    // At the top of the report: what differs, with the p that decides.
+    let start = report.find("id=\"groups-conclusions\"").unwrap();
+    let top = &report[start..start + report[start..].find("</section>").unwrap()];
+    assert!(top.contains("happiness differs between north and south (energy distance"), "{top}");
+    assert!(top.contains("happiness is stronger in south than in north: "), "{top}");
+    for table in ["id=\"amplitudes-c\"", "id=\"omnibus-c\""] {
+        assert!(report.contains(table), "{table}");
+    }
+    // The list of files names every table of groups, and none of numbers, which were not tested.
+    let files = report[report.find("<ul class=\"files\">").unwrap()..].split_once("</ul>").unwrap().0;
+    for table in ["comparisons", "comparison_nodes", "group_tests", "amplitude_comparisons", "intervals"] {
+        assert!(files.contains(&format!(">{table}.csv</a>")) && work.path(&format!("out/{table}.csv")).exists(), "{table}");
+    }
+    assert!(!files.contains("covariate"), "{files}");
+    // No study is planned for more than 100,000 people.
+    let amplitudes = work.rows("out/amplitude_comparisons.csv");
+    let planned = amplitudes.iter().filter_map(|r| r["people_for_power"].parse::<usize>().ok());
+    assert!(planned.max().is_some_and(|most| most <= 100_000));
     // Tests follow from the seed, not from threads.
     work.grimace("analyze out/tracks -o one --resample linear --by place --permutations 999 --bootstrap 200 -j 1").exit(0);
     for file in ["comparisons.csv", "intervals.csv", "comparison_nodes.csv"] {
