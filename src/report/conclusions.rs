@@ -7,14 +7,15 @@ use serde::Serialize;
 use super::{
     CovariateData, GroupsData, ReportData,
     covariates::round,
-    groups::{WHOLE_FACE, p_value, percent},
+    group_tables::{WHOLE_FACE, scatters},
+    groups::{p_value, percent},
     numbers::fixed,
 };
 use crate::{
     output::{count, nine_digits},
     statistics::{
         amplitude::{AmplitudeComparison, AmplitudeTest},
-        compare::{Comparison, OmnibusComparison, group_values},
+        compare::{Comparison, group_values},
         covariate::AmplitudeSlope,
     },
 };
@@ -188,43 +189,40 @@ fn of_groups(groups: &GroupsData<'_>, significance: f64) -> Vec<Kind> {
     vec![expression, amplitude, location, scatter]
 }
 
-/// Scatter of every group, `male 4.13, female 4.10`.
-pub(super) fn scatters(c: &OmnibusComparison, scatters: &[f64]) -> String {
-    let of = |(group, s): (&BTreeMap<String, String>, &f64)| format!("{} {}", group_values(group), fixed(*s, 2));
-    c.groups.iter().zip(scatters).map(of).collect::<Vec<_>>().join(", ")
-}
-
 /// Sentences about differences of amplitudes: one per emotion, pair and direction, the whole face before its regions.
-fn stronger<'a>(tests: impl Iterator<Item = (&'a AmplitudeComparison, &'a AmplitudeTest)>) -> Vec<(f64, String)> {
-    let mut of_pair: BTreeMap<_, Vec<(&AmplitudeComparison, &AmplitudeTest)>> = BTreeMap::new();
+fn stronger<'a>(tests: impl Iterator<Item = Amplitude<'a>>) -> Vec<(f64, String)> {
+    let mut of_pair: BTreeMap<_, Vec<Amplitude<'a>>> = BTreeMap::new();
     for (c, t) in tests {
         of_pair.entry((&c.emotion, &c.groups, t.difference > 0.0)).or_default().push((c, t));
     }
-    let sentence = |((emotion, groups, first), mut tests): ((&String, &[BTreeMap<String, String>; 2], bool), Vec<_>)| {
-        tests.sort_by(|(a, s): &(&AmplitudeComparison, &AmplitudeTest), (b, t): &(&AmplitudeComparison, &AmplitudeTest)| {
-            (a.region != WHOLE_FACE).cmp(&(b.region != WHOLE_FACE)).then(s.clearer(t))
-        });
-        let (more, less) = if first { (0, 1) } else { (1, 0) };
-        let means = |t: &AmplitudeTest| {
-            let (effect, p) = (fixed(t.effect.abs(), 2), p_value(t.p_adjusted));
-            let (more, less) = (fixed(t.means[more], 2), fixed(t.means[less], 2));
-            format!("{more} against {less} times the median ({} {effect}, corrected p {p})", t.effect_name())
-        };
-        let texts = tests.iter().enumerate().map(|(k, (c, t))| {
-            let part = if c.region == WHOLE_FACE { String::new() } else { format!(" of the {}", c.region) };
-            if k == 0 {
-                let (more, less) = (group_values(&groups[more]), group_values(&groups[less]));
-                format!("{}{part} is stronger in {more} than in {less}: {}", words(emotion), means(t))
-            } else {
-                format!("that{part}: {}", means(t))
-            }
-        });
-        let text = texts.collect::<Vec<_>>().join("; ");
-        (tests.iter().map(|(_, t)| t.p_adjusted).fold(1.0, f64::min), text)
-    };
-    let mut all: Vec<(f64, String)> = of_pair.into_iter().map(sentence).collect();
+    let mut all: Vec<(f64, String)> = of_pair.into_values().filter_map(stronger_in).collect();
     all.sort_by(|a, b| a.0.total_cmp(&b.0));
     all
+}
+
+/// Amplitudes of two groups in a region.
+type Amplitude<'a> = (&'a AmplitudeComparison, &'a AmplitudeTest);
+
+/// Sentence about regions in which the same one of two groups is stronger, with the smallest p; `None` without a region.
+fn stronger_in(mut tests: Vec<Amplitude<'_>>) -> Option<(f64, String)> {
+    let is_part = |c: &AmplitudeComparison| c.region != WHOLE_FACE;
+    tests.sort_by(|(a, s), (b, t)| is_part(a).cmp(&is_part(b)).then(s.clearer(t)));
+    let (first, test) = tests.first()?;
+    let (more, less) = if test.difference > 0.0 { (0, 1) } else { (1, 0) };
+    let (stronger, weaker) = (group_values(&first.groups[more]), group_values(&first.groups[less]));
+    let texts = tests.iter().enumerate().map(|(k, (c, t))| {
+        let part = if is_part(c) { format!(" of the {}", c.region) } else { String::new() };
+        let lead = if k == 0 {
+            format!("{}{part} is stronger in {stronger} than in {weaker}", words(&c.emotion))
+        } else {
+            format!("that{part}")
+        };
+        let (effect, p) = (fixed(t.effect.abs(), 2), p_value(t.p_adjusted));
+        let (high, low) = (fixed(t.means[more], 2), fixed(t.means[less], 2));
+        format!("{lead}: {high} against {low} times the median ({} {effect}, corrected p {p})", t.effect_name())
+    });
+    let text = texts.collect::<Vec<_>>().join("; ");
+    Some((tests.iter().map(|(_, t)| t.p_adjusted).fold(1.0, f64::min), text))
 }
 
 fn of_numbers(covariates: &[CovariateData<'_>], significance: f64) -> Vec<Kind> {

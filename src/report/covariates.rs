@@ -5,7 +5,8 @@ use serde_json::{Value, json};
 
 use super::{
     ReportData, figures,
-    groups::{WHOLE_FACE, p_value, percent, places},
+    group_tables::WHOLE_FACE,
+    groups::{p_value, percent, places},
     numbers::{MISSING, fixed},
     variation::offsets_of,
 };

@@ -6,18 +6,14 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use super::{
-    GroupsData, ReportData,
-    conclusions::scatters,
-    figures,
+    GroupsData, ReportData, figures,
+    group_tables::{AmplitudeTable, OmnibusTable},
     numbers::{fixed, fixed_or_dash, length, rounded},
     view::{Fields, group_text},
 };
 use crate::{
     output::{count, nine_digits},
-    statistics::{
-        amplitude::{AmplitudeComparison, AmplitudeTest},
-        compare::{Comparison, Omnibus, OmnibusComparison, Tested, group_values},
-    },
+    statistics::compare::{Comparison, Tested, group_values},
     units::NodeId,
 };
 
@@ -26,15 +22,6 @@ const SMALL_GROUP: usize = 10;
 
 /// Most figures of pairs that differ; the tables have all pairs.
 const MOST_PICTURES: usize = 12;
-
-/// Most comparisons of amplitudes in the table; the file has all.
-const MOST_AMPLITUDES: usize = 300;
-
-/// Rows of amplitudes before the rest is folded.
-const OPEN_ROWS: usize = 8;
-
-/// Name of the region that is the whole face.
-pub(super) const WHOLE_FACE: &str = "face";
 
 /// Most regions of nodes named in a row.
 const NAMED_NODES: usize = 6;
@@ -46,16 +33,8 @@ pub(super) struct GroupsView {
     tests: Vec<TestRow>,
     untested: Vec<String>,
     too_many: Vec<String>,
-    amplitudes: Vec<AmplitudeRow>,
-    /// Number of further comparisons of amplitudes that only the file has.
-    more_amplitudes: usize,
-    amplitude_count: String,
-    /// Rows of amplitudes that are not folded.
-    open_rows: usize,
-    paired: bool,
-    equivalence: String,
-    omnibus: Vec<OmnibusRow>,
-    omnibus_untested: Vec<String>,
+    amplitudes: AmplitudeTable,
+    omnibus: OmnibusTable,
     pictures: Vec<Picture>,
     more_pictures: usize,
     test_count: String,
@@ -100,85 +79,6 @@ struct TestRow {
     place: String,
     /// Description of how the first group differs from the second at the apex.
     direction: String,
-}
-
-/// Amplitudes of two groups in one region.
-#[derive(Serialize)]
-struct AmplitudeRow {
-    emotion: String,
-    region: &'static str,
-    groups: [String; 2],
-    people: String,
-    means: [String; 2],
-    difference: String,
-    effect: String,
-    p: String,
-    p_holm: String,
-    verdict: &'static str,
-    differs: bool,
-}
-
-impl AmplitudeRow {
-    fn new(c: &AmplitudeComparison, t: &AmplitudeTest, significance: f64) -> Self {
-        let [low, high] = t.interval.map(|v| fixed(v, 2));
-        let differs = t.p_adjusted <= significance;
-        Self {
-            emotion: c.emotion.clone(),
-            region: c.region,
-            groups: c.groups.each_ref().map(group_values),
-            people: if t.paired { format!("{} in pairs", t.people[0]) } else { format!("{} and {}", t.people[0], t.people[1]) },
-            means: t.means.map(|mean| fixed(mean, 2)),
-            difference: format!("{} ({low} to {high})", fixed(t.difference, 2)),
-            effect: fixed(t.effect, 2),
-            p: p_value(t.p),
-            p_holm: p_value(t.p_adjusted),
-            verdict: if differs {
-                "differ"
-            } else if t.p_equivalence_adjusted <= significance {
-                "equally strong"
-            } else {
-                "not shown to differ"
-            },
-            differs,
-        }
-    }
-}
-
-/// Location and scatter of all groups of an emotion.
-#[derive(Serialize)]
-struct OmnibusRow {
-    emotion: String,
-    groups: String,
-    location_f: String,
-    share: String,
-    location_p: String,
-    location_holm: String,
-    location_differs: bool,
-    scatters: String,
-    scatter_f: String,
-    scatter_p: String,
-    scatter_holm: String,
-    scatter_differs: bool,
-}
-
-impl OmnibusRow {
-    fn new(c: &OmnibusComparison, t: &Omnibus, significance: f64) -> Self {
-        let groups = c.groups.iter().zip(&t.people).map(|(group, n)| format!("{} ({n})", group_values(group)));
-        Self {
-            emotion: c.emotion.clone(),
-            groups: groups.collect::<Vec<_>>().join(", "),
-            location_f: fixed(t.location_f, 2),
-            share: percent(t.location_share),
-            location_p: p_value(t.location_p),
-            location_holm: p_value(t.location_p_adjusted),
-            location_differs: t.location_p_adjusted <= significance,
-            scatters: scatters(c, &t.scatters),
-            scatter_f: fixed(t.scatter_f, 2),
-            scatter_p: p_value(t.scatter_p),
-            scatter_holm: p_value(t.scatter_p_adjusted),
-            scatter_differs: t.scatter_p_adjusted <= significance,
-        }
-    }
 }
 
 #[derive(Serialize)]
@@ -276,28 +176,9 @@ impl GroupsView {
             ("small", rows.iter().any(|row| row.small)),
         ];
         let notes = notes.into_iter().filter(|(_, holds)| *holds).map(|(note, _)| note).collect();
-        let mut amplitudes: Vec<(&AmplitudeComparison, &AmplitudeTest)> =
-            groups.amplitudes.iter().filter_map(|c| Some((c, c.outcome.as_ref().ok()?))).collect();
-        amplitudes.sort_by(|(_, a), (_, b)| a.clearer(b));
-        let omnibus = || comparisons.omnibus.iter();
-        let left_out = omnibus().filter(|c| !c.left_out.is_empty()).map(|c| {
-            let groups = c.left_out.iter().map(group_values).collect::<Vec<_>>().join(", ");
-            format!("{}: {groups}: a group of one person", c.emotion)
-        });
-        let no_omnibus = omnibus().filter_map(|c| Some(format!("{}: {}", c.emotion, c.outcome.as_ref().err()?)));
         Self {
-            more_amplitudes: amplitudes.len().saturating_sub(MOST_AMPLITUDES),
-            amplitude_count: count(amplitudes.len(), "comparison", "comparisons"),
-            open_rows: OPEN_ROWS,
-            paired: amplitudes.iter().any(|(_, t)| t.paired),
-            equivalence: nine_digits(groups.options.amplitude.equivalence),
-            omnibus: omnibus().filter_map(|c| Some(OmnibusRow::new(c, c.outcome.as_ref().ok()?, significance))).collect(),
-            omnibus_untested: no_omnibus.chain(left_out).collect(),
-            amplitudes: amplitudes
-                .into_iter()
-                .take(MOST_AMPLITUDES)
-                .map(|(c, t)| AmplitudeRow::new(c, t, significance))
-                .collect(),
+            amplitudes: AmplitudeTable::new(groups, significance),
+            omnibus: OmnibusTable::new(comparisons, significance),
             untested: untested.collect(),
             too_many: comparisons.too_many.iter().map(|(emotion, n)| format!("{emotion} ({n} groups)")).collect(),
             more_pictures: drawn.len().saturating_sub(MOST_PICTURES),

@@ -10,6 +10,7 @@ mod covariates;
 pub mod drawing;
 mod failure;
 pub mod figures;
+mod group_tables;
 mod groups;
 mod numbers;
 mod payload;

@@ -386,6 +386,10 @@ fn a_smile_that_grows_with_age_is_found_and_shown() {
     assert!(0.0 < low && low < high, "{low} {high}");
     let face = work.rows("out/covariate_amplitudes.csv").into_iter().find(|r| r["region"] == "face").unwrap();
     assert!(face["slope"].parse::<f64>().unwrap() > 0.0 && face["subjects"] == "6");
+    let report = work.read("out/report.html");
+    for text in ["happiness changes with age (", "happiness is stronger at higher age (", ">covariate_amplitudes.csv</a>"] {
+        assert!(report.contains(text), "{text}");
+    }
     let sequences = work.rows("out/sequences.csv");
     assert_eq!((sequences.len(), sequences[2]["age"].as_str(), sequences[2]["verdict"].as_str()), (7, "32,5", "good"));
     // Within three people of one site and three of the other there are 36 ways.
