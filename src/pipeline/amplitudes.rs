@@ -8,10 +8,11 @@ use std::{
 use super::{Workbench, analysis::EmotionGroups, covariates::people_values, write::Wrote};
 use crate::{
     output::{OutputError, beside_ours, listed, nine_digits, write_records},
+    report::p_value,
     statistics::{
         LabelledModel, SequenceModel,
         amplitude::{
-            AmplitudeComparison, AmplitudeOptions, AmplitudeRegion, Permutations, adjust_amplitudes, amplitudes,
+            AmplitudeComparison, AmplitudeOptions, AmplitudeRegion, AmplitudeTest, Permutations, adjust_amplitudes, amplitudes,
             compare_amplitudes,
         },
         compare::{MAX_COMPARED_GROUPS, Strata, group_values, is_known, stream_of},
@@ -113,12 +114,21 @@ impl AmplitudeResults {
         whys.into_iter().map(|(why, of)| format!("no amplitudes, because {why}: {}", listed(&of, 8))).collect()
     }
 
-    /// Texts about the significant differences of amplitudes.
+    /// Texts about the significant differences of amplitudes with means, effect size and p, the clearest first.
     pub fn findings(&self, significance: f64, options: &AmplitudeOptions) -> Vec<String> {
-        let is_found = |c: &&AmplitudeComparison| c.outcome.as_ref().is_ok_and(|t| t.p_adjusted <= significance);
-        self.comparisons.iter().filter(is_found).map(|c| c.words(significance, options)).collect()
+        let tested = self.comparisons.iter().filter_map(|c| Some((c, c.outcome.as_ref().ok()?)));
+        let mut found: Vec<_> = tested.filter(|(_, t)| t.p_adjusted <= significance).collect();
+        found.sort_by(|(_, a), (_, b)| a.clearer(b));
+        let words = |(c, t): (&AmplitudeComparison, &AmplitudeTest)| {
+            let (effect, p) = (t.effect.abs(), p_value(t.p_adjusted));
+            format!("{} ({} {effect:.2}, p {p} after Holm's correction)", c.words(significance, options), t.effect_name())
+        };
+        found.into_iter().map(words).collect()
     }
 }
+
+/// Largest number of people written as `people_for_power`. A difference that needs more is too small to plan a study for.
+const MOST_PEOPLE: usize = 100_000;
 
 /// Columns of `amplitudes.csv` before and after the manifest's.
 const BEFORE: [&str; 3] = ["subject", "sequence", "emotion"];
@@ -186,7 +196,8 @@ pub(super) fn write_amplitudes(
                     [t.difference, t.interval[0], t.interval[1], t.effect, t.p, t.p_t, t.p_adjusted, t.p_equivalence]
                         .map(nine_digits),
                 );
-                row.extend([t.people_for_power.map(|n| n.to_string()).unwrap_or_default(), words, String::new()]);
+                let people = t.people_for_power.filter(|n| *n <= MOST_PEOPLE);
+                row.extend([people.map(|n| n.to_string()).unwrap_or_default(), words, String::new()]);
                 row.push(nine_digits(t.p_equivalence_adjusted));
             }
             Err(why) => {

@@ -112,13 +112,12 @@ pub(super) fn people_values<'a>(
 impl CovariateResult {
     /// Data for the report.
     pub(super) fn shown(&self) -> CovariateData<'_> {
-        let face = self.slopes.iter().find(|(region, _)| *region == AmplitudeRegion::Face);
         CovariateData {
             emotion: &self.emotion,
             column: &self.column,
             unknown: self.unknown,
             outcome: &self.outcome,
-            face: face.and_then(|(_, slope)| slope.as_ref().ok()),
+            slopes: self.slopes.iter().filter_map(|(region, slope)| Some((region.name(), slope.as_ref().ok()?))).collect(),
         }
     }
 

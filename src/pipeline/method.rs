@@ -1,11 +1,13 @@
 //! Selects all options of a method together: the default, or that of the paper.
 
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 use super::PipelineOptions;
 use crate::{
     fit::{FitOptions, PriorKind},
     normalize::{IrisdMode, NormalizeOptions, PoseMode},
+    output::listed,
     statistics::{MedianKind, StatisticsOptions, TrimLevel, Weighting},
     track::{AlignOptions, Forces, TrackOptions},
 };
@@ -86,9 +88,63 @@ impl Method {
     }
 }
 
+/// The method of these options in words: that of grimace or of Krinidis and Pitas, whichever is nearer, and the options that differ from it.
+pub(super) fn method_in_words(options: &PipelineOptions) -> String {
+    let differing = |method: Method| {
+        let theirs = (method.fit(), method.track(), method.normalize(), method.statistics());
+        let ours = (&options.fit, &options.track, &options.normalize, &options.statistics);
+        let (mut found, name) = (Vec::new(), String::new());
+        if let (Ok(theirs), Ok(ours)) = (serde_json::to_value(theirs), serde_json::to_value(ours)) {
+            differences(&name, &theirs, &ours, &mut found);
+        }
+        found
+    };
+    let (default, kp) = (differing(Method::Default), differing(Method::Kp));
+    let (name, differing) =
+        if kp.len() < default.len() { ("method of Krinidis and Pitas", kp) } else { ("default method of grimace", default) };
+    if differing.is_empty() { name.to_owned() } else { format!("{name}, but {}", listed(&differing, MOST_NAMED)) }
+}
+
+/// Most differing options that are named.
+const MOST_NAMED: usize = 4;
+
+/// Appends the options with different values, as name and value.
+fn differences(name: &str, theirs: &Value, ours: &Value, found: &mut Vec<String>) {
+    match (theirs, ours) {
+        (Value::Object(theirs), Value::Object(ours)) => {
+            for (key, value) in ours {
+                differences(&key.replace('_', " "), theirs.get(key).unwrap_or(&Value::Null), value, found);
+            }
+        }
+        (Value::Array(theirs), Value::Array(ours)) if theirs.len() == ours.len() => {
+            theirs.iter().zip(ours).for_each(|(theirs, ours)| differences(name, theirs, ours, found));
+        }
+        _ if theirs != ours => found.push(match ours {
+            Value::String(word) => format!("{name} {word}"),
+            other => format!("{name} {other}"),
+        }),
+        _ => {}
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_method_in_words_names_the_options_that_differ() {
+        let mut options = PipelineOptions::default();
+        assert_eq!(method_in_words(&options), "default method of grimace");
+        options.normalize.resample = crate::normalize::Resample::Linear;
+        options.statistics.alpha = 0.25;
+        assert_eq!(method_in_words(&options), "default method of grimace, but resample linear; alpha 0.25");
+        let kp = Method::Kp;
+        options = PipelineOptions { fit: kp.fit(), track: kp.track(), normalize: kp.normalize(), ..options };
+        options.statistics = kp.statistics();
+        assert_eq!(method_in_words(&options), "method of Krinidis and Pitas");
+        options.track.lip_probes = true;
+        assert_eq!(method_in_words(&options), "method of Krinidis and Pitas, but lip probes true");
+    }
 
     #[test]
     fn options_say_which_method_they_are() {

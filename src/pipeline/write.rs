@@ -10,6 +10,7 @@ use super::{
     analysis::{lengths_of, too_short},
     covariates::{COVARIATE_TABLES, CovariateResult, covariate_models, write_covariates},
     groups::{GROUP_TABLES, write_groups},
+    method::method_in_words,
     model_file::write_model,
     recognition::write_recognition,
     sequence_table::write_sequences,
@@ -383,6 +384,7 @@ fn report_html(analysis: &Analysis, title: &str, bench: &Workbench) -> Result<St
         player: showcase::player(&analysis.classes, bench)?,
         face: showcase::face_name(bench),
         stems: analysis.classes.iter().map(|c| c.stem.clone()).collect(),
+        files: analysis_files(analysis, bench),
         tracked_here: analysis.tracked_here,
         variations: analysis.classes.iter().map(|class| variation_data(analysis, class)).collect(),
         covariates: analysis.covariates.iter().map(CovariateResult::shown).collect(),
@@ -390,6 +392,7 @@ fn report_html(analysis: &Analysis, title: &str, bench: &Workbench) -> Result<St
         strata: !bench.options.strata.is_empty(),
         groups: analysis.comparisons.as_ref().map(|comparisons| GroupsData {
             comparisons,
+            amplitudes: &analysis.amplitudes.comparisons,
             options: &bench.options.groups,
             classes: analysis.classes.iter().map(|c| (c.subjects, c.interval)).collect(),
         }),
@@ -410,7 +413,7 @@ fn option_rows(bench: &Workbench, tracked_here: bool) -> Vec<(String, String)> {
     let word = |value: serde_json::Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
     let json = |value: serde_json::Result<serde_json::Value>| value.map(word).unwrap_or_default();
     let tracking = [
-        ("Method", super::Method::name_of(o).to_owned()),
+        ("Method", method_in_words(o)),
         ("Shape prior", json(serde_json::to_value(&o.fit.prior))),
         ("Spring force on marks (over stiffness)", o.fit.force.to_string()),
         ("Forces on tracked nodes", json(serde_json::to_value(o.track.forces))),

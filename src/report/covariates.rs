@@ -5,6 +5,7 @@ use serde_json::{Value, json};
 
 use super::{
     ReportData, figures,
+    group_tables::WHOLE_FACE,
     groups::{p_value, percent, places},
     numbers::{MISSING, fixed},
     variation::offsets_of,
@@ -17,7 +18,7 @@ use crate::{
 };
 
 /// One emotion and one number.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct CovariateData<'a> {
     /// Emotion.
     pub emotion: &'a str,
@@ -27,8 +28,15 @@ pub struct CovariateData<'a> {
     pub unknown: usize,
     /// The test, or the reason why there is none.
     pub outcome: &'a Result<Covariate, NoCovariate>,
-    /// Slope of the whole face's amplitude over the number.
-    pub face: Option<&'a AmplitudeSlope>,
+    /// Slopes of the amplitudes over the number, by name of the region, the whole face first.
+    pub slopes: Vec<(&'static str, &'a AmplitudeSlope)>,
+}
+
+impl CovariateData<'_> {
+    /// Slope of the whole face's amplitude.
+    fn face(&self) -> Option<&AmplitudeSlope> {
+        self.slopes.iter().find(|(region, _)| *region == WHOLE_FACE).map(|(_, slope)| *slope)
+    }
 }
 
 /// The section's text.
@@ -89,11 +97,11 @@ impl CovariatesView {
                 hopeless: (t.least_either_adjusted > significance).then(|| p_value(t.least_either_adjusted)),
                 place: if goes_along { places((&t.node_p, &t.node_share), data, significance) } else { String::new() },
                 direction: if goes_along { figures::directions(high, low, told, data.tables).join("; ") } else { String::new() },
-                slope: c.face.map_or_else(String::new, |s| {
+                slope: c.face().map_or_else(String::new, |s| {
                     let [a, b] = s.interval.map(|v| fixed(v * reach, 2));
                     format!("{} ({a} to {b})", fixed(s.slope * reach, 2))
                 }),
-                slope_p: c.face.map_or_else(String::new, |s| p_value(s.p_adjusted)),
+                slope_p: c.face().map_or_else(String::new, |s| p_value(s.p_adjusted)),
             }
         };
         let all = &data.covariates;
@@ -112,7 +120,7 @@ impl CovariatesView {
 }
 
 /// Rounds to four digits.
-fn round(value: f64) -> f64 {
+pub(super) fn round(value: f64) -> f64 {
     if value == 0.0 || !value.is_finite() {
         return value;
     }

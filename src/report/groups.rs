@@ -7,6 +7,7 @@ use serde_json::{Value, json};
 
 use super::{
     GroupsData, ReportData, figures,
+    group_tables::{AmplitudeTable, OmnibusTable},
     numbers::{fixed, fixed_or_dash, length, rounded},
     view::{Fields, group_text},
 };
@@ -32,6 +33,8 @@ pub(super) struct GroupsView {
     tests: Vec<TestRow>,
     untested: Vec<String>,
     too_many: Vec<String>,
+    amplitudes: AmplitudeTable,
+    omnibus: OmnibusTable,
     pictures: Vec<Picture>,
     more_pictures: usize,
     test_count: String,
@@ -174,6 +177,8 @@ impl GroupsView {
         ];
         let notes = notes.into_iter().filter(|(_, holds)| *holds).map(|(note, _)| note).collect();
         Self {
+            amplitudes: AmplitudeTable::new(groups, significance),
+            omnibus: OmnibusTable::new(comparisons, significance),
             untested: untested.collect(),
             too_many: comparisons.too_many.iter().map(|(emotion, n)| format!("{emotion} ({n} groups)")).collect(),
             more_pictures: drawn.len().saturating_sub(MOST_PICTURES),

@@ -4,11 +4,13 @@
 //! are rendered here; the page's script draws figures from the embedded data. The bytes depend on the input alone: no clock, no random
 //! names, lengths rounded to 0.01 face units.
 
+mod conclusions;
 mod courses;
 mod covariates;
 pub mod drawing;
 mod failure;
 pub mod figures;
+mod group_tables;
 mod groups;
 mod numbers;
 mod payload;
@@ -28,6 +30,7 @@ use crate::{
     player,
     statistics::{
         Representative,
+        amplitude::AmplitudeComparison,
         bootstrap::DispersionInterval,
         compare::{CompareOptions, Comparisons, GroupOptions},
     },
@@ -106,6 +109,8 @@ pub struct ReportData<'a> {
     pub variations: Vec<Option<VariationData<'a>>>,
     /// Stems of the files of every representative (same order), for links; empty for none.
     pub stems: Vec<String>,
+    /// Names of the files written beside the report, for the list of files.
+    pub files: Vec<String>,
     /// Whether tracks and models are beside the report and can be linked.
     pub tracked_here: bool,
     /// Associations of emotions with numbers of the people; empty if not requested.
@@ -123,6 +128,8 @@ pub struct ReportData<'a> {
 pub struct GroupsData<'a> {
     /// Tests between groups.
     pub comparisons: &'a Comparisons,
+    /// Comparisons of amplitudes.
+    pub amplitudes: &'a [AmplitudeComparison],
     /// Options of tests and bootstrap.
     pub options: &'a GroupOptions,
     /// Number of people and interval of every representative (same order).

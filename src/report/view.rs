@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use super::{
     Failure, ReportData,
+    conclusions::{self, Conclusions},
     courses::{self, CoursesView},
     covariates::{self, CovariatesView},
     figures::{self, FieldScale, Lines},
@@ -29,19 +30,39 @@ const TOP_FAPS: usize = 20;
 const PUBLISHED_DISPERSIONS: [(&str, f64); 6] =
     [("anger", 11.13), ("disgust", 9.80), ("fear", 11.39), ("happiness", 10.89), ("sadness", 13.46), ("surprise", 13.57)];
 
-/// Tables written beside every report, with their content.
-const FILES: [(&str, &str); 7] = [
+/// Files beside the report that its list names if they exist, with their content. A name with `/` at its end is a folder.
+const FILES: [(&str, &str); 21] = [
     ("statistics.csv", "dispersion of every emotion and group"),
-    ("trimming.csv", "what was trimmed, and why"),
-    ("verdicts.csv", "every sequence: good, or look again"),
-    ("failures.csv", "sequences that failed, with the reason"),
+    ("intervals.csv", "dispersion of every emotion and group with its 95 % interval"),
+    ("comparisons.csv", "groups: whether two of them differ, a row per pair"),
+    ("comparison_nodes.csv", "groups: the same at every node"),
+    ("group_tests.csv", "groups: location and scatter of all of them at once"),
+    ("amplitude_comparisons.csv", "groups: which one makes the expression more strongly, a row per pair and region"),
+    ("covariates.csv", "numbers of the people: whether expressions change with them"),
+    ("covariate_nodes.csv", "numbers of the people: the same at every node"),
+    ("covariate_amplitudes.csv", "numbers of the people: how amplitudes change with them, a row per region"),
+    ("covariates/", "numbers of the people: every expression at a low and at a high number"),
+    ("amplitudes.csv", "how strongly everybody makes each expression"),
     (
         "sequences.csv",
         "a row for every sequence: what the manifest says of it, and action units, FAPs, pose and amplitudes at its apex",
     ),
-    ("amplitudes.csv", "how strongly everybody makes each expression"),
+    ("trimming.csv", "what was trimmed, and why"),
+    ("verdicts.csv", "every sequence: good, or look again"),
+    ("failures.csv", "sequences that failed, with the reason"),
+    ("variation.csv", "in which ways people differ: shares of the principal components"),
+    ("variation_scores.csv", "the scores of every sequence on them"),
+    ("variation/", "expressions two standard deviations along them"),
+    ("bands.csv", "every node and FAP over the key frames: where half and nine tenths of the people lie"),
+    ("recognition.csv", "which expression each sequence shows, judged by other people's"),
     ("units.json", "units of all columns"),
 ];
+
+/// The files of the list that exist.
+fn files_of(written: &[String]) -> Vec<[&'static str; 2]> {
+    let exists = |name: &str| written.iter().any(|w| w == name || (name.ends_with('/') && w.starts_with(name)));
+    FILES.iter().filter(|(name, _)| exists(name)).map(|&(name, what)| [name, what]).collect()
+}
 
 /// Text of the report.
 #[derive(Serialize)]
@@ -66,6 +87,7 @@ pub(super) struct View<'a> {
     files: Vec<[&'static str; 2]>,
     stems_known: bool,
     face: &'a str,
+    conclusions: Vec<Conclusions>,
     groups: Option<GroupsView>,
     covariates: Option<CovariatesView>,
     courses: Option<CoursesView>,
@@ -240,8 +262,9 @@ impl<'a> View<'a> {
             small_class: SMALL_CLASS,
             has_player: data.player.is_some(),
             stems_known: !data.stems.is_empty(),
-            files: FILES.map(|(name, what)| [name, what]).to_vec(),
+            files: files_of(&data.files),
             face: &data.face,
+            conclusions: conclusions::of(data),
             groups: data.groups.as_ref().map(|groups| GroupsView::new(groups, data, &fields)),
             covariates: CovariatesView::new(data),
             courses: courses::view(data),
@@ -366,6 +389,13 @@ fn pairs_text(group: &BTreeMap<String, String>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_list_of_files_names_those_that_exist() {
+        let written = ["covariates/fear_age_low.csv", "units.json", "group_tests.csv"].map(str::to_owned);
+        let names: Vec<&str> = files_of(&written).into_iter().map(|[name, _]| name).collect();
+        assert_eq!(names, ["group_tests.csv", "covariates/", "units.json"]);
+    }
 
     #[test]
     fn links_hold_no_marks_of_their_own() {

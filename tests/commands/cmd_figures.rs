@@ -32,6 +32,7 @@ fn a_run_gives_figures_as_svg_and_pdf_with_captions() {
     // Three people smile once each; a tenth of three is none.
     let happiness = of("fields_happiness");
     assert_eq!((happiness["sequences"].as_str(), happiness["people"].as_str(), happiness["alpha"].as_str()), ("3", "3", "0.1"));
+    assert!(happiness["method"].ends_with("equal weight for every person, default method of grimace"), "{}", happiness["method"]);
     assert!(happiness["method"].contains("greedy generalized median, nothing trimmed (10 % of so few is none)"));
     assert!(
         happiness["caption"].contains("3 sequences of 3 people")

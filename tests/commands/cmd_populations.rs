@@ -204,6 +204,24 @@ fn groups_are_tested_with_everything_a_reviewer_asks_for() {
     {
         assert!(report.contains(text), "{text}");
     }
+    // At the top of the report: what differs, with the p that decides.
+    let start = report.find("id=\"groups-conclusions\"").unwrap();
+    let top = &report[start..start + report[start..].find("</section>").unwrap()];
+    assert!(top.contains("happiness differs between north and south (energy distance"), "{top}");
+    assert!(top.contains("happiness is stronger in south than in north: "), "{top}");
+    for table in ["id=\"amplitudes-c\"", "id=\"omnibus-c\""] {
+        assert!(report.contains(table), "{table}");
+    }
+    // The list of files names every table of groups, and none of numbers, which were not tested.
+    let files = report[report.find("<ul class=\"files\">").unwrap()..].split_once("</ul>").unwrap().0;
+    for table in ["comparisons", "comparison_nodes", "group_tests", "amplitude_comparisons", "intervals"] {
+        assert!(files.contains(&format!(">{table}.csv</a>")) && work.path(&format!("out/{table}.csv")).exists(), "{table}");
+    }
+    assert!(!files.contains("covariate"), "{files}");
+    // No study is planned for more than 100,000 people.
+    let amplitudes = work.rows("out/amplitude_comparisons.csv");
+    let planned = amplitudes.iter().filter_map(|r| r["people_for_power"].parse::<usize>().ok());
+    assert!(planned.max().is_some_and(|most| most <= 100_000));
     // Tests follow from the seed, not from threads.
     work.grimace("analyze out/tracks -o one --resample linear --by place --permutations 999 --bootstrap 200 -j 1").exit(0);
     for file in ["comparisons.csv", "intervals.csv", "comparison_nodes.csv"] {
@@ -373,6 +391,10 @@ fn a_smile_that_grows_with_age_is_found_and_shown() {
     assert!(0.0 < low && low < high, "{low} {high}");
     let face = work.rows("out/covariate_amplitudes.csv").into_iter().find(|r| r["region"] == "face").unwrap();
     assert!(face["slope"].parse::<f64>().unwrap() > 0.0 && face["subjects"] == "6");
+    let report = work.read("out/report.html");
+    for text in ["happiness changes with age (", "happiness is stronger at higher age (", ">covariate_amplitudes.csv</a>"] {
+        assert!(report.contains(text), "{text}");
+    }
     let sequences = work.rows("out/sequences.csv");
     assert_eq!((sequences.len(), sequences[2]["age"].as_str(), sequences[2]["verdict"].as_str()), (7, "32,5", "good"));
     // Within three people of one site and three of the other there are 36 ways.

@@ -99,6 +99,7 @@ impl Fixture {
             player: None,
             face: String::new(),
             stems: Vec::new(),
+            files: Vec::new(),
             tracked_here: true,
             too_short: None,
             apex_faps: self.representatives.iter().map(|r| apex_faps(r, self.fapus)).collect(),

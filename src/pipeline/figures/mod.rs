@@ -214,7 +214,7 @@ impl Class {
     /// Text about the method of the representative and the given trimming.
     fn method_with(&self, trimmed: &str) -> String {
         let a = &self.about;
-        let run = if self.method.is_empty() { String::new() } else { format!(", method {}", self.method) };
+        let run = if self.method.is_empty() { String::new() } else { format!(", {}", self.method) };
         format!("{} generalized median, {trimmed}, equal weight for every {}{run}", a.median, a.weighting)
     }
 

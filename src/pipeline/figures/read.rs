@@ -7,7 +7,10 @@ use std::{
 
 use serde::Deserialize;
 
-use super::{super::ledger::JOURNAL, FiguresError};
+use super::{
+    super::{ledger::JOURNAL, method::method_in_words},
+    FiguresError,
+};
 use crate::{
     fap::{FapCatalog, FapMotion},
     features::{ACTION_UNITS, Course, FrameFeatures, Intensity, unit_column},
@@ -149,7 +152,7 @@ impl Results {
             classes.push(Class {
                 bands: if about.group.is_empty() { bands.remove(&about.emotion).unwrap_or_default() } else { Vec::new() },
                 fields: trimming.get(&key).cloned().unwrap_or_default(),
-                method: run.as_ref().map(|r| r.method.clone()).unwrap_or_default(),
+                method: run.as_ref().map(|r| method_in_words(&r.options)).unwrap_or_default(),
                 variation,
                 courses,
                 stem,

@@ -7,7 +7,7 @@ function explain() {
   const pattern = new RegExp(`(?<![\\p{L}\\p{N}-])(${words.join("|")})(?=(?:s|es)?(?![\\p{L}\\p{N}-]))`, "giu");
   // Once in a section: a page full of marked words does not read well.
   const met = new Map();
-  for (const block of $$(".caption, figcaption, caption, #method > p")) {
+  for (const block of $$(".conclusions p, .conclusions li, .caption, figcaption, caption, #method > p")) {
     const section = block.closest("section");
     if (!met.has(section)) met.set(section, new Set());
     const known = met.get(section);

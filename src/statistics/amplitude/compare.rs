@@ -1,7 +1,7 @@
 //! Compares the amplitudes of two groups of people: difference, effect size, direction, equivalence, and the number of people a study
 //! needs.
 
-use std::collections::BTreeMap;
+use std::{cmp::Ordering, collections::BTreeMap};
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -69,6 +69,19 @@ pub struct AmplitudeTest {
     /// Number of people per group, or of pairs, that detect a difference of this size with the requested power; `None` without a
     /// difference.
     pub people_for_power: Option<usize>,
+}
+
+impl AmplitudeTest {
+    /// Name of [`AmplitudeTest::effect`]: Hedges' g, or that of paired differences.
+    pub fn effect_name(&self) -> &'static str {
+        if self.paired { "effect size of the pairs" } else { "Hedges' g" }
+    }
+
+    /// Order of clearness: the smaller corrected p first, then the smaller p, then the larger effect.
+    pub fn clearer(&self, other: &Self) -> Ordering {
+        let p = self.p_adjusted.total_cmp(&other.p_adjusted).then(self.p.total_cmp(&other.p));
+        p.then(other.effect.abs().total_cmp(&self.effect.abs()))
+    }
 }
 
 /// Two groups' amplitudes of one emotion and region.

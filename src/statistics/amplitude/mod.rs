@@ -24,7 +24,9 @@ use crate::{
     wireframe::{Region, Tables, Wireframe},
 };
 
-pub use compare::{AmplitudeComparison, AmplitudeOptions, Permutations, PersonValue, adjust_amplitudes, compare_amplitudes};
+pub use compare::{
+    AmplitudeComparison, AmplitudeOptions, AmplitudeTest, Permutations, PersonValue, adjust_amplitudes, compare_amplitudes,
+};
 pub(crate) use normal::{t_above, t_quantile};
 
 /// Mean length of the median motion, in face units, below which a region has no amplitude. Such motion is within the error of landmarks.

@@ -54,7 +54,7 @@ pub(super) use exchange::Exchange;
 pub use groups::{Comparisons, GroupOptions, MAX_COMPARED_GROUPS, group_values};
 pub(crate) use groups::{compare_groups, is_known, stream_of};
 pub use holm::holm;
-pub use omnibus::{OmnibusComparison, adjust_omnibus, omnibus};
+pub use omnibus::{Omnibus, OmnibusComparison, adjust_omnibus, omnibus};
 use pairs::PairDistances;
 pub(super) use pairs::distance_matrix;
 pub(super) use permutation::draw;
