@@ -75,7 +75,7 @@ pub struct Clamped {
 /// let model = read_model("fixtures/golden/representatives/happiness.csv".as_ref())?;
 /// let fapus = Fapus { mw: 0.0, ..Canonical::new(&face.wireframe, &face.tables)?.fapus };
 /// let error = measure_faps(&model, &fapus, FapCatalog::mpeg4()).unwrap_err();
-/// assert_eq!(error.to_string(), "MW0 is 0; it must be positive to measure in it");
+/// assert_eq!(error.to_string(), "MW0 is 0; it must be positive, because it is the unit of measurement");
 /// assert!(matches!(error, ConvertError::Fapu { .. }));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```

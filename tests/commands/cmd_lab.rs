@@ -1,24 +1,23 @@
 //! How `grimace` starts `grimace-lab`, tested with scripts in its place.
 #![cfg(unix)]
 
-use std::{fs, os::unix::fs::PermissionsExt, path::Path, process::Command};
+use std::{fs, path::Path, process::Command};
 
-use crate::common::{Ran, grimace};
+use crate::common::{Ran, grimace, install};
 
 /// Writes a script that prints its name and arguments and ends with status 3.
 fn script(folder: &Path, name: &str) {
     fs::create_dir_all(folder).unwrap();
-    let path = folder.join("grimace-lab");
-    fs::write(&path, format!("#!/bin/sh\nprintf '{name}'\nprintf ' <%s>' \"$@\"\nexit 3\n")).unwrap();
-    fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
+    let text = folder.join("script");
+    fs::write(&text, format!("#!/bin/sh\nprintf '{name}'\nprintf ' <%s>' \"$@\"\nexit 3\n")).unwrap();
+    install(&text, &folder.join("grimace-lab"));
 }
 
 /// Runs a copy of the command that is alone in `folder/bin`, with `folder/path` as the only folder of PATH.
 fn run(folder: &Path, args: &str) -> Ran {
     let program = folder.join("bin/grimace");
     if !program.exists() {
-        fs::create_dir_all(folder.join("bin")).unwrap();
-        fs::copy(grimace(), &program).unwrap();
+        install(grimace(), &program);
     }
     let mut command = Command::new(program);
     command.env("PATH", folder.join("path")).args(args.split_whitespace());

@@ -4,7 +4,7 @@ use std::{ffi::OsString, fs, process::Command};
 
 use grimace::internal::companion::{Answer, Companion, wire::Reply};
 
-use crate::common::{Ran, SEQUENCES, Work, grimace, video::write_video};
+use crate::common::{Ran, SEQUENCES, Work, grimace, install, video::write_video};
 
 const MARKS: &str = "faces/S001/005/correspondences.csv";
 
@@ -19,8 +19,7 @@ fn the_command_itself_links_no_opencv() {
 fn alone(work: &Work, args: &str) -> Ran {
     let program = work.path("bin/grimace");
     if !program.exists() {
-        fs::create_dir_all(work.path("bin")).unwrap();
-        fs::copy(grimace(), &program).unwrap();
+        install(grimace(), &program);
     }
     let mut command = Command::new(program);
     command.current_dir(work.path(".")).env("PATH", work.path("path")).args(args.split_whitespace());
@@ -90,11 +89,10 @@ fn opencvs_klt_moves_nodes_by_nothing_that_counts() {
 /// Writes a shell script in place of `grimace-opencv`.
 #[cfg(unix)]
 fn script(folder: &std::path::Path, text: &str) {
-    use std::os::unix::fs::PermissionsExt;
     fs::create_dir_all(folder).unwrap();
-    let path = folder.join("grimace-opencv");
-    fs::write(&path, format!("#!/bin/sh\n{text}\n")).unwrap();
-    fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
+    let script = folder.join("script");
+    fs::write(&script, format!("#!/bin/sh\n{text}\n")).unwrap();
+    install(&script, &folder.join("grimace-opencv"));
 }
 
 #[test]

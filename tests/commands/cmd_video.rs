@@ -169,7 +169,6 @@ fn a_long_video_is_the_same_back_in_time() {
 #[test]
 #[cfg(unix)]
 fn a_video_back_in_time_is_opened_once() {
-    use std::os::unix::fs::PermissionsExt;
     let work = Work::with_sequences(&["S001_005"]);
     if !write_video(&work, "faces/S001/005", "face.avi") {
         return;
@@ -177,9 +176,9 @@ fn a_video_back_in_time_is_opened_once() {
     // A decoder that counts how often it is started.
     let program = crate::common::grimace();
     let real = program.with_file_name("grimace-opencv");
-    work.write("bin/grimace-opencv", format!("#!/bin/sh\necho \"$1\" >> \"$0.log\"\nexec '{}' \"$@\"\n", real.display()));
-    std::fs::set_permissions(work.path("bin/grimace-opencv"), std::fs::Permissions::from_mode(0o755)).unwrap();
-    std::fs::copy(program, work.path("bin/grimace")).unwrap();
+    work.write("script", format!("#!/bin/sh\necho \"$1\" >> \"$0.log\"\nexec '{}' \"$@\"\n", real.display()));
+    crate::common::install(&work.path("script"), &work.path("bin/grimace-opencv"));
+    crate::common::install(program, &work.path("bin/grimace"));
     let track = "track face.avi -c faces/S001/005/correspondences.csv -o S001_1.csv --first-frame 6 --last-frame 1";
     let mut command = std::process::Command::new(work.path("bin/grimace"));
     let ran = command.current_dir(work.path(".")).args(track.split_whitespace()).output().unwrap();

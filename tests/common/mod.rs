@@ -257,6 +257,13 @@ impl Work {
     }
 }
 
+/// Installs an executable file by another process. If this process wrote it, a program that another test starts at the same moment could
+/// inherit the open file, and the system starts no file that is open for writing.
+#[cfg(unix)]
+pub fn install(from: &Path, to: &Path) {
+    assert!(std::process::Command::new("install").args(["-D", "-m", "755"]).args([from, to]).status().unwrap().success());
+}
+
 /// Returns the names of incomplete or temporary files.
 pub fn leftovers(files: &Files) -> Vec<&String> {
     files.keys().filter(|name| name.ends_with(".tmp") || name.contains("/.") || name.starts_with('.')).collect()
