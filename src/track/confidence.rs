@@ -522,10 +522,7 @@ mod tests {
         // 0.01 of 61.3 px; node 4 is in no triangle.
         assert!((frames[1].nodes[10].expected_error.unwrap() - 0.613).abs() < 1e-9);
         assert!((frames[1].nodes[4].expected_error.unwrap() - 0.613).abs() < 1e-9);
-        // Lost, and 3 px away in one step: half of what goes beyond 0.03 of the eye distance is added as squares.
-        let jump = 0.5 * (3.0 - 0.03 * 61.3);
-        let expected = (0.613 * std::f64::consts::E).hypot(jump);
-        assert!((frames[2].nodes[31].expected_error.unwrap() - expected).abs() < 1e-9);
+        assert!((frames[2].nodes[31].expected_error.unwrap() - 0.613 * std::f64::consts::E).abs() < 1e-9);
     }
 
     #[test]

@@ -96,7 +96,8 @@ const LOST_QUANTILE: f64 = 0.9;
 ///
 /// A step is the motion of a node between two frames minus the median step of the face. A tracked node is expected to be off by a share of
 /// the part of its step beyond a limit; a lost node by the same share of the step of the fastest tenth of the nodes. Errors of several
-/// steps add as squares. A corrected node has none.
+/// steps add as squares. A corrected node has none. Only steps that lose [`LOST_SHARE`] of the nodes count: where KLT follows the others,
+/// fast motion is not a jump.
 pub fn jump_errors(frames: &[TrackedFrame], live: &[NodeId], unit: f64) -> Vec<Vec<f64>> {
     let mut squares = vec![0.0_f64; live.len()];
     let mut out = vec![squares.clone()];
@@ -106,6 +107,11 @@ pub fn jump_errors(frames: &[TrackedFrame], live: &[NodeId], unit: f64) -> Vec<V
             (Some(from), Some(to)) => to.position - from.position,
             _ => Vector2::zeros(),
         };
+        let is_lost = |id: &&NodeId| matches!(node(1, id).map(|n| n.state), Some(NodeState::Recovered(_)));
+        if (live.iter().filter(is_lost).count() as f64) < LOST_SHARE * live.len() as f64 {
+            out.push(squares.iter().map(|s| s.sqrt()).collect());
+            continue;
+        }
         let steps: Vec<Vector2<f64>> = live.iter().map(step).collect();
         let (mut x, mut y): (Vec<f64>, Vec<f64>) = steps.iter().map(|s| (s.x, s.y)).unzip();
         let head = Vector2::new(median(&mut x).unwrap_or(0.0), median(&mut y).unwrap_or(0.0));
@@ -134,32 +140,33 @@ mod tests {
     use super::*;
     use crate::track::{LossReason, TrackedNode};
 
-    /// Ten nodes; the first goes `way` px to the right in the second frame, the others rest.
-    fn frames(way: f64, state: NodeState) -> Vec<TrackedFrame> {
-        let frame = |number: u32, way: f64| TrackedFrame {
-            number,
-            nodes: (0..10)
-                .map(|k| {
-                    let x = 10.0 * f64::from(k) + if k == 0 { way } else { 0.0 };
-                    TrackedNode::new(Point2::new(x, 0.0), if number > 1 && k == 1 { state } else { NodeState::Tracked }, None)
-                })
-                .collect(),
+    /// Ten nodes; the first goes `way` px to the right in the second frame, the others rest; the last `lost` ones are lost there, and
+    /// the second has `state`.
+    fn frames(way: f64, lost: u16, state: NodeState) -> Vec<TrackedFrame> {
+        let state_of = |number: u32, k: u16| match (number, k) {
+            (2, 1) => state,
+            (2, k) if k >= 10 - lost => NodeState::Recovered(LossReason::Klt),
+            _ => NodeState::Tracked,
         };
-        vec![frame(1, 0.0), frame(2, way), frame(3, way)]
+        let x = |number: u32, k: u16| 10.0 * f64::from(k) + if k == 0 && number > 1 { way } else { 0.0 };
+        let node = |number: u32, k: u16| TrackedNode::new(Point2::new(x(number, k), 0.0), state_of(number, k), None);
+        (1..=3).map(|number| TrackedFrame { number, nodes: (0..10).map(|k| node(number, k)).collect() }).collect()
     }
 
     #[test]
-    fn what_goes_beyond_a_limit_in_one_step_counts_by_half() {
+    fn what_goes_beyond_a_limit_in_a_step_that_loses_many_nodes_counts_by_half() {
         let live: Vec<NodeId> = (0..10).map(NodeId).collect();
-        // The eyes are 100 px apart: half of what goes beyond 3 px.
-        let errors = jump_errors(&frames(13.0, NodeState::Tracked), &live, 100.0);
-        assert_eq!((errors[0][0], errors[1][0], errors[2][0], errors[2][1]), (0.0, 5.0, 5.0, 0.0));
-        let errors = jump_errors(&frames(2.9, NodeState::Tracked), &live, 100.0);
-        assert!(errors.iter().flatten().all(|&e| e == 0.0));
-        // A lost node may have gone as far as the fastest tenth; a corrected one is where it was put.
-        let lost = jump_errors(&frames(13.0, NodeState::Recovered(LossReason::Klt)), &live, 100.0);
-        assert_eq!((lost[1][1], lost[1][2]), (5.0, 0.0));
-        let set = jump_errors(&frames(13.0, NodeState::Corrected), &live, 100.0);
-        assert_eq!(set[2][1], 0.0);
+        let of = |way: f64, lost: u16, state: NodeState| jump_errors(&frames(way, lost, state), &live, 100.0);
+        // The eyes are 100 px apart: half of what goes beyond 3 px. A lost node may have gone as far as the fastest tenth.
+        let errors = of(13.0, 3, NodeState::Tracked);
+        assert_eq!((errors[0][0], errors[1][0], errors[2][0]), (0.0, 5.0, 5.0));
+        assert_eq!((errors[1][1], errors[1][9], errors[2][9]), (0.0, 5.0, 5.0));
+        for none in [of(2.9, 3, NodeState::Tracked), of(13.0, 2, NodeState::Tracked)] {
+            assert!(none.iter().flatten().all(|&e| e == 0.0));
+        }
+        // A corrected node is where it was put.
+        let lost = of(13.0, 3, NodeState::Recovered(LossReason::Klt));
+        let set = of(13.0, 3, NodeState::Corrected);
+        assert_eq!((lost[1][1], set[1][1]), (5.0, 0.0));
     }
 }
