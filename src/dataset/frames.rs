@@ -493,15 +493,7 @@ fn cut(folder: &Path, mut frames: Vec<FrameFile>, first: Option<u32>, last: Opti
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-
-    fn folder(names: &[&str]) -> tempfile::TempDir {
-        let folder = tempfile::tempdir().unwrap();
-        for name in names {
-            fs::write(folder.path().join(name), b"").unwrap();
-        }
-        folder
-    }
+    use super::{super::folder_with as folder, *};
 
     fn numbers(folder: &tempfile::TempDir, first: Option<u32>, last: Option<u32>) -> Result<Vec<u32>, String> {
         match list_frames(folder.path(), first, last).map_err(|e| e.to_string())? {

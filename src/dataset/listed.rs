@@ -115,19 +115,10 @@ fn are_in_several_folders(files: &[&Path]) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use std::fs;
-
-    use super::{super::list_frames, *};
-
-    fn folder(files: &[&str]) -> tempfile::TempDir {
-        let folder = tempfile::tempdir().unwrap();
-        for file in files {
-            let path = folder.path().join(file);
-            fs::create_dir_all(path.parent().unwrap()).unwrap();
-            fs::write(path, "").unwrap();
-        }
-        folder
-    }
+    use super::{
+        super::{folder_with as folder, list_frames},
+        *,
+    };
 
     fn listed(folder: &tempfile::TempDir, text: &str, first: Option<u32>, last: Option<u32>) -> Result<FrameSource, String> {
         let pictures = listed_pictures(folder.path(), text).expect("a list");

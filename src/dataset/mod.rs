@@ -185,6 +185,18 @@ fn no_manifest(root: &Path) -> DatasetError {
     DatasetError::NothingFound { root: root.to_owned() }
 }
 
+/// Creates a temporary folder with empty files; its name says neither an emotion nor a number.
+#[cfg(test)]
+fn folder_with(files: &[impl AsRef<str>]) -> tempfile::TempDir {
+    let folder = tempfile::Builder::new().prefix("pictures").suffix("_x").tempdir().unwrap();
+    for file in files {
+        let path = folder.path().join(file.as_ref());
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, "").unwrap();
+    }
+    folder
+}
+
 #[cfg(test)]
 #[allow(clippy::format_collect)]
 mod tests;

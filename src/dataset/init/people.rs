@@ -414,20 +414,9 @@ pub(super) fn take_pictures_of_people(root: &Path, found: &mut Found) -> Pairs {
 
 #[cfg(test)]
 mod tests {
-    use std::fs;
-
+    use super::super::super::folder_with as folder;
     use super::super::{ProposedRow, propose_manifest};
     use crate::dataset::DatasetError;
-
-    fn folder(files: &[String]) -> tempfile::TempDir {
-        let folder = tempfile::Builder::new().prefix("pictures").suffix("_x").tempdir().unwrap();
-        for file in files {
-            let path = folder.path().join(file);
-            fs::create_dir_all(path.parent().unwrap()).unwrap();
-            fs::write(path, "").unwrap();
-        }
-        folder
-    }
 
     fn files(names: &[&str]) -> Vec<String> {
         names.iter().map(|&name| name.to_owned()).collect()

@@ -1,16 +1,7 @@
 use std::fs;
 
+use super::super::folder_with as folder;
 use super::*;
-
-fn folder(files: &[&str]) -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    for file in files {
-        let path = folder.path().join(file);
-        fs::create_dir_all(path.parent().unwrap()).unwrap();
-        fs::write(path, "").unwrap();
-    }
-    folder
-}
 
 fn rows(files: &[&str]) -> Vec<[String; 4]> {
     let manifest = propose_manifest(folder(files).path()).unwrap();
