@@ -95,7 +95,7 @@ fn locator(args: &LocatorArgs) -> anyhow::Result<Outcome> {
     let kept = args.keep.as_deref().map(Model::read).transpose()?;
     let faces = read_faces(&args.faces, &options.leave_out)?.with_smiles(&args.faces)?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(args.jobs).build()?;
-    let bar = frame_bar(args.file.quiet, Some(9));
+    let bar = frame_bar(args.file.quiet, Some(10));
     bar.set_style(indicatif::ProgressStyle::with_template("{bar:32.cyan/blue} {msg}  {elapsed} elapsed")?);
     let learned = pool.install(|| {
         learn_locator(&faces, &options, &|part| {
@@ -150,6 +150,20 @@ fn print_summary(summary: &LearnSummary, size: usize) {
             println!("{:<14} {:>6.1} % {:>6.2} %", part.name(), 100.0 * found, 100.0 * falsely);
         }
         println!("hidden points: expected mean error {:.2}, true mean error {:.2}", covers.errors[0], covers.errors[1]);
+    }
+    if let Some(smile) = summary.smile {
+        println!(
+            "smiles: read as such in {:.2} % of {} pictures, and wrongly in {:.2} % of {} neutral ones; mean error of the corners of the \
+             mouth {:.2} %, before {:.2} %, of the inner lips {:.2} %, before {:.2} %",
+            100.0 * smile.said.0,
+            smile.pictures.0,
+            100.0 * smile.said.1,
+            smile.pictures.1,
+            smile.corners.1,
+            smile.corners.0,
+            smile.inner_lips.1,
+            smile.inner_lips.0
+        );
     }
     if let Some(lips) = summary.lips {
         println!(

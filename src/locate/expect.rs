@@ -2,6 +2,8 @@
 
 use super::{
     model::ErrorModel,
+    picture::View,
+    points,
     shape::{Shape, distance},
 };
 
@@ -18,6 +20,22 @@ pub struct Reading {
     pub dissent: Vec<f32>,
     /// Visibility value of each point by itself; empty if the model has no cover stage.
     pub seen: Vec<f32>,
+    /// Estimated motion of the corners of the mouth from the neutral face, eye distances; 0 if the model has no smile stage.
+    pub smile: f32,
+}
+
+impl Reading {
+    /// Returns a reading of a mirrored view in terms of the picture, or the reverse.
+    pub fn turned(&self, view: View<'_>) -> Self {
+        let turned = |values: &[f32]| points().iter().filter_map(|p| values.get(p.mirror).copied()).collect::<Vec<f32>>();
+        Self {
+            shape: view.turn_shape(&self.shape),
+            last_step: turned(&self.last_step),
+            dissent: turned(&self.dissent),
+            seen: turned(&self.seen),
+            ..*self
+        }
+    }
 }
 
 /// Smallest length that the features distinguish, eye distances.

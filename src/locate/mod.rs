@@ -4,7 +4,8 @@
 //! 2. Joint stages place all points together at each proposal.
 //! 3. A linear verifier accepts or rejects the face.
 //! 4. Local stages refine each point from its own neighbourhood.
-//! 5. A last stage detects parted lips and places their edges, because the hand-set training points are of closed mouths only.
+//! 5. If the face smiles, further local stages move the points of its lower face.
+//! 6. Otherwise a last stage detects parted lips and places their edges, because the hand-set points are of closed mouths only.
 //!
 //! Each face is read twice, once mirrored. The points are the mean of both readings; the distance between the readings gives, with other
 //! features, the expected error. All stages are learned by [`learn`] from hand-set points; the learned model ships with the program.
@@ -21,6 +22,7 @@ mod part;
 mod picture;
 mod points;
 mod shape;
+mod smile;
 mod stages;
 mod teeth;
 mod template;
@@ -39,6 +41,7 @@ use expect::Reading;
 pub(crate) use picture::Picture;
 use picture::View;
 use shape::{Placement, Shape, distance};
+use smile::SmileStage;
 use stages::Placed;
 use template::{Candidate, Search, best, best_first, scored};
 
@@ -306,12 +309,13 @@ impl Locator {
     pub(crate) fn read(&self, picture: &Picture, start: Placement) -> LocatedFace {
         let model = &self.model;
         let mean_at = |p: Placement| -> Shape { model.mean.iter().map(|&m| p.apply(m)).collect() };
-        let plain = model.reading(picture.view(false), mean_at(start));
+        let mut plain = model.reading(picture.view(false), mean_at(start));
         let larger = SECOND_START.0.exp();
         let shift = SECOND_START.1 * start.scale();
         let other = Placement { a: start.a * larger, b: start.b * larger, x: start.x + shift, y: start.y - shift };
-        let mirrored = model.mirrored_reading(picture, &mean_at(other));
-        face(model, picture, &plain, &mirrored)
+        let mut mirrored = model.mirrored_reading(picture, &mean_at(other));
+        let smiles = model.refine_smile(picture, &mut plain, &mut mirrored);
+        face(model, picture, [&plain, &mirrored], smiles)
     }
 }
 
@@ -353,7 +357,7 @@ fn mean_shape(plain: &Reading, mirrored: &Reading) -> Shape {
 }
 
 /// Returns the face of two readings: their mean, with parted lips corrected, and expected errors.
-fn face(model: &Model, picture: &Picture, plain: &Reading, mirrored: &Reading) -> LocatedFace {
+fn face(model: &Model, picture: &Picture, [plain, mirrored]: [&Reading; 2], smiles: Option<&SmileStage>) -> LocatedFace {
     let mut shape = mean_shape(plain, mirrored);
     let eye_distance = distance(shape[PUPILS[0]], shape[PUPILS[1]]);
     let unit = eye_distance.max(1e-3);
@@ -368,8 +372,14 @@ fn face(model: &Model, picture: &Picture, plain: &Reading, mirrored: &Reading) -
         }
     }
     let mut expected: Vec<f64> = expected.into_iter().map(|error| f64::from(error * unit)).collect();
-    // The lips of a covered mouth are not examined.
-    if let Some(lips) = model.lips.as_ref().filter(|_| !covered.contains(&FacePart::Mouth)) {
+    if let Some(smile) = smiles {
+        smile::close_lips(&mut shape);
+        for (k, error) in smile::moved_points().into_iter().zip(&smile.errors) {
+            expected[k] = expected[k].max(f64::from(error * unit));
+        }
+    }
+    // The lips of a covered mouth are not examined, and those of a smile are read already.
+    if let Some(lips) = model.lips.as_ref().filter(|_| smiles.is_none() && !covered.contains(&FacePart::Mouth)) {
         for (k, point) in lips.parted(picture, &model.mean, &shape).into_iter().flatten() {
             shape[k] = point;
             expected[k] = expected[k].max(f64::from(lips.expected_error * unit));
@@ -427,7 +437,8 @@ impl Model {
             dissent = said.dissent;
         }
         let seen = self.covers.as_ref().map(|covers| covers.say(&looks)).unwrap_or_default();
-        (Reading { shape, score, last_step, dissent, seen }, looks)
+        let smile = self.smile.as_ref().map_or(0.0, |stage| stage.amount(&looks));
+        (Reading { shape, score, last_step, dissent, seen, smile }, looks)
     }
 
     /// Same as [`Model::reading`] on the mirrored picture; start and result refer to the unmirrored picture.
@@ -438,16 +449,19 @@ impl Model {
     /// Same as [`Model::mirrored_reading`]; also returns the features of each local stage, in the order of the mirrored points.
     fn mirrored_reading_and_looks(&self, picture: &Picture, start: &Shape) -> (Reading, Vec<Vec<f32>>) {
         let view = picture.view(true);
-        let turned = |values: &[f32]| points().iter().filter_map(|p| values.get(p.mirror).copied()).collect::<Vec<f32>>();
         let (reading, looks) = self.reading_and_looks(view, view.turn_shape(start));
-        let reading = Reading {
-            shape: view.turn_shape(&reading.shape),
-            last_step: turned(&reading.last_step),
-            dissent: turned(&reading.dissent),
-            seen: turned(&reading.seen),
-            ..reading
-        };
-        (reading, looks)
+        (reading.turned(view), looks)
+    }
+
+    /// Moves the points of both readings of a smiling face and returns the stage that did; `None` if the face does not smile.
+    fn refine_smile(&self, picture: &Picture, plain: &mut Reading, mirrored: &mut Reading) -> Option<&SmileStage> {
+        let stage = self.smile.as_ref().filter(|s| 0.5 * (plain.smile + mirrored.smile) >= s.smiles_from)?;
+        stage.refine(picture.view(false), &self.mean, plain);
+        let view = picture.view(true);
+        let mut turned = mirrored.turned(view);
+        stage.refine(view, &self.mean, &mut turned);
+        *mirrored = turned.turned(view);
+        Some(stage)
     }
 }
 

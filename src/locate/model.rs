@@ -17,6 +17,7 @@ use super::{
     part::FacePart,
     points::points,
     shape::Shape,
+    smile::{SmileStage, moved_points},
     stages::{JointStage, LocalStage},
     template::{self, Template},
 };
@@ -48,6 +49,8 @@ pub struct Model {
     pub lips: Option<LipStage>,
     /// Stage for covered parts; `None` in an older model without it.
     pub covers: Option<CoverStage>,
+    /// Stage for smiles; `None` in a model without it.
+    pub smile: Option<SmileStage>,
 }
 
 /// Model of a point's expected error from features of the reading: `log e = intercept + sum of slope x feature`, then a calibration.
@@ -96,9 +99,20 @@ struct Header {
     /// Whether the matrices include those of covered parts.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     covers: bool,
+    /// Parameters of smiles.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    smile: Option<SmileHeader>,
     origin: ModelOrigin,
     /// Names of the matrices in order, with their number of values and row length.
     matrices: Vec<(String, usize, usize)>,
+}
+
+/// Parameters of [`SmileStage`] that are no matrices.
+#[derive(Serialize, Deserialize)]
+struct SmileHeader {
+    base: f32,
+    smiles_from: f32,
+    stages: Vec<Vec<Patch>>,
 }
 
 /// A model that does not read or cannot be written.
@@ -212,11 +226,7 @@ impl Model {
             parts.push((format!("joint.{k}.base"), &stage.base, steps));
         }
         for (k, stage) in self.local.iter().enumerate() {
-            let row: usize = stage.patches.iter().map(Patch::len).sum();
-            parts.push((format!("local.{k}.offset"), &stage.offset, row));
-            parts.push((format!("local.{k}.weights"), &stage.weights, row));
-            parts.push((format!("local.{k}.base"), &stage.base, steps));
-            parts.push((format!("local.{k}.mix"), &stage.mix, steps));
+            parts.extend(local_parts(&format!("local.{k}"), stage));
         }
         if let Some(lips) = &self.lips {
             parts.push(("lips.offset".to_owned(), &lips.offset, lips.offset.len()));
@@ -232,6 +242,11 @@ impl Model {
             parts.push(("covers.errors".to_owned(), &covers.errors, 1));
             parts.push(("covers.limits".to_owned(), &covers.limits, 1));
         }
+        if let Some(smile) = &self.smile {
+            parts.push(("smile.weights".to_owned(), &smile.weights, smile.weights.len()));
+            parts.push(("smile.errors".to_owned(), &smile.errors, 1));
+            smile.stages.iter().enumerate().for_each(|(k, stage)| parts.extend(local_parts(&format!("smile.{k}"), stage)));
+        }
         let header = Header {
             schema: SCHEMA,
             points: self.mean.len(),
@@ -243,6 +258,11 @@ impl Model {
             errors: self.errors.clone(),
             lips: self.lips.as_ref().map(|l| (l.parted_from, l.expected_error)),
             covers: self.covers.is_some(),
+            smile: self.smile.as_ref().map(|s| SmileHeader {
+                base: s.base,
+                smiles_from: s.smiles_from,
+                stages: s.stages.iter().map(|stage| stage.patches.clone()).collect(),
+            }),
             origin: origin.clone(),
             matrices: parts.iter().map(|(name, values, row)| (name.clone(), values.len(), *row)).collect(),
         };
@@ -253,6 +273,32 @@ impl Model {
         parts.iter().for_each(|(_, values, row)| quantized(values, *row, &mut bytes));
         Ok(bytes)
     }
+}
+
+/// Returns the matrices of a local stage by name, with their row lengths.
+fn local_parts<'a>(name: &str, stage: &'a LocalStage) -> [(String, &'a [f32], usize); 4] {
+    let row: usize = stage.patches.iter().map(Patch::len).sum();
+    let steps = stage.base.len();
+    [
+        (format!("{name}.offset"), &stage.offset, row),
+        (format!("{name}.weights"), &stage.weights, row),
+        (format!("{name}.base"), &stage.base, steps),
+        (format!("{name}.mix"), &stage.mix, steps),
+    ]
+}
+
+/// Takes the matrices of a local stage over `count` points.
+fn take_local(matrices: &mut Matrices, name: &str, patches: &[Patch], count: usize) -> Result<LocalStage, String> {
+    let row: usize = patches.iter().map(Patch::len).sum();
+    let steps = 2 * count;
+    let mut take = |part: &str, size| matrices.take(&format!("{name}.{part}"), Some(size));
+    Ok(LocalStage {
+        patches: patches.to_vec(),
+        offset: take("offset", count * row)?,
+        weights: take("weights", steps * row)?,
+        base: take("base", steps)?,
+        mix: take("mix", steps * steps)?,
+    })
 }
 
 fn parse(bytes: &[u8]) -> Result<(Model, ModelOrigin), String> {
@@ -268,7 +314,8 @@ fn parse(bytes: &[u8]) -> Result<(Model, ModelOrigin), String> {
     if header.points != count || header.features.iter().any(|&k| k >= count) {
         return Err(format!("it has {} points, but this program knows {count}", header.points));
     }
-    let patches = header.joint.iter().chain(header.local.iter().flatten());
+    let of_smiles = header.smile.iter().flat_map(|s| s.stages.iter().flatten());
+    let patches = header.joint.iter().chain(header.local.iter().flatten()).chain(of_smiles);
     if patches.clone().any(|p| !(4.0..=256.0).contains(&p.size) || p.side > 16 || p.blur > 32 || !(0.0..1.0).contains(&p.cell)) {
         return Err("patches out of range".to_owned());
     }
@@ -292,15 +339,7 @@ fn parse(bytes: &[u8]) -> Result<(Model, ModelOrigin), String> {
     }
     let mut local = Vec::new();
     for (k, patches) in header.local.iter().enumerate() {
-        let row: usize = patches.iter().map(Patch::len).sum();
-        let mut take = |part: &str, count| matrices.take(&format!("local.{k}.{part}"), Some(count));
-        local.push(LocalStage {
-            patches: patches.clone(),
-            offset: take("offset", count * row)?,
-            weights: take("weights", steps * row)?,
-            base: take("base", steps)?,
-            mix: take("mix", steps * steps)?,
-        });
+        local.push(take_local(&mut matrices, &format!("local.{k}"), patches, count)?);
     }
     let mean = matrices.take("mean", Some(steps))?;
     let verifier = matrices.take("verifier", Some(header.joint.last().map_or(0, length)))?;
@@ -335,6 +374,24 @@ fn parse(bytes: &[u8]) -> Result<(Model, ModelOrigin), String> {
     } else {
         None
     };
+    let smile = match header.smile {
+        Some(SmileHeader { base, smiles_from, stages }) => {
+            if !base.is_finite() || !(0.0..1.0).contains(&smiles_from) {
+                return Err(format!(
+                    "the limit of smiles is {smiles_from}, but must be a share of the eye distance, from 0 to less than 1"
+                ));
+            }
+            let moved = moved_points().len();
+            let mut read = Vec::new();
+            for (k, patches) in stages.iter().enumerate() {
+                read.push(take_local(&mut matrices, &format!("smile.{k}"), patches, moved)?);
+            }
+            let (weights, errors) =
+                (matrices.take("smile.weights", Some(moved * read_around))?, matrices.take("smile.errors", Some(moved))?);
+            Some(SmileStage { weights, base, smiles_from, stages: read, errors })
+        }
+        None => None,
+    };
     let model = Model {
         mean: mean.chunks_exact(2).map(|p| [p[0], p[1]]).collect(),
         features: header.features,
@@ -345,6 +402,7 @@ fn parse(bytes: &[u8]) -> Result<(Model, ModelOrigin), String> {
         errors: header.errors,
         lips,
         covers,
+        smile,
     };
     Ok((model, header.origin))
 }

@@ -95,13 +95,15 @@ pub struct TrainingFace {
     outline: Vec<Point>,
 }
 
-/// A person of [`TrainingFaces::faces`] with another expression. All points are those of the neutral face except those of the lips.
+/// A person of [`TrainingFaces::faces`] who smiles.
 #[derive(Clone, Debug)]
 pub struct Smile {
     /// Index of the person among the faces.
     pub person: usize,
-    /// The photograph.
+    /// The photograph. The hand-set points of the neutral face are moved as the landmarks near them.
     pub face: TrainingFace,
+    /// Mean motion of the corners of the mouth from the neutral face, over the eye distance.
+    pub amount: f32,
 }
 
 /// Masks of a photograph: the face, and the background.

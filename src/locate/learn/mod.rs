@@ -9,6 +9,7 @@ mod hidden;
 mod lips;
 mod ridge;
 mod scenery;
+mod smile;
 mod summary;
 
 use std::collections::BTreeSet;
@@ -19,6 +20,7 @@ use rayon::prelude::*;
 pub use faces::{Smile, TrainingFace, TrainingFaces, read_faces};
 pub use hidden::CoverSummary;
 pub use lips::LipSummary;
+pub use smile::SmileSummary;
 pub use summary::LearnSummary;
 
 use super::{
@@ -38,6 +40,7 @@ use detector::{learn_template, learn_verifier, scenes};
 use hidden::learn_covers;
 use lips::learn_lips;
 use ridge::{FOLDS, Folded, among_numbers, among_samples, centre_rows, each_point};
+use smile::learn_smile;
 
 /// Smallest number of people for training.
 pub const LEAST_PEOPLE: usize = 20;
@@ -106,6 +109,7 @@ pub fn learn_locator(people: &TrainingFaces, options: &LearnOptions, progress: &
         errors: ErrorModel::default(),
         lips: None,
         covers: None,
+        smile: None,
     };
     // The model of all people, then those without each fold.
     let mut models = vec![empty; FOLDS + 1];
@@ -116,18 +120,20 @@ pub fn learn_locator(people: &TrainingFaces, options: &LearnOptions, progress: &
     let places = scenes(&samples, &mean, options.seed);
     let template = learn_template(&samples, &places, &mean, options.seed);
 
+    let all: Vec<&Sample> = samples.iter().collect();
+    let truths: Vec<Shape> = samples.iter().map(|s| s.truth.clone()).collect();
     let mut verifier = None;
     for (k, (patch, rank)) in JOINT.iter().enumerate() {
         progress(["first joint stage", "second joint stage"][k.min(1)]);
         let placed: Vec<Placed> = shapes.iter().map(|s| Placed::new(&mean, s)).collect();
-        let read: Vec<Vec<f32>> = read_all(&samples, &placed, |view, p| joint_features(patch, view, p, &features));
+        let read: Vec<Vec<f32>> = read_all(&all, &placed, |view, p| joint_features(patch, view, p, &features));
         let mut read = matrix(read);
         if k + 1 == JOINT.len() {
             let parts = (mean.as_slice(), features.as_slice(), models[0].joint.as_slice(), patch);
             verifier = Some(learn_verifier(&read, &person, &places, &template.alarms, parts));
         }
         let offset = centre_rows(&mut read);
-        let (wanted, base) = wanted(&samples, &placed);
+        let (wanted, base) = wanted(&truths, &placed);
         let folded = among_samples(&read, &wanted, &fold, &JOINT_PENALTIES);
         shapes = moved(&placed, &folded.predicted, &base);
         let stage = |weights: &DMatrix<f32>| joint_stage(*patch, weights, &read, &offset, &base, *rank);
@@ -136,30 +142,10 @@ pub fn learn_locator(people: &TrainingFaces, options: &LearnOptions, progress: &
     }
     for patches in LOCAL {
         progress("local stages");
-        let length: usize = patches.iter().map(Patch::len).sum();
         let placed: Vec<Placed> = shapes.iter().map(|s| Placed::new(&mean, s)).collect();
-        let mut read = matrix(read_all(&samples, &placed, |view, p| local_features(patches, view, p)));
-        let offset = centre_rows(&mut read);
-        let (wanted, base) = wanted(&samples, &placed);
-        let own = each_point(&read, &wanted, length, &fold, &LOCAL_PENALTIES);
-        drop(read);
-        let mut said = DMatrix::zeros(wanted.ncols(), wanted.nrows());
-        for (j, point) in own.iter().enumerate() {
-            (0..2).for_each(|d| said.set_row(2 * j + d, &point.predicted.column(d).transpose()));
-        }
-        let mix = among_numbers(&said, &wanted, &fold, &MIX_PENALTIES);
-        shapes = moved(&placed, &mix.predicted, &base);
-        for (m, model) in models.iter_mut().enumerate() {
-            let of = |f: &Folded| if m == 0 { f.all.clone() } else { f.without[m - 1].clone() };
-            model.local.push(LocalStage {
-                patches: patches.to_vec(),
-                offset: offset.clone(),
-                weights: own.iter().flat_map(|point| of(point).as_slice().to_vec()).collect(),
-                base: base.clone(),
-                // Columns of the regression are rows of the stage.
-                mix: of(&mix).as_slice().to_vec(),
-            });
-        }
+        let (stages, after) = local_stages(patches, &all, &truths, &placed, &fold);
+        shapes = after;
+        models.iter_mut().zip(stages).for_each(|(model, stage)| model.local.push(stage));
     }
 
     progress("expected errors");
@@ -182,12 +168,19 @@ pub fn learn_locator(people: &TrainingFaces, options: &LearnOptions, progress: &
     let (lips, lip_summary) = learn_lips(&models[1..], &mouths, options.seed).unzip();
     models[0].lips = lips;
 
+    progress("smiles");
+    let (smile, smile_summary) = learn_smile(&models[1..], &sources, &people.smiles, options).unzip();
+    // The readings of covered parts are of the other stages.
+    let smile = smile.and_then(|mut stages: Vec<_>| (!stages.is_empty()).then(|| stages.swap_remove(0)));
+
     progress("covered parts");
     let (covers, cover_summary) = learn_covers(&models, &sources, &people.smiles, options.seed).unzip();
     models[0].covers = covers;
+    models[0].smile = smile;
     let summary = LearnSummary {
         lips: lip_summary,
         covers: cover_summary,
+        smile: smile_summary,
         ..LearnSummary::new(faces.len(), &judged, &models[0].errors, template.found, (verifier.2, verifier.3))
     };
     let model = models.swap_remove(0);
@@ -271,7 +264,7 @@ fn start(mean: &[Point], truth: &[Point], random: &mut rand_chacha::ChaCha8Rng) 
     mean.iter().map(|&p| placement.apply(p)).collect()
 }
 
-fn read_all(samples: &[Sample], placed: &[Placed], read: impl Fn(super::View<'_>, &Placed) -> Vec<f32> + Sync) -> Vec<Vec<f32>> {
+fn read_all(samples: &[&Sample], placed: &[Placed], read: impl Fn(super::View<'_>, &Placed) -> Vec<f32> + Sync) -> Vec<Vec<f32>> {
     let pairs = samples.par_iter().zip(placed);
     pairs.map(|(s, p)| Picture::new(&s.image).map(|picture| read(picture.view(false), p)).unwrap_or_default()).collect()
 }
@@ -285,9 +278,9 @@ fn matrix(columns: Vec<Vec<f32>>) -> DMatrix<f32> {
 }
 
 /// Returns the canonical steps to the truth, samples x numbers, minus their mean, and that mean.
-fn wanted(samples: &[Sample], placed: &[Placed]) -> (DMatrix<f32>, Vec<f32>) {
-    let rows = samples.iter().zip(placed).map(|(sample, p)| {
-        let pairs = sample.truth.iter().zip(&p.points);
+fn wanted(truths: &[Shape], placed: &[Placed]) -> (DMatrix<f32>, Vec<f32>) {
+    let rows = truths.iter().zip(placed).map(|(truth, p)| {
+        let pairs = truth.iter().zip(&p.points);
         pairs
             .flat_map(|(&t, z)| {
                 let t = p.placement.invert(t);
@@ -304,6 +297,40 @@ fn wanted(samples: &[Sample], placed: &[Placed]) -> (DMatrix<f32>, Vec<f32>) {
 fn moved(placed: &[Placed], predicted: &DMatrix<f32>, base: &[f32]) -> Vec<Shape> {
     let step = |i: usize| predicted.row(i).iter().zip(base).map(|(v, b)| v + b).collect::<Vec<f32>>();
     placed.iter().enumerate().map(|(i, p)| p.moved(&step(i))).collect()
+}
+
+/// Learns a local stage from the placed points: the stage learned from all people, then those without each fold, and the points that the
+/// latter move, in pixels.
+fn local_stages(
+    patches: &[Patch],
+    samples: &[&Sample],
+    truths: &[Shape],
+    placed: &[Placed],
+    fold: &[usize],
+) -> (Vec<LocalStage>, Vec<Shape>) {
+    let length: usize = patches.iter().map(Patch::len).sum();
+    let mut read = matrix(read_all(samples, placed, |view, p| local_features(patches, view, p)));
+    let offset = centre_rows(&mut read);
+    let (wanted, base) = wanted(truths, placed);
+    let own = each_point(&read, &wanted, length, fold, &LOCAL_PENALTIES);
+    drop(read);
+    let mut said = DMatrix::zeros(wanted.ncols(), wanted.nrows());
+    for (j, point) in own.iter().enumerate() {
+        (0..2).for_each(|d| said.set_row(2 * j + d, &point.predicted.column(d).transpose()));
+    }
+    let mix = among_numbers(&said, &wanted, fold, &MIX_PENALTIES);
+    let stage = |m: usize| {
+        let of = |f: &Folded| if m == 0 { f.all.clone() } else { f.without[m - 1].clone() };
+        LocalStage {
+            patches: patches.to_vec(),
+            offset: offset.clone(),
+            weights: own.iter().flat_map(|point| of(point).as_slice().to_vec()).collect(),
+            base: base.clone(),
+            // Columns of the regression are rows of the stage.
+            mix: of(&mix).as_slice().to_vec(),
+        }
+    };
+    ((0..=FOLDS).map(stage).collect(), moved(placed, &mix.predicted, &base))
 }
 
 /// Returns a joint stage of the best rank: the directions in which the predictions vary most are kept.

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::{CoverSummary, LipSummary, calibrate::JudgedReading};
+use super::{CoverSummary, LipSummary, SmileSummary, calibrate::JudgedReading};
 use crate::modules::locate::{expect::signs, model::ErrorModel, points};
 
 /// Errors of one part of the face, percent of the eye distance.
@@ -39,6 +39,8 @@ pub struct LearnSummary {
     pub lips: Option<LipSummary>,
     /// Results for covered parts.
     pub covers: Option<CoverSummary>,
+    /// Results for smiles; `None` without photographs of smiles.
+    pub smile: Option<SmileSummary>,
 }
 
 impl LearnSummary {
@@ -82,6 +84,7 @@ impl LearnSummary {
             false_alarms: accepted(&others),
             lips: None,
             covers: None,
+            smile: None,
         }
     }
 }

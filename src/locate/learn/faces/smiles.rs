@@ -7,6 +7,7 @@ use super::{FacesError, Smile, TrainingFace, add, read_picture};
 use crate::{
     input::CsvFile,
     modules::locate::{
+        PUPILS,
         lips::{EDGES, line_points},
         shape::{Placement, Point, Shape, distance},
     },
@@ -20,6 +21,12 @@ const STILL: std::ops::Range<usize> = 27..48;
 
 /// Landmarks of the corners of the mouth, from left to right in the picture.
 const CORNERS: [usize; 2] = [48, 54];
+
+/// Landmarks of the outer corners of the eyes.
+const EYES: [usize; 2] = [36, 45];
+
+/// Distance from a landmark, over that of the outer corners of the eyes, at which its weight falls to an eighth.
+const NEAR: f32 = 0.03;
 
 /// Landmarks at the points of [`line_points`]; where there are two, their mean is used.
 const ON_LINES: [[[usize; 2]; EDGES]; 3] = [
@@ -51,17 +58,46 @@ pub fn read(folder: &Path, faces: &[TrainingFace], hasher: &mut blake3::Hasher) 
         let (picture, bytes) = read_picture(&folder.join("smiling").join(format!("{}.jpg", face.person)))?;
         add(hasher, &bytes, &[neutral.as_slice(), smiling.as_slice()].concat());
         let landmarks = |numbers: &[f64]| numbers.chunks_exact(2).map(|p| [p[0] as f32, p[1] as f32]).collect::<Shape>();
-        let (shape, outline) = smile(face, &landmarks(neutral), &landmarks(smiling));
-        smiles.push(Smile { person, face: TrainingFace::new(face.person.clone(), picture, &outline, shape) });
+        let Smiling { shape, outline, amount } = smile(face, &landmarks(neutral), &landmarks(smiling));
+        smiles.push(Smile { person, face: TrainingFace::new(face.person.clone(), picture, &outline, shape), amount });
     }
     Ok(smiles)
 }
 
-/// Returns points and outline of a smile.
-fn smile(face: &TrainingFace, neutral: &[Point], smiling: &[Point]) -> (Shape, Vec<Point>) {
+/// A smile in terms of the hand-set points.
+struct Smiling {
+    shape: Shape,
+    outline: Vec<Point>,
+    /// Mean motion of the corners of the mouth, over the eye distance.
+    amount: f32,
+}
+
+/// Moves the points and the outline of a neutral face as the landmarks.
+fn smile(face: &TrainingFace, neutral: &[Point], smiling: &[Point]) -> Smiling {
     let onto = Placement::fit(&neutral[STILL], &smiling[STILL]);
-    let mut shape: Shape = face.shape.iter().map(|&p| onto.apply(p)).collect();
-    let outline = face.outline.iter().map(|&p| onto.apply(p)).collect();
+    let near = NEAR * distance(neutral[EYES[0]], neutral[EYES[1]]).max(f32::MIN_POSITIVE);
+    let motions: Vec<Point> = neutral
+        .iter()
+        .zip(smiling)
+        .map(|(&from, &to)| {
+            let from = onto.apply(from);
+            [to[0] - from[0], to[1] - from[1]]
+        })
+        .collect();
+    let moved = |p: Point| {
+        let mut sums = [0.0; 3];
+        for (&landmark, motion) in neutral.iter().zip(&motions) {
+            let weight = (distance(p, landmark) / near + 1.0).powi(-3);
+            sums = [sums[0] + weight * motion[0], sums[1] + weight * motion[1], sums[2] + weight];
+        }
+        let placed = onto.apply(p);
+        [placed[0] + sums[0] / sums[2], placed[1] + sums[1] / sums[2]]
+    };
+    let mut shape: Shape = face.shape.iter().map(|&p| moved(p)).collect();
+    let outline = face.outline.iter().map(|&p| moved(p)).collect();
+    let corners = CORNERS.map(|k| motions[k][0].hypot(motions[k][1]));
+    let unit = onto.scale() * distance(face.shape[PUPILS[0]], face.shape[PUPILS[1]]);
+    let amount = 0.5 * (corners[0] + corners[1]) / unit.max(f32::MIN_POSITIVE);
     let down = |landmarks: &[Point]| {
         let [left, right] = CORNERS.map(|k| landmarks[k]);
         let width = distance(left, right).max(f32::MIN_POSITIVE);
@@ -77,7 +113,7 @@ fn smile(face: &TrainingFace, neutral: &[Point], smiling: &[Point]) -> (Shape, V
         let off = onto.scale() * ((said[0] - set[0]) * was[0] + (said[1] - set[1]) * was[1]);
         shape[point] = [smiles[0] - off * is[0], smiles[1] - off * is[1]];
     }
-    (shape, outline)
+    Smiling { shape, outline, amount }
 }
 
 #[cfg(test)]
@@ -99,7 +135,7 @@ mod tests {
             (landmarks[62], landmarks[66]) = ([50.0, 100.0 - 0.5 * gap], [50.0, 100.0 + 0.5 * gap]);
             landmarks
         };
-        let (shape, _) = smile(&face, &landmarks(6.0), &landmarks(16.0));
+        let Smiling { shape, .. } = smile(&face, &landmarks(6.0), &landmarks(16.0));
         approx::assert_relative_eq!(shape[upper][1], 95.0, epsilon = 1e-3);
         approx::assert_relative_eq!(shape[lower][1], 105.0, epsilon = 1e-3);
     }

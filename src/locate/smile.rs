@@ -1,0 +1,137 @@
+//! Reads smiling faces: the other stages know neutral faces only, and put the corners of a broad smile's mouth too near to each other.
+//!
+//! A linear function of what the local stages read around the lower face estimates how far the corners of the mouth have moved. If that
+//! exceeds what nearly all neutral faces show, further local stages, learned from smiles and neutral faces, move the points of the lower
+//! face. All other faces keep the points of the other stages.
+
+use super::{
+    PUPILS,
+    expect::Reading,
+    linear::dot,
+    lips::line_points,
+    picture::View,
+    points,
+    shape::{Point, distance},
+    stages::{LocalStage, Placed},
+};
+
+/// Parts of the face whose points a smile moves.
+const MOVED: [&str; 6] = ["nose", "mouth corner", "lip", "hollow", "chin", "jaw"];
+
+/// Distance of the inner edges of the lips, over the eye distance, up to which they are closed.
+const CLOSED: f32 = 0.025;
+
+/// Learned weights for smiles.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SmileStage {
+    /// Weights of the estimate: for each local stage, the descriptors around [`moved_points`].
+    pub weights: Vec<f32>,
+    /// Constant of the estimate.
+    pub base: f32,
+    /// Estimated motion of the corners of the mouth, over the eye distance, from which a face smiles.
+    pub smiles_from: f32,
+    /// Stages that move the points of the lower face.
+    pub stages: Vec<LocalStage>,
+    /// Median error of each of [`moved_points`] on smiles, over the eye distance.
+    pub errors: Vec<f32>,
+}
+
+/// Returns the indices in [`points()`] of the points that a smile moves.
+pub fn moved_points() -> Vec<usize> {
+    (0..points().len()).filter(|&k| MOVED.contains(&points()[k].group.as_str())).collect()
+}
+
+/// Returns the descriptors around [`moved_points`] among those around all points, of each local stage.
+pub fn around_moved(looks: &[Vec<f32>]) -> Vec<f32> {
+    let moved = moved_points();
+    let mut read = Vec::new();
+    for look in looks {
+        let length = look.len() / points().len();
+        moved.iter().for_each(|k| read.extend(&look[k * length..][..length]));
+    }
+    read
+}
+
+/// Returns the part of a shape that a smile moves, placed as the whole shape.
+pub fn placed_part(mean: &[Point], shape: &[Point]) -> Placed {
+    let Placed { placement, points } = Placed::new(mean, shape);
+    Placed { placement, points: moved_points().into_iter().map(|k| points[k]).collect() }
+}
+
+impl SmileStage {
+    /// Returns the estimated motion of the corners of the mouth, over the eye distance, in one view. `looks`: descriptors of each local
+    /// stage, the points one after the other.
+    pub fn amount(&self, looks: &[Vec<f32>]) -> f32 {
+        let read = around_moved(looks);
+        if read.len() == self.weights.len() { dot(&self.weights, &read) + self.base } else { 0.0 }
+    }
+
+    /// Moves the points of a reading of a smiling face; `view` is the view of the reading, with the pixels that its points refer to.
+    pub fn refine(&self, view: View<'_>, mean: &[Point], reading: &mut Reading) {
+        for stage in &self.stages {
+            let placed = placed_part(mean, &reading.shape);
+            let said = stage.step(&stage.features(view, &placed));
+            let steps = said.step.chunks_exact(2).map(|s| s[0].hypot(s[1]));
+            for (((k, point), step), dissent) in moved_points().into_iter().zip(placed.moved(&said.step)).zip(steps).zip(&said.dissent) {
+                reading.shape[k] = point;
+                reading.last_step[k] = step;
+                reading.dissent[k] = *dissent;
+            }
+        }
+    }
+}
+
+/// Closes lips whose inner edges are nearly at one place: both edges of each line move to their middle.
+pub fn close_lips(shape: &mut [Point]) {
+    let unit = distance(shape[PUPILS[0]], shape[PUPILS[1]]);
+    let [_, upper, lower, _] = line_points()[1];
+    if distance(shape[upper], shape[lower]) > CLOSED * unit {
+        return;
+    }
+    for [_, upper, lower, _] in line_points() {
+        let middle = [0.5 * (shape[upper][0] + shape[lower][0]), 0.5 * (shape[upper][1] + shape[lower][1])];
+        (shape[upper], shape[lower]) = (middle, middle);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_amount_is_read_around_the_lower_face_only() {
+        let (count, moved) = (points().len(), moved_points());
+        assert!(moved.len() > 25 && moved.iter().all(|&k| points()[k].group != "brow"));
+        let stage = SmileStage {
+            weights: vec![1.0; moved.len()].into_iter().chain(vec![0.5; 2 * moved.len()]).collect(),
+            base: -1.0,
+            smiles_from: 0.03,
+            stages: Vec::new(),
+            errors: vec![0.02; moved.len()],
+        };
+        // One number around each point in the first local stage, two in the second; only the points that move are not zero.
+        let look = |length: usize, value: f32| {
+            let is_moved = |k: usize| moved.contains(&(k / length));
+            (0..count * length).map(|k| if is_moved(k) { value } else { 100.0 }).collect::<Vec<f32>>()
+        };
+        let n = moved.len() as f32;
+        approx::assert_relative_eq!(stage.amount(&[look(1, 0.25), look(2, 2.0)]), 0.25 * n + 2.0 * n - 1.0, epsilon = 1e-3);
+        // Without the descriptors of both stages nothing is estimated.
+        assert_eq!(stage.amount(&[look(1, 0.25)]), 0.0);
+    }
+
+    #[test]
+    fn lips_that_nearly_touch_are_closed_and_parted_ones_are_not() {
+        let mut shape = vec![[0.0, 0.0]; points().len()];
+        shape[PUPILS[0]] = [100.0, 0.0];
+        let [_, upper, lower, _] = line_points()[1];
+        (shape[upper], shape[lower]) = ([50.0, 99.0], [50.0, 101.0]);
+        let mut closed = shape.clone();
+        close_lips(&mut closed);
+        assert_eq!((closed[upper], closed[lower]), ([50.0, 100.0], [50.0, 100.0]));
+        shape[lower] = [50.0, 102.0];
+        let mut parted = shape.clone();
+        close_lips(&mut parted);
+        assert_eq!(parted, shape);
+    }
+}
