@@ -3,7 +3,7 @@
 use std::{collections::BTreeSet, path::PathBuf};
 
 use anyhow::Context;
-use clap::Subcommand;
+use clap::{Subcommand, ValueEnum};
 use grimace::{
     locate::{
         Model, ModelOrigin,
@@ -62,9 +62,12 @@ struct LocatorArgs {
     /// Number of training pictures made from each photograph and from its mirror image
     #[arg(long, default_value_t = LearnOptions::default().pictures as u16, value_parser = clap::value_parser!(u16).range(2..=200))]
     pictures: u16,
-    /// Existing model to keep; only the detection of covered parts is trained anew
+    /// Existing model to keep, except for the part named by --anew
     #[arg(long, value_name = "FILE")]
     keep: Option<PathBuf>,
+    /// Part to train anew in the model of --keep
+    #[arg(long, value_enum, default_value = "covered-parts", value_name = "PART", requires = "keep")]
+    anew: Anew,
     /// Random seed
     #[arg(long, default_value_t = LearnOptions::default().seed)]
     seed: u64,
@@ -73,6 +76,15 @@ struct LocatorArgs {
     jobs: usize,
     #[command(flatten)]
     file: LearnedFileArgs,
+}
+
+/// Part of a model that is trained anew.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Anew {
+    /// The detection of covered parts
+    CoveredParts,
+    /// The reading of smiles
+    Smiles,
 }
 
 /// Runs the command.
@@ -113,7 +125,10 @@ fn locator(args: &LocatorArgs) -> anyhow::Result<Outcome> {
         credit: args.file.credit.clone(),
     };
     let model = match kept {
-        Some((kept, _)) => Model { covers: learned.model.covers, ..kept },
+        Some((kept, _)) => match args.anew {
+            Anew::CoveredParts => Model { covers: learned.model.covers, ..kept },
+            Anew::Smiles => Model { smile: learned.model.smile, ..kept },
+        },
         None => learned.model,
     };
     let bytes = model.to_bytes(&origin)?;
@@ -181,7 +196,11 @@ fn print_summary(summary: &LearnSummary, size: usize) {
 /// The command without the folders of this machine.
 fn command(args: &LocatorArgs) -> String {
     let left_out = if args.leave_out.is_empty() { String::new() } else { format!(" --leave-out {}", args.leave_out.join(",")) };
-    let kept = args.keep.as_deref().map(|path| format!(" --keep {}", file_name(path))).unwrap_or_default();
+    let kept = args.keep.as_deref().map(|path| {
+        let anew = args.anew.to_possible_value().map(|v| format!(" --anew {}", v.get_name())).unwrap_or_default();
+        format!(" --keep {}{anew}", file_name(path))
+    });
+    let kept = kept.unwrap_or_default();
     format!(
         "grimace learn locator {} -o {} --pictures {} --seed {}{left_out}{kept}",
         file_name(&args.faces),

@@ -4,8 +4,8 @@
 //! 2. Joint stages place all points together at each proposal.
 //! 3. A linear verifier accepts or rejects the face.
 //! 4. Local stages refine each point from its own neighbourhood.
-//! 5. If the face smiles, further local stages move the points of its lower face.
-//! 6. Otherwise a last stage detects parted lips and places their edges, because the hand-set points are of closed mouths only.
+//! 5. A stage detects parted lips and places their edges, because the hand-set points are of closed mouths only.
+//! 6. If the face smiles, further local stages move the points of its lower face.
 //!
 //! Each face is read twice, once mirrored. The points are the mean of both readings; the distance between the readings gives, with other
 //! features, the expected error. All stages are learned by [`learn`] from hand-set points; the learned model ships with the program.
@@ -41,7 +41,6 @@ use expect::Reading;
 pub(crate) use picture::Picture;
 use picture::View;
 use shape::{Placement, Shape, distance};
-use smile::SmileStage;
 use stages::Placed;
 use template::{Candidate, Search, best, best_first, scored};
 
@@ -309,13 +308,12 @@ impl Locator {
     pub(crate) fn read(&self, picture: &Picture, start: Placement) -> LocatedFace {
         let model = &self.model;
         let mean_at = |p: Placement| -> Shape { model.mean.iter().map(|&m| p.apply(m)).collect() };
-        let mut plain = model.reading(picture.view(false), mean_at(start));
+        let plain = model.reading(picture.view(false), mean_at(start));
         let larger = SECOND_START.0.exp();
         let shift = SECOND_START.1 * start.scale();
         let other = Placement { a: start.a * larger, b: start.b * larger, x: start.x + shift, y: start.y - shift };
-        let mut mirrored = model.mirrored_reading(picture, &mean_at(other));
-        let smiles = model.refine_smile(picture, &mut plain, &mut mirrored);
-        face(model, picture, [&plain, &mirrored], smiles)
+        let mirrored = model.mirrored_reading(picture, &mean_at(other));
+        face(model, picture, &plain, &mirrored)
     }
 }
 
@@ -357,7 +355,7 @@ fn mean_shape(plain: &Reading, mirrored: &Reading) -> Shape {
 }
 
 /// Returns the face of two readings: their mean, with parted lips corrected, and expected errors.
-fn face(model: &Model, picture: &Picture, [plain, mirrored]: [&Reading; 2], smiles: Option<&SmileStage>) -> LocatedFace {
+fn face(model: &Model, picture: &Picture, plain: &Reading, mirrored: &Reading) -> LocatedFace {
     let mut shape = mean_shape(plain, mirrored);
     let eye_distance = distance(shape[PUPILS[0]], shape[PUPILS[1]]);
     let unit = eye_distance.max(1e-3);
@@ -372,17 +370,18 @@ fn face(model: &Model, picture: &Picture, [plain, mirrored]: [&Reading; 2], smil
         }
     }
     let mut expected: Vec<f64> = expected.into_iter().map(|error| f64::from(error * unit)).collect();
-    if let Some(smile) = smiles {
-        smile::close_lips(&mut shape);
-        for (k, error) in smile::moved_points().into_iter().zip(&smile.errors) {
-            expected[k] = expected[k].max(f64::from(error * unit));
-        }
-    }
-    // The lips of a covered mouth are not examined, and those of a smile are read already.
-    if let Some(lips) = model.lips.as_ref().filter(|_| smiles.is_none() && !covered.contains(&FacePart::Mouth)) {
+    let uncovered = !covered.contains(&FacePart::Mouth);
+    // The lips of a covered mouth are not examined, nor is its smile.
+    if let Some(lips) = model.lips.as_ref().filter(|_| uncovered) {
         for (k, point) in lips.parted(picture, &model.mean, &shape).into_iter().flatten() {
             shape[k] = point;
             expected[k] = expected[k].max(f64::from(lips.expected_error * unit));
+        }
+    }
+    if let Some(smile) = model.smile.as_ref().filter(|_| uncovered) {
+        for (k, point, error) in smile.read(picture, &model.mean, [plain, mirrored], &shape).into_iter().flatten() {
+            shape[k] = point;
+            expected[k] = expected[k].max(f64::from(error * unit));
         }
     }
     let shape: Vec<Point2<f64>> = shape.iter().map(|p| Point2::new(f64::from(p[0]), f64::from(p[1]))).collect();
@@ -451,17 +450,6 @@ impl Model {
         let view = picture.view(true);
         let (reading, looks) = self.reading_and_looks(view, view.turn_shape(start));
         (reading.turned(view), looks)
-    }
-
-    /// Moves the points of both readings of a smiling face and returns the stage that did; `None` if the face does not smile.
-    fn refine_smile(&self, picture: &Picture, plain: &mut Reading, mirrored: &mut Reading) -> Option<&SmileStage> {
-        let stage = self.smile.as_ref().filter(|s| 0.5 * (plain.smile + mirrored.smile) >= s.smiles_from)?;
-        stage.refine(picture.view(false), &self.mean, plain);
-        let view = picture.view(true);
-        let mut turned = mirrored.turned(view);
-        stage.refine(view, &self.mean, &mut turned);
-        *mirrored = turned.turned(view);
-        Some(stage)
     }
 }
 

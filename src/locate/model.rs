@@ -111,7 +111,7 @@ struct Header {
 #[derive(Serialize, Deserialize)]
 struct SmileHeader {
     base: f32,
-    smiles_from: f32,
+    ramp: [f32; 2],
     stages: Vec<Vec<Patch>>,
 }
 
@@ -260,7 +260,7 @@ impl Model {
             covers: self.covers.is_some(),
             smile: self.smile.as_ref().map(|s| SmileHeader {
                 base: s.base,
-                smiles_from: s.smiles_from,
+                ramp: s.ramp,
                 stages: s.stages.iter().map(|stage| stage.patches.clone()).collect(),
             }),
             origin: origin.clone(),
@@ -375,10 +375,11 @@ fn parse(bytes: &[u8]) -> Result<(Model, ModelOrigin), String> {
         None
     };
     let smile = match header.smile {
-        Some(SmileHeader { base, smiles_from, stages }) => {
-            if !base.is_finite() || !(0.0..1.0).contains(&smiles_from) {
+        Some(SmileHeader { base, ramp, stages }) => {
+            if !base.is_finite() || !(0.0..1.0).contains(&ramp[0]) || !(ramp[0]..1.0).contains(&ramp[1]) {
                 return Err(format!(
-                    "the limit of smiles is {smiles_from}, but must be a share of the eye distance, from 0 to less than 1"
+                    "the limits of smiles are {} and {}, but must be ascending shares of the eye distance, from 0 to less than 1",
+                    ramp[0], ramp[1]
                 ));
             }
             let moved = moved_points().len();
@@ -388,7 +389,7 @@ fn parse(bytes: &[u8]) -> Result<(Model, ModelOrigin), String> {
             }
             let (weights, errors) =
                 (matrices.take("smile.weights", Some(moved * read_around))?, matrices.take("smile.errors", Some(moved))?);
-            Some(SmileStage { weights, base, smiles_from, stages: read, errors })
+            Some(SmileStage { weights, base, ramp, stages: read, errors })
         }
         None => None,
     };

@@ -1,17 +1,17 @@
 //! Reads smiling faces: the other stages know neutral faces only, and put the corners of a broad smile's mouth too near to each other.
 //!
 //! A linear function of what the local stages read around the lower face estimates how far the corners of the mouth have moved. If that
-//! exceeds what nearly all neutral faces show, further local stages, learned from smiles and neutral faces, move the points of the lower
-//! face. All other faces keep the points of the other stages.
+//! exceeds what most neutral faces show, further local stages, learned from smiles and neutral faces, move the points of the lower face, the
+//! more the further it exceeds that. All other faces keep the points of the other stages.
 
 use super::{
     PUPILS,
     expect::Reading,
     linear::dot,
     lips::line_points,
-    picture::View,
+    picture::{Picture, View},
     points,
-    shape::{Point, distance},
+    shape::{Point, Shape, distance},
     stages::{LocalStage, Placed},
 };
 
@@ -28,8 +28,9 @@ pub struct SmileStage {
     pub weights: Vec<f32>,
     /// Constant of the estimate.
     pub base: f32,
-    /// Estimated motion of the corners of the mouth, over the eye distance, from which a face smiles.
-    pub smiles_from: f32,
+    /// Estimated motion of the corners of the mouth, over the eye distance, up to which a face does not smile, and from which the points
+    /// of the smile stages are taken; between the two they are mixed.
+    pub ramp: [f32; 2],
     /// Stages that move the points of the lower face.
     pub stages: Vec<LocalStage>,
     /// Median error of each of [`moved_points`] on smiles, over the eye distance.
@@ -66,30 +67,61 @@ impl SmileStage {
         if read.len() == self.weights.len() { dot(&self.weights, &read) + self.base } else { 0.0 }
     }
 
-    /// Moves the points of a reading of a smiling face; `view` is the view of the reading, with the pixels that its points refer to.
-    pub fn refine(&self, view: View<'_>, mean: &[Point], reading: &mut Reading) {
-        for stage in &self.stages {
-            let placed = placed_part(mean, &reading.shape);
-            let said = stage.step(&stage.features(view, &placed));
-            let steps = said.step.chunks_exact(2).map(|s| s[0].hypot(s[1]));
-            for (((k, point), step), dissent) in moved_points().into_iter().zip(placed.moved(&said.step)).zip(steps).zip(&said.dissent) {
-                reading.shape[k] = point;
-                reading.last_step[k] = step;
-                reading.dissent[k] = *dissent;
-            }
+    /// Returns the share of the smile reading in the points of a face, 0 to 1, from the estimates of both readings.
+    pub fn share(&self, amounts: [f32; 2]) -> f32 {
+        let [from, to] = self.ramp;
+        ((0.5 * (amounts[0] + amounts[1]) - from) / (to - from).max(f32::MIN_POSITIVE)).clamp(0.0, 1.0)
+    }
+
+    /// Returns the points that a smile moves, with their indices in [`points()`] and expected errors (over the eye distance); `None` for a
+    /// face that does not smile. `shape` is the mean of both readings, with the lips as read; pixels of the picture.
+    pub fn read(
+        &self,
+        picture: &Picture,
+        mean: &[Point],
+        readings: [&Reading; 2],
+        shape: &[Point],
+    ) -> Option<Vec<(usize, Point, f32)>> {
+        let share = self.share(readings.map(|r| r.smile));
+        if share == 0.0 {
+            return None;
         }
+        let plain = self.refined(picture.view(false), mean, readings[0].shape.clone());
+        let mirror = picture.view(true);
+        let mirrored = mirror.turn_shape(&self.refined(mirror, mean, mirror.turn_shape(&readings[1].shape)));
+        let mut moved = shape.to_vec();
+        for k in moved_points() {
+            let smiling = between(plain[k], mirrored[k], 0.5);
+            moved[k] = between(shape[k], smiling, share);
+        }
+        close_lips(&mut moved);
+        Some(moved_points().into_iter().zip(&self.errors).map(|(k, &error)| (k, moved[k], share * error)).collect())
+    }
+
+    /// Returns a shape in pixels of a view after all stages.
+    fn refined(&self, view: View<'_>, mean: &[Point], mut shape: Shape) -> Shape {
+        for stage in &self.stages {
+            let placed = placed_part(mean, &shape);
+            let after = placed.moved(&stage.step(&stage.features(view, &placed)).step);
+            moved_points().into_iter().zip(after).for_each(|(k, point)| shape[k] = point);
+        }
+        shape
     }
 }
 
+fn between(p: Point, q: Point, share: f32) -> Point {
+    [p[0] + (q[0] - p[0]) * share, p[1] + (q[1] - p[1]) * share]
+}
+
 /// Closes lips whose inner edges are nearly at one place: both edges of each line move to their middle.
-pub fn close_lips(shape: &mut [Point]) {
+fn close_lips(shape: &mut [Point]) {
     let unit = distance(shape[PUPILS[0]], shape[PUPILS[1]]);
     let [_, upper, lower, _] = line_points()[1];
     if distance(shape[upper], shape[lower]) > CLOSED * unit {
         return;
     }
     for [_, upper, lower, _] in line_points() {
-        let middle = [0.5 * (shape[upper][0] + shape[lower][0]), 0.5 * (shape[upper][1] + shape[lower][1])];
+        let middle = between(shape[upper], shape[lower], 0.5);
         (shape[upper], shape[lower]) = (middle, middle);
     }
 }
@@ -105,7 +137,7 @@ mod tests {
         let stage = SmileStage {
             weights: vec![1.0; moved.len()].into_iter().chain(vec![0.5; 2 * moved.len()]).collect(),
             base: -1.0,
-            smiles_from: 0.03,
+            ramp: [0.03, 0.07],
             stages: Vec::new(),
             errors: vec![0.02; moved.len()],
         };
@@ -118,6 +150,8 @@ mod tests {
         approx::assert_relative_eq!(stage.amount(&[look(1, 0.25), look(2, 2.0)]), 0.25 * n + 2.0 * n - 1.0, epsilon = 1e-3);
         // Without the descriptors of both stages nothing is estimated.
         assert_eq!(stage.amount(&[look(1, 0.25)]), 0.0);
+        approx::assert_relative_eq!(stage.share([0.03, 0.05]), 0.25, epsilon = 1e-5);
+        assert_eq!([stage.share([0.01, 0.04]), stage.share([0.1, 0.2])], [0.0, 1.0]);
     }
 
     #[test]

@@ -170,9 +170,6 @@ pub fn learn_locator(people: &TrainingFaces, options: &LearnOptions, progress: &
 
     progress("smiles");
     let (smile, smile_summary) = learn_smile(&models[1..], &sources, &people.smiles, options).unzip();
-    // The readings of covered parts are of the other stages.
-    let smile = smile.and_then(|mut stages: Vec<_>| (!stages.is_empty()).then(|| stages.swap_remove(0)));
-
     progress("covered parts");
     let (covers, cover_summary) = learn_covers(&models, &sources, &people.smiles, options.seed).unzip();
     models[0].covers = covers;
