@@ -46,7 +46,7 @@ Example:
   grimace locate photo.jpg -o points.csv --model locator.bin
 
 FACES is a folder with neutral/PERSON.jpg and delineation189.csv (person,x0,y0,...,x188,y188: the 189 points of the Face Research Lab London \
-Set, in pixels). To learn parted lips, too, add smiling/PERSON.jpg and landmarks68.csv (person,state,x0,...,y67; states neutral and smiling).
+Set, in pixels). To learn smiles and parted lips, too, add smiling/PERSON.jpg and landmarks68.csv (person,state,x0,...,y67; states neutral and smiling).
 
 Training varies the size, turn, light, background, clothes and hair of every photograph. It prints errors from five-fold cross-validation \
 over people, in percent of the eye distance.")]

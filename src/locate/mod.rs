@@ -372,14 +372,18 @@ fn face(model: &Model, picture: &Picture, plain: &Reading, mirrored: &Reading) -
     let mut expected: Vec<f64> = expected.into_iter().map(|error| f64::from(error * unit)).collect();
     let uncovered = !covered.contains(&FacePart::Mouth);
     // The lips of a covered mouth are not examined, nor is its smile.
+    let mut read_lips = Vec::new();
     if let Some(lips) = model.lips.as_ref().filter(|_| uncovered) {
         for (k, point) in lips.parted(picture, &model.mean, &shape).into_iter().flatten() {
             shape[k] = point;
             expected[k] = expected[k].max(f64::from(lips.expected_error * unit));
+            read_lips.push(k);
         }
     }
     if let Some(smile) = model.smile.as_ref().filter(|_| uncovered) {
-        for (k, point, error) in smile.read(picture, &model.mean, [plain, mirrored], &shape).into_iter().flatten() {
+        // Parted lips are read more accurately by their own stage.
+        let moved = smile.read(picture, &model.mean, [plain, mirrored], &shape).into_iter().flatten();
+        for (k, point, error) in moved.filter(|(k, ..)| !read_lips.contains(k)) {
             shape[k] = point;
             expected[k] = expected[k].max(f64::from(error * unit));
         }

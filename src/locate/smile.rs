@@ -129,6 +129,7 @@ fn close_lips(shape: &mut [Point]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::modules::locate::cells::Patch;
 
     #[test]
     fn the_amount_is_read_around_the_lower_face_only() {
@@ -152,6 +153,51 @@ mod tests {
         assert_eq!(stage.amount(&[look(1, 0.25)]), 0.0);
         approx::assert_relative_eq!(stage.share([0.03, 0.05]), 0.25, epsilon = 1e-5);
         assert_eq!([stage.share([0.01, 0.04]), stage.share([0.1, 0.2])], [0.0, 1.0]);
+    }
+
+    #[test]
+    fn a_smile_moves_the_lower_face_as_far_as_it_is_one() {
+        let (count, moved) = (points().len(), moved_points());
+        // Points in a grid, the pupils 1 apart, so that the mean face is a placement of the shape.
+        let mut mean: Shape = (0..count).map(|k| [(k % 9) as f32 / 9.0 - 0.5, (k / 9) as f32 / 9.0]).collect();
+        (mean[PUPILS[0]], mean[PUPILS[1]]) = ([0.5, 0.0], [-0.5, 0.0]);
+        let shape: Shape = mean.iter().map(|p| [100.0 * p[0] + 100.0, 100.0 * p[1] + 50.0]).collect();
+        let patch = Patch { size: 24.0, cell: 0.2, side: 2, blur: 1 };
+        // Every point of the lower face moves down by a tenth of the eye distance, whatever is read.
+        let stage = LocalStage {
+            patches: vec![patch],
+            offset: vec![0.0; moved.len() * patch.len()],
+            weights: vec![0.0; 2 * moved.len() * patch.len()],
+            base: [0.0, 0.1].repeat(moved.len()),
+            mix: vec![0.0; 4 * moved.len() * moved.len()],
+        };
+        let stage = SmileStage {
+            weights: Vec::new(),
+            base: 0.0,
+            ramp: [0.03, 0.07],
+            stages: vec![stage],
+            errors: vec![0.02; moved.len()],
+        };
+        let picture = Picture::new(&image::GrayImage::new(200, 200)).unwrap();
+        let reading = |smile: f32| Reading {
+            shape: shape.clone(),
+            score: 1.0,
+            last_step: Vec::new(),
+            dissent: Vec::new(),
+            seen: Vec::new(),
+            smile,
+        };
+        let read = |smile: f32| stage.read(&picture, &mean, [&reading(smile), &reading(smile)], &shape);
+        assert_eq!(read(0.03), None);
+        for (smile, share) in [(0.05, 0.5), (0.2, 1.0)] {
+            let found = read(smile).unwrap();
+            assert_eq!(found.iter().map(|f| f.0).collect::<Vec<_>>(), moved);
+            // The corner of the mouth is on no line that is closed.
+            let (_, corner, error) = found[moved.iter().position(|&k| k == 48).unwrap()];
+            approx::assert_relative_eq!(corner[0], shape[48][0], epsilon = 0.01);
+            approx::assert_relative_eq!(corner[1], shape[48][1] + 10.0 * share, epsilon = 0.01);
+            approx::assert_relative_eq!(error, 0.02 * share, epsilon = 1e-5);
+        }
     }
 
     #[test]

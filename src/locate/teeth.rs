@@ -37,8 +37,6 @@ const LIP_WITHIN: usize = 11;
 /// Smallest height of teeth, over the eye distance, as the median over the lines. On 120 closed mouths, 90 of them neutral, the height is
 /// at most 0.0125; on 39 mouths open by 0.06 and more, 35 exceed the limit. It was chosen on the same people (the 90 of the London Set).
 const LEAST: f64 = 0.03;
-/// Distance between the lips' edges, over the eye distance, above which they are already parted.
-const PARTED: f64 = 0.02;
 /// Smallest eye distance, px, at which mouths are examined.
 const LEAST_EYE_DISTANCE: f64 = 30.0;
 /// Median error of the edges, over the eye distance (the lower lip's upper edge, 36 smiles).
@@ -47,24 +45,25 @@ const EXPECTED_ERROR: f64 = 0.02;
 const OTHERWISE: f64 = 0.6;
 
 impl LocatedFace {
-    /// Moves the lower lip to its edge in colour, if the located lips are closed and teeth show between them. Returns whether they do;
-    /// never for a picture without colour.
+    /// Moves the lower lip to its edge in colour, if the located lips are closed, or parted by less than the height of the teeth between
+    /// them. Returns whether they are; never for a picture without colour.
     pub fn look_for_teeth(&mut self, picture: &RgbImage) -> bool {
-        let parted = {
-            let [_, upper, lower, _] = line_points()[1];
-            (self.shape[lower] - self.shape[upper]).norm() > PARTED * self.eye_distance
-        };
-        if parted || self.eye_distance < LEAST_EYE_DISTANCE || self.covered.contains(&FacePart::Mouth) {
+        if self.eye_distance < LEAST_EYE_DISTANCE || self.covered.contains(&FacePart::Mouth) {
             return false;
         }
         let heights: [f64; READ_LINES] = std::array::from_fn(|k| self.teeth_on(k, picture).unwrap_or(0.0));
         let Some(usual) = median(&mut heights.clone()).filter(|height| *height >= LEAST) else { return false };
+        let gaps = line_points().map(|[_, upper, lower, _]| (self.shape[lower] - self.shape[upper]).norm() / self.eye_distance);
+        if usual - gaps[1] < LEAST {
+            return false;
+        }
         for (k, line) in line_points().into_iter().enumerate() {
             let height = if heights[2 * k] > 0.0 { heights[2 * k] } else { OTHERWISE * usual };
             let [start, _, lower, end] = line;
+            let step = (height - gaps[k]).max(0.0);
             let down = (self.shape[end] - self.shape[start]).try_normalize(0.0).unwrap_or(Vector2::y());
             for point in [lower, end] {
-                self.move_point(point, down * (height * self.eye_distance));
+                self.move_point(point, down * (step * self.eye_distance));
             }
         }
         true
@@ -167,6 +166,11 @@ mod tests {
         assert!((smile.shape[lower].y - was[lower].y - 12.0).abs() < 1.3, "{}", smile.shape[lower]);
         assert!((smile.shape[end].y - was[end].y - 12.0).abs() < 1.3 && smile.shape[upper] == was[upper]);
         assert_eq!(smile.expected_errors[lower], 2.0);
+        // Where the lips were read as parted, but by less than the teeth, only the difference is left to do.
+        let (mut half, _) = face([190, 185, 170], 87);
+        line_points().into_iter().for_each(|[_, _, lower, end]| [lower, end].into_iter().for_each(|k| half.shape[k].y += 5.0));
+        assert!(half.look_for_teeth(&picture));
+        assert!((half.shape[lower].y - smile.shape[lower].y).abs() < 1.3, "{}", half.shape[lower]);
         // Nothing happens once they are parted, where lips are closed, where the gap is dark, and without colour.
         assert!(!smile.look_for_teeth(&picture));
         for (between, until) in [([190, 185, 170], 75), ([190, 185, 170], 77), ([40, 25, 25], 87)] {

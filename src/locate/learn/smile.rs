@@ -13,6 +13,7 @@ use super::{
 };
 use crate::modules::locate::{
     PUPILS,
+    cells::Patch,
     lips::line_points,
     model::Model,
     picture::Picture,
@@ -22,8 +23,11 @@ use crate::modules::locate::{
     stages::LocalStage,
 };
 
+/// Patches of the first stage: lips are further from their places than on neutral faces.
+const WIDE: &[Patch] = &[Patch { size: 36.0, cell: 0.18, side: 4, blur: 3 }, Patch { size: 48.0, cell: 0.13, side: 4, blur: 3 }];
+
 /// Shares of the pictures of neutral faces whose estimate lies below the two ends of [`SmileStage::ramp`].
-const NEUTRAL: [f64; 2] = [0.8, 0.985];
+const NEUTRAL: [f64; 2] = [0.97, 0.999];
 
 /// Mean error of the points of nose and eyes, over the eye distance, above which a face was not found.
 const MISREAD: f32 = 0.07;
@@ -140,7 +144,7 @@ fn learn_points(models: &[Model], faces: &[Face], fold: &[usize]) -> (Vec<LocalS
     let truths: Vec<Shape> = samples.iter().map(|s| moved.iter().map(|&k| s.truth[k]).collect()).collect();
     let mut shapes: Vec<Shape> = faces.iter().map(|f| f.shape.clone()).collect();
     let mut stages = Vec::new();
-    for patches in LOCAL {
+    for patches in [WIDE, LOCAL[0], LOCAL[1]] {
         let placed: Vec<_> = shapes.iter().zip(faces).map(|(s, f)| placed_part(&models[f.fold].mean, s)).collect();
         let (learned, after) = local_stages(patches, &samples, &truths, &placed, fold);
         for (shape, part) in shapes.iter_mut().zip(after) {
