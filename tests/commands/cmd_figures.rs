@@ -33,7 +33,7 @@ fn a_run_gives_figures_as_svg_and_pdf_with_captions() {
     let happiness = of("fields_happiness");
     assert_eq!((happiness["sequences"].as_str(), happiness["people"].as_str(), happiness["alpha"].as_str()), ("3", "3", "0.1"));
     assert!(happiness["method"].ends_with("equal weight for every person, default method of grimace"), "{}", happiness["method"]);
-    assert!(happiness["method"].contains("greedy generalized median, nothing trimmed (10 % of so few is none)"));
+    assert!(happiness["method"].contains("greedy generalized median, nothing trimmed (too few models for 10 %)"));
     assert!(
         happiness["caption"].contains("3 sequences of 3 people")
             && happiness["caption"].contains("The subject\u{2019}s left is on the right")

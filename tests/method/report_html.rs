@@ -26,7 +26,7 @@ fn every_emotion_has_a_section_and_its_dispersion() {
     for published in ["11.13", "9.80", "11.39", "10.89", "13.46", "13.57"] {
         assert!(html.contains(&format!(r#"<td class="num">{published}</td>"#)));
     }
-    assert!(html.contains("Krinidis &amp; Pitas, Cohn-Kanade, their units are not stated"));
+    assert!(html.contains("values of Krinidis &amp; Pitas for the Cohn-Kanade database. Their units are not stated"));
 }
 
 #[test]

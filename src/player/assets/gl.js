@@ -182,7 +182,7 @@ class GlStage {
   constructor(canvas, teeth) {
     this.canvas = canvas;
     this.gl = canvas.getContext("webgl", { alpha: false, antialias: false, depth: true, preserveDrawingBuffer: true });
-    if (!this.gl) throw new Error("no WebGL");
+    if (!this.gl) throw new Error("WebGL is not available");
     this.teeth = teeth;
     this.setUp();
     canvas.addEventListener("webglcontextlost", (e) => e.preventDefault());
@@ -222,7 +222,7 @@ class GlStage {
       gl.attachShader(program, shader);
     }
     gl.linkProgram(program);
-    if (!gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost()) throw new Error(gl.getProgramInfoLog(program) ?? "no shaders");
+    if (!gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost()) throw new Error(gl.getProgramInfoLog(program) ?? "the shaders cannot be linked");
     const places = new Map();
     return { program, at: (name) => {
       if (!places.has(name)) places.set(name, [gl.getAttribLocation(program, name), gl.getUniformLocation(program, name)]);

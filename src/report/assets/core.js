@@ -202,7 +202,7 @@ class Player {
     const whole = HOLD_NEUTRAL + FORMATION + HOLD_APEX;
     this.clock += (Math.max(0, now - this.last) / 1000) * this.speed;
     this.last = now;
-    // Who asked for less motion gets one pass, not a loop.
+    // With reduced motion the animation runs once instead of in a loop.
     const over = calm.matches && this.clock >= HOLD_NEUTRAL + FORMATION;
     if (!over) this.clock %= whole;
     this.time = Math.min(Math.max((this.clock - HOLD_NEUTRAL) / FORMATION, 0), 1) * this.apex;
