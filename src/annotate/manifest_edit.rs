@@ -20,10 +20,10 @@ use crate::{
 /// Why a manifest cannot be changed.
 #[derive(Debug, thiserror::Error)]
 pub enum ManifestEditError {
-    /// It does not read.
+    /// The manifest cannot be parsed.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// It cannot be read or found.
+    /// The manifest cannot be found or read.
     #[error("{}: cannot be read: {source}", path.display())]
     Io {
         /// The manifest.
@@ -31,7 +31,7 @@ pub enum ManifestEditError {
         /// Why.
         source: io::Error,
     },
-    /// The sequence has been taken out of it.
+    /// The manifest no longer lists the sequence.
     #[error("{}: sequence {id} is no longer listed; start grimace annotate again", path.display())]
     NoSuchRow {
         /// The manifest.
@@ -39,7 +39,7 @@ pub enum ManifestEditError {
         /// The sequence.
         id: SequenceId,
     },
-    /// It cannot be written.
+    /// The manifest cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
 }

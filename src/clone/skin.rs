@@ -90,10 +90,10 @@ pub struct SkinSample {
 /// Why there is no mean skin change.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum NoSkin {
-    /// Nobody has looked: only a run has the pictures.
+    /// Skins were not computed: only a run has the pictures.
     #[error("only `run` computes skins, because it has the pictures")]
     NotCollected,
-    /// No pictures at all.
+    /// No sequence has pictures that may be used.
     #[error(
         "no sequence has pictures that may be shown ({landmarks} use landmarks only, {hidden} show people who may not be shown)"
     )]
@@ -109,7 +109,7 @@ pub enum NoSkin {
         /// People with pictures.
         found: usize,
     },
-    /// Nothing that people have in common.
+    /// The pictures have no shading in common.
     #[error("the pictures have no shading in common (root mean square {:.4}; at least {LEAST_SHADING} is needed)", shading)]
     NoShading {
         /// Root mean square of the mean's logarithms.

@@ -94,13 +94,13 @@ pub struct FrameFeatures {
 /// ```
 #[derive(Debug, thiserror::Error)]
 pub enum FeaturesError {
-    /// The track does not normalize.
+    /// The track cannot be normalized.
     #[error(transparent)]
     Normalize(#[from] NormalizeError),
-    /// The frames do not make a model.
+    /// The frames do not form a model.
     #[error(transparent)]
     Model(#[from] ModelError),
-    /// No FAPs.
+    /// FAPs cannot be computed.
     #[error(transparent)]
     Convert(#[from] ConvertError),
 }

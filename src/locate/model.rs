@@ -104,7 +104,7 @@ struct Header {
 /// A model that does not read or cannot be written.
 #[derive(Debug, thiserror::Error)]
 pub enum ModelError {
-    /// The file.
+    /// The file cannot be read or written.
     #[error("{}: {source}", path.display())]
     Io {
         /// The file.
@@ -112,7 +112,7 @@ pub enum ModelError {
         /// Why.
         source: std::io::Error,
     },
-    /// No model in it.
+    /// The file is not a model.
     #[error("{}: this is not a model of the locator: {reason}; make one with `grimace learn locator`", path.display())]
     Format {
         /// The file.

@@ -53,13 +53,13 @@ pub struct AnalyzedModel {
 /// Errors of the analysis.
 #[derive(Debug, thiserror::Error)]
 pub enum AnalysisError {
-    /// Statistics of a class.
+    /// The statistics of a class failed.
     #[error(transparent)]
     Statistics(#[from] StatisticsError),
-    /// The canonical neutral has no FAPUs.
+    /// The FAPUs of the canonical neutral cannot be measured.
     #[error(transparent)]
     Fapus(#[from] FapusError),
-    /// A model is not one.
+    /// A model is invalid.
     #[error(transparent)]
     Model(#[from] ModelError),
     /// A FAP file cannot be written.
@@ -68,23 +68,23 @@ pub enum AnalysisError {
     /// A file cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
-    /// The report does not render.
+    /// The report cannot be rendered.
     #[error("cannot render the report: {0}")]
     Report(#[from] minijinja::Error),
-    /// A column to group by that no sequence has.
+    /// Grouping by the requested columns is not possible.
     #[error(transparent)]
     Group(#[from] GroupError),
     /// The representatives cannot be shown on the report's face.
     #[error("the portrait of the report: {0}")]
     Face(#[from] CloneError),
-    /// A representative has no FAPs.
+    /// The FAPs of a representative cannot be computed.
     #[error(transparent)]
     Convert(#[from] ConvertError),
     /// A columnar file of models.
     #[cfg(feature = "columnar")]
     #[error(transparent)]
     Columnar(#[from] crate::columnar::ColumnarError),
-    /// Groups of models that do not fit into memory.
+    /// Grouping would need more models than fit into memory.
     #[error(
         "the models need about {needed} MB, more than the {allowed} MB of --memory, so groups cannot be compared and numeric columns \
          cannot be tested; raise --memory, or leave --by and --covariate out"

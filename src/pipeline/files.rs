@@ -85,7 +85,7 @@ pub enum RunJsonError {
         /// Why.
         source: io::Error,
     },
-    /// It is not whole, or none.
+    /// The file is damaged or of another kind.
     #[error("{}: damaged ({source}); it lists the files that runs wrote into this folder: restore it, or run again with --force", path.display())]
     Damaged {
         /// The file.
@@ -93,7 +93,7 @@ pub enum RunJsonError {
         /// Why.
         source: serde_json::Error,
     },
-    /// Of a later layout.
+    /// The file has a newer layout.
     #[error("{}: schema version {found}; this program reads {SCHEMA_VERSION}; it comes from a newer version of grimace; use that version", path.display())]
     Newer {
         /// The file.

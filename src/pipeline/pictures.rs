@@ -59,13 +59,13 @@ pub enum BatchError {
         /// Why.
         source: std::io::Error,
     },
-    /// No picture at all.
+    /// There are no pictures.
     #[error("{}: this folder has no pictures (extensions: {}) and no {MANIFEST_NAME}", path.display(), IMAGE_EXTENSIONS.join(" "))]
     Empty {
         /// The folder.
         path: PathBuf,
     },
-    /// A dataset.
+    /// The dataset cannot be read.
     #[error(transparent)]
     Dataset(#[from] DatasetError),
 }

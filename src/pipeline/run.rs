@@ -148,10 +148,10 @@ pub struct RunSummary {
 /// ```
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
-    /// The dataset does not open.
+    /// The dataset cannot be opened.
     #[error(transparent)]
     Dataset(#[from] crate::dataset::DatasetError),
-    /// The output folder holds something else.
+    /// The output folder has other files.
     #[error("{} is not empty and is not the output folder of a run; choose another folder, or give --force to write into it", path.display())]
     ForeignFolder {
         /// The folder.
@@ -165,7 +165,7 @@ pub enum RunError {
         /// What differs.
         what: String,
     },
-    /// The record of the earlier runs does not read.
+    /// The record of earlier runs cannot be read.
     #[error(
         "{}: damaged ({source}); it lists the files that runs wrote into this folder: restore it, choose another folder, or give --force \
          to write into this one",
@@ -177,7 +177,7 @@ pub enum RunError {
         /// Why.
         source: serde_json::Error,
     },
-    /// The record of the earlier runs is of a later version.
+    /// The record of earlier runs was written by a newer version.
     #[error(
         "{}: schema version {found}; this program reads {}: it comes from a newer version of grimace; use that version, choose another \
          folder, or give --force to write into this one", path.display(), super::SCHEMA_VERSION
@@ -191,7 +191,7 @@ pub enum RunError {
     /// A folder for overlay pictures that holds frames.
     #[error(transparent)]
     OverlayAmongFrames(#[from] AmongFrames),
-    /// Something that no run made stands where a result must go.
+    /// A file that no run wrote is in the place of a result.
     #[error(
         "{}{more}: a result has this name, but no run wrote this file, or it was changed since; move it away, choose another folder, or \
          give --force to replace it",
@@ -206,7 +206,7 @@ pub enum RunError {
     /// A file cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
-    /// Writing in the middle of a sequence failed.
+    /// The results of a sequence cannot be written.
     #[error("{id}: {reason}")]
     Write {
         /// The sequence.
@@ -224,7 +224,7 @@ pub enum RunError {
         /// Why.
         reason: String,
     },
-    /// A part of a run in a folder in which none was begun.
+    /// A part of a run is requested in a folder without a run.
     #[error("{}: no run was started in this folder; start one with `grimace run DATASET -o OUT --plan`", path.display())]
     NotBegun {
         /// The folder.

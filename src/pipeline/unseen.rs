@@ -38,7 +38,7 @@ pub struct Unseen {
 /// Why the given paths contain nothing to recognize.
 #[derive(Debug, thiserror::Error)]
 pub enum UnseenError {
-    /// One picture.
+    /// The input is a single picture.
     #[error(
         "{}: recognition needs the motion from a neutral frame to the expression, so a single picture is not enough; give the folder of \
          the frames, neutral first, or a video", path.display()
@@ -47,7 +47,7 @@ pub enum UnseenError {
         /// The picture.
         path: PathBuf,
     },
-    /// A folder of none of the kinds.
+    /// A folder of an unknown kind.
     #[error("{}: this is neither a track (.csv), nor the frames of a sequence, nor a dataset: {source}", path.display())]
     Neither {
         /// The folder.
@@ -55,10 +55,10 @@ pub enum UnseenError {
         /// Why it is not a dataset.
         source: Box<DatasetError>,
     },
-    /// A dataset that does not read.
+    /// A dataset cannot be read.
     #[error(transparent)]
     Dataset(Box<DatasetError>),
-    /// A file that is not there, or a folder that cannot be listed.
+    /// A file does not exist, or a folder cannot be listed.
     #[error(transparent)]
     Io(#[from] io::Error),
 }

@@ -39,10 +39,10 @@ const MOST_ANGLE: i32 = 40_000;
 /// Why a player cannot be made.
 #[derive(Debug, thiserror::Error)]
 pub enum PlayerError {
-    /// A motion or a face.
+    /// A motion or a face cannot be prepared.
     #[error(transparent)]
     Clone(#[from] CloneError),
-    /// A motion has no FAPs.
+    /// The FAPs of a motion cannot be computed.
     #[error("{name}: {reason}")]
     Faps {
         /// The motion.
@@ -58,7 +58,7 @@ pub enum PlayerError {
         /// Why.
         reason: String,
     },
-    /// A dense head.
+    /// A dense head cannot be shown.
     #[error("{name}: {reason}")]
     Head {
         /// The head.
@@ -66,7 +66,7 @@ pub enum PlayerError {
         /// Why.
         reason: String,
     },
-    /// The page does not render (a programmer's error).
+    /// The page cannot be rendered (a programming error).
     #[error("cannot create the page: {0}")]
     Page(String),
 }

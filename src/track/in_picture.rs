@@ -15,7 +15,7 @@ pub enum NotInPicture {
          from the bottom, write the image's height - 1 - y"
     )]
     YUpwards,
-    /// Left and right were exchanged.
+    /// Left and right are exchanged.
     #[error(
         "its nodes form a mirrored face: left and right are swapped; they mean the subject's own sides (the subject's left is on the \
          right of the image); if the pictures were mirrored, write the image's width - 1 - x"

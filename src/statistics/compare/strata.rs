@@ -31,7 +31,7 @@ pub struct Strata {
 /// ```
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
 pub enum StrataError {
-    /// People without a value.
+    /// People without a value in a strata column.
     #[error(
         "{people} of the people have no value in `{columns}`, for example {first}; permutation within strata needs a value for every person"
     )]
@@ -43,7 +43,7 @@ pub enum StrataError {
         /// The columns.
         columns: String,
     },
-    /// Somebody with several values.
+    /// A person with several values in a strata column.
     #[error("{subject} has several values in `{columns}` ({values}); a person belongs to one stratum")]
     Several {
         /// The person.

@@ -135,7 +135,7 @@ pub enum NoCovariate {
         /// Number of people with a number.
         people: usize,
     },
-    /// Everybody has the same number.
+    /// All people have the same number.
     #[error("all {people} people have the same number, {}", nine_digits(*.number))]
     Same {
         /// Number of people with a number.
@@ -143,7 +143,7 @@ pub enum NoCovariate {
         /// The number.
         number: f64,
     },
-    /// Everybody who was drawn has the same number.
+    /// All people of the random draw have the same number.
     #[error("all {used} people drawn from {people} have the same number; draw more with --test-people")]
     SameDrawn {
         /// Number of people drawn.
@@ -151,13 +151,13 @@ pub enum NoCovariate {
         /// Number of people with a number.
         people: usize,
     },
-    /// Everybody moves alike.
+    /// All people move in the same way.
     #[error("all people move in the same way; a test needs people who differ")]
     Alike,
     /// People cannot be permuted within strata.
     #[error(transparent)]
     Strata(StrataError),
-    /// Nobody's numbers differ within a stratum.
+    /// All people of a stratum have the same number.
     #[error("within the strata of `{columns}` all people have the same number: its effect cannot be separated from the strata")]
     Coincide {
         /// The columns.

@@ -82,13 +82,13 @@ const REPLICATES: usize = 2000;
 /// Why recognition failed.
 #[derive(Debug, thiserror::Error)]
 pub enum RecognitionError {
-    /// Nothing to tell apart.
+    /// Too few labels to distinguish.
     #[error("found {found} label{}; recognition needs sequences of at least two labels", if *found == 1 { "" } else { "s" })]
     TooFewLabels {
         /// Labels found.
         found: usize,
     },
-    /// Nobody to leave out.
+    /// Too few people for leaving one out.
     #[error("found {found} subject{}; leave-one-subject-out needs at least two", if *found == 1 { "" } else { "s" })]
     TooFewSubjects {
         /// Subjects found.

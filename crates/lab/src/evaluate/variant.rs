@@ -128,7 +128,7 @@ pub(super) enum VariantError {
     /// Tracking failed.
     #[error(transparent)]
     Track(#[from] TrackError),
-    /// The file does not read.
+    /// The file cannot be read.
     #[error(transparent)]
     File(#[from] TrackFileError),
     /// A track of another wireframe.
