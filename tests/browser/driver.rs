@@ -1,6 +1,6 @@
 //! Drives headless Chromium through chromedriver (WebDriver). `GRIMACE_SCREENSHOTS=DIR` saves screenshots.
 
-// Every test program uses only a part of this module.
+// Each test program uses only a part of this module.
 #![allow(dead_code)]
 
 use std::{
@@ -59,7 +59,8 @@ impl Browser {
     pub fn start() -> Self {
         const INSTALL: &str =
             "this test needs Chromium and chromedriver: `apt-get install chromium chromium-driver` (Debian), or run scripts/test";
-        // It takes a port that is free for IPv4 and ends where another has it for IPv6, or took it meanwhile: once more, then.
+        // Chromedriver takes a port that is free for IPv4 and ends if another process has it for IPv6 or took it meanwhile;
+        // then try again.
         let started = (0..5).find_map(|_| start_driver(INSTALL));
         let (driver, port) = started.unwrap_or_else(|| panic!("chromedriver named no port, five times; {INSTALL}"));
         let folder = tempfile::tempdir().unwrap();
@@ -240,7 +241,7 @@ impl Browser {
 impl Drop for Browser {
     fn drop(&mut self) {
         let agent = ureq::Agent::config_builder().timeout_global(Some(Duration::from_secs(10))).build();
-        // The session may never have begun; what is left to end is the driver, and with it the browser.
+        // The session may not have been created; killing the driver also ends the browser.
         let _ = ureq::Agent::from(agent).delete(&self.session).call();
         let _ = self.driver.kill();
         let _ = self.driver.wait();

@@ -40,7 +40,7 @@ fn analyze_of_a_run_s_tracks_gives_that_run_s_statistics() {
     let ran = work.grimace("analyze out/tracks -o again").exit(0);
     ran.prints(&["6 tracks, 0 failed", "3 sequences  again/fap/happiness.fap", "report: again/report.html"]);
     assert_same_files(&work.files("out/models"), &work.files("again/models"));
-    // Only a run looks at pictures: it says why these few people have no skin in common.
+    // Only a run reads pictures; it gives the reason why these few people have no common skin.
     let without_skin = |folder: &str| {
         let mut files = work.files(folder);
         for (_, bytes) in files.iter_mut().filter(|(name, _)| name.ends_with(".json")) {
@@ -57,7 +57,7 @@ fn analyze_of_a_run_s_tracks_gives_that_run_s_statistics() {
     for file in ["statistics.csv", "trimming.csv", "failures.csv"] {
         assert_eq!(work.read(&format!("out/{file}")), work.read(&format!("again/{file}")), "{file}");
     }
-    // The run's own folder stands for its tracks.
+    // The folder of a run is accepted in place of its tracks.
     work.grimace("analyze out -o whole").exit(0).prints(&["6 tracks, 0 failed"]);
     assert_same_files(&work.files("again/representatives"), &work.files("whole/representatives"));
 }
@@ -121,19 +121,19 @@ fn what_an_earlier_analysis_made_goes_and_nothing_else() {
     assert!(stale.iter().all(|name| !work.path(&format!("again/{name}")).exists()));
     work.grimace("figures again -o figures -q").exit(0);
     assert!(!work.read("figures/captions.md").contains("cohort"));
-    // What is left is what a new folder gets.
+    // The remaining files equal those of a new folder.
     work.grimace("analyze out/tracks -o new/again --alpha 0").exit(0);
     let (mut again, mut new) = (work.files("again"), work.files("new/again"));
     assert_eq!(again.remove("representatives/mine.txt").as_deref(), Some(&b"mine"[..]));
     assert_eq!(again.remove("intervals.csv").as_deref(), Some(&b"edited"[..]));
     assert!(again.remove("analyze.b3").is_some() && new.remove("analyze.b3").is_some());
     assert_same_files(&again, &new);
-    // Without a record nothing can be told, and that is said.
+    // Without a record the command cannot know which files are its own, and says so.
     work.write("foreign/representatives/joy.json", "{}");
     let ran = work.grimace("analyze out/tracks -o foreign --force").exit(0);
     ran.says(&["note: foreign has no analyze.b3, the record of an earlier analysis"]);
     assert!(work.path("foreign/representatives/joy.json").exists());
-    // Nothing is written over that it did not write itself, or that was edited since.
+    // It overwrites no file that it did not write itself or that was edited since.
     let whole = work.files("foreign");
     work.write("mine/statistics.csv", "mine");
     for folder in ["mine", "foreign"] {
@@ -148,7 +148,7 @@ fn what_an_earlier_analysis_made_goes_and_nothing_else() {
     work.write("foreign/comparisons.csv", "edited");
     work.grimace("analyze out/tracks -o foreign --by cohort --force").exit(1).says(&["comparisons.csv: this file exists"]);
     assert_eq!(work.read("foreign/comparisons.csv"), "edited");
-    // One that stopped in the middle has entered what it wrote: the next one knows it.
+    // An analysis that stopped early has recorded its files, so the next one recognizes them.
     work.write("stopped/fap", "no folder");
     work.grimace("analyze out/tracks -o stopped --force").exit(1);
     let written = work.read("stopped/analyze.b3");
@@ -173,7 +173,7 @@ fn rows_of_a_manifest_that_are_damaged_and_tracks_that_it_does_not_list_are_said
     ran.says(&["emotion is empty", "are not in the manifest of --dataset", third]);
     let statistics = work.read("labels/statistics.csv");
     assert!(statistics.contains("joy"), "{statistics}");
-    // The one whose row is damaged has no label any more, and the double is named.
+    // The sequence with the damaged row has no label, and the duplicate is reported.
     let reasons: Vec<String> = work.rows("labels/failures.csv").iter().map(|r| r["reason"].clone()).collect();
     assert!(reasons.len() == 2 && reasons.iter().any(|r| r.contains("line 3")), "{reasons:?}");
     assert!(!work.path(&format!("labels/models/{second}.csv")).exists());
@@ -223,7 +223,7 @@ fn many_bad_tracks_are_summed_up_and_all_stand_in_a_table() {
     let ran = ran.says(&["S100_005.csv, line 1: has no column `y`", &format!("{more}; reasons: again/failures.csv")]);
     assert_eq!(ran.stderr.lines().count(), 2, "{}", ran.stderr);
     assert_eq!(work.rows("again/failures.csv").len(), 20);
-    // Where nothing is written there is no table.
+    // If nothing is written, there is no table of failures.
     let ran = work.grimace("analyze out/tracks -o none --by shoesize").exit(1).says(&[&more]);
     assert!(!ran.stderr.contains("failures.csv") && !work.path("none/failures.csv").exists(), "{}", ran.stderr);
     let ran = work.grimace("recognize --with out out/tracks/S001_005.csv -o r.csv").exit(1).says(&[&more]);

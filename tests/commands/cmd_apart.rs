@@ -59,7 +59,7 @@ fn a_track_goes_over_no_frame_and_no_pictures_among_frames() {
     let before = work.files(".");
     let frames = "faces/S1/001";
     for frame in [1, 3] {
-        // One that is left out is a frame, too.
+        // A frame that the options exclude is still protected.
         work.grimace(&format!("track {frames} --last-frame 2 -o {frames}/S1_001_0000000{frame}.jpg --force"))
             .exit(1)
             .says(&["--output would overwrite a frame of the sequence"]);

@@ -37,18 +37,18 @@ fn pictures_need_no_opencv_and_videos_say_what_is_missing() {
     ran.says(&["face.avi: this needs grimace-opencv", "neither beside this program nor on PATH", "cargo install --path ."]);
     let ran = alone(&work, &format!("track faces/S001/005 -c {MARKS} -o S001_2.csv --klt opencv")).exit(1);
     ran.says(&["this needs grimace-opencv"]);
-    // A film is known to be impossible before its frames are drawn.
+    // The command knows that a film is impossible before it draws frames.
     let clone =
         format!("clone --source S001_1.csv --target faces/S001/005/S001_005_00000001.png -c {MARKS} -o film --film gif,mp4");
     alone(&work, &clone).exit(1).says(&["film/clone.mp4: this needs grimace-opencv"]);
     assert!(!work.path("film").exists());
-    // In a run it is not the sequence's fault.
+    // In a run this does not count as a failure of the sequence.
     let manifest = format!("subject,sequence,emotion,frames,correspondences\nS001,1,happiness,../face.avi,../{MARKS}\n");
     work.write("films/manifest.csv", &manifest);
     alone(&work, "run films -o out").exit(1).says(&["the computer failed, not the sequence", "this needs grimace-opencv"]);
     let checked = alone(&work, "check films").exit(3).prints(&["`run` would stop at track: S001_1: the computer failed"]);
     assert!(!checked.stdout.contains("next:"), "{}", checked.stdout);
-    // A frame that the video does not have, as far as its header says.
+    // A frame that the video does not have according to its header.
     let manifest = manifest.replace("frames,", "frames,last_frame,").replace("face.avi,", "face.avi,500,");
     work.write("films/manifest.csv", manifest);
     work.grimace("check films").exit(3).prints(&["`last_frame` is 500, but the header of the video states 6 frames", "next:"]);
@@ -100,7 +100,7 @@ fn script(folder: &std::path::Path, text: &str) {
 fn a_decoder_that_breaks_down_or_is_none_costs_its_video() {
     let work = Work::with_sequences(&["S001_005"]);
     work.write("face.avi", "any bytes\0");
-    // The first message is the text {"hello":{"version":3}}; then comes a video without frames, and no more.
+    // The first message is the text {"hello":{"version":3}}; then a video without frames, and nothing else.
     let hello = r#"printf '\000\027\000\000\000{"hello":{"version":3}}'"#;
     let video = r#"printf '\000\070\000\000\000{"video":{"fps":25,"frames":9,"width":200,"height":160}}'"#;
     let huge = r#"printf '\001\377\377\377\377\377\377\000\000\377\377\000\000\003'"#;

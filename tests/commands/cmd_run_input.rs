@@ -24,7 +24,7 @@ fn a_manifest_is_read_as_spreadsheets_write_it() {
         let work = with_manifest(manifest);
         work.grimace("run faces -o out").exit(0).prints(&["2 sequences: 2 tracked"]);
         assert_same_files(&plain.files("out"), &work.files("out"));
-        // The manifest itself may be named.
+        // The manifest file itself may be given.
         work.grimace("run faces/manifest.csv -o out").exit(0).prints(&["nothing changed"]);
     }
 }
@@ -43,7 +43,7 @@ fn a_row_may_run_over_lines_and_a_bad_one_keeps_its_name() {
 #[test]
 #[cfg(target_os = "linux")]
 fn names_are_the_same_however_their_accents_are_written() {
-    // Folders as macOS writes them, an accent behind its letter, and a table as everybody else writes it.
+    // Folders named as macOS does, with the accent after its letter, and a table with composed letters.
     let work = Work::new();
     for ((name, bytes), at) in FACES.iter().flat_map(|file| ["S001", "S002"].map(|at| (file, at))) {
         if let Some(rest) = name.strip_prefix(&format!("{at}/005/")) {
@@ -80,7 +80,7 @@ fn a_link_to_nowhere_is_named() {
 
 #[test]
 fn a_plan_of_nothing_is_no_plan() {
-    // A folder, no file, no table, a table without rows, and one of which no row can be used: the first by id is named.
+    // A folder, no file, no table, a table without rows, and a table without any usable row: the first by id is reported.
     let of = |manifest: &str| with_manifest(manifest);
     let (none, folder) = (of(PLAIN), of(PLAIN));
     for work in [&none, &folder] {
@@ -122,7 +122,7 @@ fn a_manifest_that_is_none_is_refused_as_a_whole() {
         b"subject,sequence,emoton\nS001,005,happiness\n",
         &["has no column `emotion`", "found `subject`, `sequence`, `emoton`"],
     );
-    // Taken for a column to group by, the marks would only be missed one sequence after the other.
+    // If this counted as a column to group by, marks would be reported missing for each sequence instead.
     refused(
         b"subject,sequence,emotion,correspondence\nS001,005,happiness,a.csv\n",
         &["the column `correspondence` is unknown; if it is the column `correspondences`, rename it to that"],
@@ -131,7 +131,7 @@ fn a_manifest_that_is_none_is_refused_as_a_whole() {
         b"subject,sequence,emotion,First frame\nS001,005,happiness,1\n",
         &["if it is the column `first_frame`, rename it to that"],
     );
-    // Consent, and what would silently count for nothing.
+    // Consent, and other columns that would be ignored silently.
     refused(
         b"subject,sequence,emotion,publsh\nS001,005,happiness,no\n",
         &["the column `publsh`", "if it is the column `publish`, rename it to that"],
@@ -355,7 +355,7 @@ fn a_frame_that_cannot_be_read_fails_alike_in_every_run() {
     assert!(first.contains("S001,005,track,") && first.contains("S001_005_00000004.png: cannot be read"), "{first}");
     work.grimace("run faces -o out").exit(3).prints(&["2 sequences: 0 tracked, 1 unchanged, 1 failed"]);
     assert_eq!(work.read("out/failures.csv"), first);
-    // The same where the frame was there once and a track is.
+    // The same if the frame existed once and its track exists.
     std::fs::remove_file(&frame).unwrap();
     std::fs::write(&frame, bytes).unwrap();
     work.grimace("run faces -o out").exit(0);
@@ -401,7 +401,7 @@ fn a_neutral_photograph_and_one_of_an_expression_are_a_sequence() {
     let info: serde_json::Value = serde_json::from_str(&work.read("out/tracks/S001_smiling.json")).unwrap();
     assert_eq!(info["source"], serde_json::json!(["neutral/S001.png", "smiling/S001.png"]));
     work.grimace("run photos -o out --resample linear").exit(0).prints(&["nothing changed"]);
-    // The same as a folder of its own.
+    // The same sequence in a folder of its own.
     let folder = |number: u32| format!("faces/S001/two/{number}.png");
     work.write(&folder(1), work.bytes("photos/neutral/S001.png")).write(&folder(2), work.bytes("photos/smiling/S001.png"));
     let marks = "faces/S001/005/correspondences.csv";
@@ -412,7 +412,7 @@ fn a_neutral_photograph_and_one_of_an_expression_are_a_sequence() {
     // Another order is another sequence, and so are other numbers.
     work.replace("photos/manifest.csv", "neutral/S002.png;smiling/S002.png", "\"smiling/S002.png ; neutral/S002.png\"");
     work.grimace("run photos -o out --resample linear").exit(0).prints(&["2 sequences: 1 tracked, 1 unchanged"]);
-    // Overlay pictures stay apart from the photographs.
+    // Overlay pictures are kept apart from the photographs.
     work.grimace("run photos -o other --overlay photos/smiling").exit(1).says(&["would lie among the frames of S001_smiling"]);
 }
 

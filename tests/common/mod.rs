@@ -1,6 +1,6 @@
 //! A temporary work folder, a command runner, and a small simulated dataset, made once per test program and kept in memory.
 
-// Every test program uses only a part of this module.
+// Each test program uses only a part of this module.
 #![allow(dead_code)]
 
 pub mod video;
@@ -37,7 +37,7 @@ pub fn shared_data(name: &str, skipped: &str) -> Option<PathBuf> {
 /// unless an earlier build left them.
 pub fn grimace() -> &'static Path {
     static PROGRAM: LazyLock<PathBuf> = LazyLock::new(|| {
-        // The tests lie in the folder `deps` beside the programs.
+        // The tests are in the folder `deps` beside the programs.
         let test = std::env::current_exe().unwrap();
         let folder = test.parent().and_then(Path::parent).unwrap();
         let program = |name: &str| folder.join(format!("{name}{}", std::env::consts::EXE_SUFFIX));

@@ -159,7 +159,7 @@ impl Bench {
     fn kills(&mut self, rounds: u64) {
         let mut killed = 0;
         for round in 0..rounds {
-            // Every third folder is killed over and over, as on a machine that fails again and again.
+            // Every third folder is killed again and again, as on a machine that keeps failing.
             let out = format!("killed-{}", round / 3);
             let moment = self.moment();
             let mut child = self.run(&out);
@@ -261,7 +261,7 @@ impl Bench {
         for round in 0..rounds {
             let (call, error) = faults[round as usize % faults.len()];
             let out = format!("injected-{round}");
-            // Opening of libraries at the start is not ours to survive.
+            // The first files that are opened are libraries; without them no program can start.
             let first = if call == "openat" { 10 } else { 1 };
             let when = first + self.random.random_range(0..40);
             let inject = format!("inject={call}:error={error}:when={when}");
@@ -337,7 +337,7 @@ impl Bench {
             let (mut with, mut without) = (files_in(&self.path("with")), files_in(&self.path("without")));
             let failures = String::from_utf8_lossy(&with["failures.csv"]).into_owned();
             assert!(failures.contains(&name) && failures.lines().count() == 2, "{failures}");
-            // What tells of the failure differs, and the record with their hashes; every number is the same.
+            // The files that describe the failure differ, and the record with their hashes; all numbers are the same.
             for name in ["analyze.b3", "failures.csv", "report.html", "run.json"] {
                 with.remove(name);
                 without.remove(name);

@@ -87,7 +87,7 @@ fn what_a_terminal_obeys_is_escaped_and_long_fields_are_cut() {
     assert_eq!(status, Some(1));
     assert!(said.contains("marks.csv, line 2: x is `\\u{1b}]0;pwned\\u{7}`"), "{said:?}");
     assert!(said.len() < 3000, "{} bytes", said.len());
-    // A file's own name, and what another crate quotes.
+    // The name of the file itself, and text quoted by another crate.
     fs::write(folder.path().join("\u{1b}[2J.csv"), "a,b\n").unwrap();
     let (_, said) = grimace(&folder, &["fit", "face.jpg", "--correspondences", "\u{1b}[2J.csv", "-o", "fit.csv"]);
     assert!(said.contains("\\u{1b}[2J.csv, line 1: has no column `node`"), "{said:?}");

@@ -23,7 +23,7 @@ fn grimace(folder: &TempDir, arguments: &[&str], input: &[u8]) -> (Option<i32>, 
     let mut command = Command::new(env!("CARGO_BIN_EXE_grimace"));
     command.args(arguments).current_dir(folder.path());
     let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    // A command that reads nothing closes its end.
+    // A command that reads no input closes the pipe.
     let _ = child.stdin.take().unwrap().write_all(input);
     let mut out = child.stdout.take().unwrap();
     let reader = std::thread::spawn(move || {
@@ -219,7 +219,7 @@ fn quiet_is_quiet() {
         }
         assert_eq!((status, out.as_str(), said.as_str()), (Some(0), "", ""), "{film}");
     }
-    // Video frames come through libraries that like to talk; this film is broken.
+    // Video frames are read by libraries that print messages of their own; this film is damaged.
     fs::write(folder.path().join("broken.mp4"), b"\0\0\0\x18ftypmp42\0\0\0\0mp42isom\0\0\0\x08moov").unwrap();
     let (status, out, said) =
         grimace(&folder, &["track", "broken.mp4", "--correspondences", "marks.csv", "-o", "S001_006.csv", "-q"], b"");

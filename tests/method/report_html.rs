@@ -34,7 +34,7 @@ fn the_data_holds_the_models_of_live_nodes() {
     let fixture = Fixture::new("Data", [2, 3, 4, 5, 6, 7], &[]);
     let data = payload(&render_html(&fixture.data()).unwrap());
     let anger = &data["representatives"][0];
-    // 104 live nodes, x and y in turn; four frames after the neutral one.
+    // 104 live nodes, x and y alternating; four frames after the neutral one.
     assert_eq!(anger["neutral"].as_array().unwrap().len(), 208);
     assert_eq!(anger["offsets"].as_array().unwrap().len(), 4);
     // The first live node is node 0, at (0, 1.061) model units; 1.061 * 1024 / 0.613 = 1772.37.
@@ -58,7 +58,7 @@ fn a_user_s_text_can_not_become_markup() {
     assert!(!html.contains("<script>alert"), "script element");
     assert!(!html.contains("<!-- "), "comment");
     assert!(html.contains("{{ 7 * 7 }}"), "not a template");
-    // The page's own: the data and the script.
+    // Those of the page itself: the data and the script.
     assert_eq!(html.matches("<script").count(), 2);
     assert_eq!(html.matches("</script").count(), 2);
     assert_eq!(payload(&html)["ids"].as_array().unwrap().iter().filter(|id| id[0] == evil).count(), 2);
@@ -143,10 +143,10 @@ fn same_input_same_bytes() {
 fn the_file_is_small() {
     let size = |count: usize| render_html(&Fixture::new("Size", [count; 6], &[]).data()).unwrap().len();
     let (small, large) = (size(20), size(120));
-    // Six classes, each with its fields, its map and its courses as drawings: 180 kB a class.
+    // Six classes, each with drawings of its fields, map and courses: 180 kB per class.
     assert!(small < 1_300_000, "{small} bytes for 120 sequences");
-    // 6 * (120 - 20) = 600 sequences more.
+    // 6 * (120 - 20) = 600 more sequences.
     let each = (large - small) / 600;
-    // A row, and two numbers for each of its 8 to 36 frames.
+    // One row, and two numbers for each of its 8 to 36 frames.
     assert!(each <= 400, "{each} bytes per sequence");
 }

@@ -92,7 +92,7 @@ fn check(name: &str, picture: image::RgbImage, marks: &[Correspondence], bench: 
         let deformation = warp.deform(&moved).unwrap();
         let audit = warp.audit(&deformation, size);
         assert_eq!((audit.folded, audit.holes), (0, 0), "{name}, {emotion:?}: {audit:?}");
-        // Pixels that two slivers share where closed lips meet their corner.
+        // Pixels that two thin triangles share where closed lips meet at the corner.
         assert!(audit.doubled <= audit.inside / 10_000, "{name}, {emotion:?}: {audit:?}");
         assert!(audit.inside > 100);
         let frame = warp.render(target.texture(), &deformation, &MouthInside::Dark);
@@ -172,7 +172,7 @@ fn the_warp_of_a_grey_picture_is_grey() {
     let warp = grimace::internal::warp::Warp::new(&nodes).unwrap().with_eyes(&texture);
     let mut moved = nodes.clone();
     moved[31].x += 3.0;
-    // The middles of both upper lids on those of the lower ones: their skin, and the line of lashes.
+    // The middles of both upper lids are on those of the lower lids: their skin, and the line of lashes.
     for (upper, lower) in [(21, 22), (54, 55)] {
         moved[upper] = nodes[lower];
     }

@@ -83,7 +83,7 @@ fn gives_the_same_bytes_for_any_number_of_threads() {
     small(&one).args(["--threads", "1"]).assert().success();
     small(&two).args(["-j", "2", "--quiet"]).assert().success().stdout("");
     let (a, b) = (files(&one), files(&two));
-    // 12 frames, 4 marks, 4 truths, manifest, provenance, the record of all of them.
+    // 12 frames, 4 files of marks, 4 of truth, the manifest, the provenance, and the record of all files.
     assert_eq!(a.len(), 23);
     assert!(a == b, "files differ between 1 and 2 threads");
 }
@@ -199,7 +199,7 @@ fn the_shipped_dataset_is_what_its_command_makes() {
     let place = args.iter().position(|&a| a == "fixtures/simulated").unwrap();
     let out_text = out.to_str().unwrap();
     args[place] = out_text;
-    // One sequence of it: fewer subjects and emotions change nothing in the rest.
+    // One sequence of it: fewer subjects and emotions do not change the others.
     let subjects = args.iter().position(|&a| a == "--subjects").unwrap();
     args[subjects + 1] = "1";
     args.extend(["--emotions", "surprise"]);
