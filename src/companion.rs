@@ -224,13 +224,13 @@ mod tests {
     }
 
     #[test]
-    fn a_program_that_is_not_beside_this_one_is_looked_for_on_path() {
+    fn a_program_that_is_not_beside_this_one_is_searched_on_path() {
         let name = format!("no-such-program{}", env::consts::EXE_SUFFIX);
         assert_eq!(program("no-such-program"), PathBuf::from(name));
     }
 
     #[test]
-    fn what_is_missing_is_named_with_the_command_that_installs_it() {
+    fn a_missing_program_is_reported_with_the_command_that_installs_it() {
         let text = CompanionError::NotInstalled.to_string();
         assert!(text.contains(PROGRAM) && text.contains("cargo install --path ."), "{text}");
     }

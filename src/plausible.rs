@@ -192,7 +192,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_not_in_face_units_is_told_by_name() {
+    fn positions_that_are_not_in_face_units_are_reported() {
         let happiness = crate::positions::PositionTable::open("fixtures/golden/representatives/happiness.csv".as_ref()).unwrap();
         let model = happiness.model::<crate::units::FaceUnit>().unwrap();
         let neutral = model.neutral().nodes();

@@ -273,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn a_row_that_is_gone_is_said() {
+    fn a_missing_row_is_reported() {
         let error = set("subject,sequence,emotion\nS1,1,joy\n", &[("last_frame", "9")]).unwrap_err();
         assert!(error.contains("sequence S1_2 is no longer listed"), "{error}");
     }
@@ -296,7 +296,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_set_is_read_and_the_others_stay(value in "[ -~]{0,12}", other in "[ -~]{0,12}") {
+        fn set_fields_can_be_read_and_others_are_unchanged(value in "[ -~]{0,12}", other in "[ -~]{0,12}") {
             // Reading trims a field; a single quotation mark inside is text.
             let (value, other) = (value.trim(), other.trim());
             // A leading apostrophe prevents a spreadsheet from reading a text as a formula; reading removes it.

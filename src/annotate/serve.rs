@@ -201,7 +201,7 @@ mod tests {
         let silent = client(address);
         let mut slow = client(address);
         slow.write_all(b"POST / HTTP/1.1\r\nhost:").unwrap();
-        assert!(answer(client(address), WHOLE).ends_with("\r\n\r\nhello"), "answered when the others have been cut off");
+        assert!(answer(client(address), WHOLE).ends_with("\r\n\r\nhello"), "answered after the other connections were closed");
         assert_eq!(answer(silent, ""), "");
         assert_eq!(answer(slow, ""), "");
     }
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn who_does_not_take_an_answer_is_cut_off() {
+    fn clients_that_do_not_read_answers_are_disconnected() {
         let limits = Limits { connections: 1, head: LONG, body: LONG, answer: SHORT };
         let address = started(limits);
         let mut deaf = client(address);

@@ -416,7 +416,7 @@ mod tests {
     }
 
     #[test]
-    fn what_one_of_five_has_is_nobody_elses() {
+    fn a_feature_of_one_person_in_five_is_not_shared() {
         let layout = SkinLayout::new().unwrap();
         let folds = [0.0, 0.0, 0.4, 0.0, 0.0];
         let samples: Vec<SkinSample> = folds.iter().map(|&f| sample(&layout, 1.8, f)).collect();

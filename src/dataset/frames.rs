@@ -540,7 +540,7 @@ mod tests {
     }
 
     #[test]
-    fn ranges_that_are_not_there_show_what_is() {
+    fn missing_ranges_are_reported_with_the_existing_ones() {
         let folder = folder(&["f1.png", "f2.png", "f5.png"]);
         let error = numbers(&folder, Some(3), None).unwrap_err();
         assert!(error.ends_with("first_frame is 3, but the folder has no such frame; it has 3 frames from 1 to 5"), "{error}");
@@ -550,7 +550,7 @@ mod tests {
     }
 
     #[test]
-    fn folders_that_are_no_sequence_are_refused() {
+    fn folders_that_are_not_sequences_are_refused() {
         assert!(numbers(&folder(&["a.txt"]), None, None).unwrap_err().contains("no images in the folder"));
         assert!(numbers(&folder(&["f1.png"]), None, None).unwrap_err().contains("1 frame from"));
         assert!(

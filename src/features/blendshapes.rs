@@ -382,7 +382,7 @@ mod tests {
     }
 
     #[test]
-    fn what_holds_no_blendshapes_is_refused_with_the_reason() {
+    fn files_without_blendshapes_are_refused_with_the_reason() {
         let said = |name: &str, text: &str| read(name, text).unwrap_err().to_string();
         assert!(said("a.csv", "frame,x0\n1,2\n").contains("columns such as jawOpen"));
         assert!(said("a.csv", "frame,jawOpen\n1,wide\n").contains("line 2"));

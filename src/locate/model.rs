@@ -366,7 +366,7 @@ mod tests {
     }
 
     #[test]
-    fn files_that_are_no_model_are_named() {
+    fn files_that_are_not_models_are_reported() {
         let bytes = include_bytes!("../../candide/locator.bin");
         let message = |bytes: &[u8]| Model::from_bytes(Path::new("m.bin"), bytes).unwrap_err().to_string();
         assert!(

@@ -261,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn a_portrait_on_its_head_is_said_to_be() {
+    fn an_upside_down_portrait_is_reported() {
         let portrait = crate::sequence::read_frame("fixtures/portraits/P01.jpg".as_ref()).unwrap();
         let bench = Workbench::new(None, crate::pipeline::PipelineOptions::default()).unwrap();
         let turned = Frame::new(0, image::imageops::rotate180(portrait.image()));

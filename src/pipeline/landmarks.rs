@@ -226,7 +226,7 @@ mod tests {
     };
 
     #[test]
-    fn landmarks_that_end_before_the_images_are_said_in_the_track() {
+    fn landmarks_that_end_before_the_images_are_reported_in_the_track() {
         let landmarks = LandmarkOptions { prefer: true, ..LandmarkOptions::default() };
         let bench = Workbench::new(None, PipelineOptions { landmarks, ..PipelineOptions::default() }).unwrap();
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/simulated");

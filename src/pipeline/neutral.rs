@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_read_where_marks_are_not_set_by_hand_or_nobody_wants_it() {
+    fn no_point_is_read_without_hand_set_marks_or_when_switched_off() {
         let plain = bench(PipelineOptions::default());
         let (grey, places) = photograph(&plain);
         let marks = at(&ELEVEN, &places);

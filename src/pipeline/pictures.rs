@@ -232,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_there_is_named() {
+    fn missing_inputs_are_reported() {
         assert!(
             pictures_of(Path::new("nowhere.jpg")).unwrap_err().to_string().starts_with("nowhere.jpg: there is no such picture")
         );

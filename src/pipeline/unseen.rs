@@ -279,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_given_is_told_by_what_is_in_it() {
+    fn inputs_are_recognized_by_their_content() {
         let folder = tempfile::tempdir().unwrap();
         let at = folder.path();
         // A results folder inside a dataset's folder, together with a picture and tables.
@@ -307,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_is_taken_once_and_the_same_name_of_another_is_refused() {
+    fn equal_inputs_count_once_and_an_equal_name_of_another_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let at = folder.path();
         // Recordings are stored by name, so doubles are found before segmentation.

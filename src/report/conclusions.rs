@@ -291,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_difference_the_smallest_p_is_told() {
+    fn without_a_difference_the_smallest_p_is_given() {
         let said = |p: &[f64], least| not_shown("not shown to differ", p.iter().copied(), least, 0.05);
         assert_eq!(said(&[0.4, 0.077], Some(0.001)).unwrap(), "not shown to differ (smallest corrected p of 2 tests 0.077)");
         let hopeless = "not shown to differ (corrected p 0.5; with so few people or permutations no p below 0.333 is possible)";

@@ -262,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn damaged_files_are_named_for_what_they_are() {
+    fn damaged_files_are_reported_with_their_format() {
         let message = |bytes: &[u8]| GrayDecoder::default().decode(bytes).unwrap_err().to_string();
         assert_eq!(message(b""), "the file is empty");
         let png = png_8(64, 64);

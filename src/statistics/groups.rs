@@ -415,7 +415,7 @@ mod tests {
     }
 
     #[test]
-    fn words_for_missing_values_are_unknown_and_said() {
+    fn words_for_missing_values_become_unknown_and_are_reported() {
         let values = ["NA", "n/a", " nan", "NULL", "null", "", "Nauru", "native", "none", "na"];
         let models: Vec<LabelledModel> =
             values.iter().zip('a'..).map(|(v, s)| labelled(&s.to_string(), "anger", &[("land", v)])).collect();
@@ -436,7 +436,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_that_measure_are_told_from_those_that_name_groups() {
+    fn measures_are_distinguished_from_numbers_that_name_groups() {
         let said = |values: &[&str], columns: &[&str]| {
             let models: Vec<LabelledModel> =
                 (0..).zip(values).map(|(k, v)| labelled(&k.to_string(), "fear", &[("Age", v)])).collect();

@@ -402,7 +402,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_vary_says_so() {
+    fn data_without_variation_is_an_error() {
         assert_eq!(variation(&[("a", 1.0, 0.0), ("b", 2.0, 0.0)]).unwrap_err(), VariationError::TooFewPeople { found: 2 });
         assert_eq!(
             variation(&[("a", 1.0, 0.0), ("a", 2.0, 0.0), ("a", 3.0, 0.0)]).unwrap_err().to_string(),

@@ -566,7 +566,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_left_of_a_track_that_was_cut_is_refused() {
+    fn a_truncated_track_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("t.csv");
         let mut all = frames();

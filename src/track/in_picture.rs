@@ -62,7 +62,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_mirrored_face_in_pixels_is_told_from_one_that_is_turned() {
+    fn a_mirrored_face_in_pixels_is_distinguished_from_a_rotated_one() {
         let track = crate::positions::PositionTable::open("fixtures/simulated/truth/S001_005.csv".as_ref()).unwrap();
         let model = track.model::<crate::units::Px>().unwrap();
         let neutral = model.neutral().nodes();

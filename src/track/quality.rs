@@ -423,7 +423,7 @@ mod tests {
     }
 
     #[test]
-    fn missing_frames_are_said_where_they_matter() {
+    fn missing_frames_are_reported_where_they_matter() {
         let gap = |numbers: &[u32]| missing_frames(numbers.to_vec());
         let without = |from: u32, to: u32| (1..=24).filter(|n| !(from..=to).contains(n)).collect::<Vec<u32>>();
         assert_eq!(gap(&without(14, 23)), Some((14, 23)));
@@ -441,7 +441,7 @@ mod tests {
     }
 
     #[test]
-    fn where_nothing_moves_is_to_be_looked_at() {
+    fn a_still_face_has_the_verdict_look_again() {
         let (w, t) = (Wireframe::candide3(), Tables::candide3());
         // The head shifts and rotates; relative to it only the first `count` live nodes move, by 1 px of 61.3.
         let frame = |number: u32, count: usize| TrackedFrame {
@@ -466,7 +466,7 @@ mod tests {
     }
 
     #[test]
-    fn two_pictures_that_lie_far_apart_are_said_where_nodes_were_lost() {
+    fn two_distant_pictures_are_reported_if_nodes_were_lost() {
         let (w, t) = (Wireframe::candide3(), Tables::candide3());
         let frame = |number: u32, lost: usize, reason| TrackedFrame {
             number,
@@ -491,7 +491,7 @@ mod tests {
     }
 
     #[test]
-    fn a_region_that_may_sit_elsewhere_is_to_be_looked_at() {
+    fn a_region_with_large_placement_errors_has_the_verdict_look_again() {
         let (w, t) = (Wireframe::candide3(), Tables::candide3());
         // 61.3 px between the pupils; the limit is 3.065 px.
         let frame = |number: u32, brow: f64| TrackedFrame {

@@ -138,7 +138,7 @@ fn a_whole_session_by_clicks_and_keys() {
     wait(&browser, &format!("document.querySelector('#wire .contour').getAttribute('d') !== {}", json!(before)));
     assert!(
         browser.run("return document.getElementById('loupe').classList.contains('shown')") == json!(true),
-        "the magnifier helps"
+        "the magnifier is shown"
     );
     browser.screenshot("annotate-dragging", false);
     let during = wire(&browser);
@@ -168,7 +168,7 @@ fn a_whole_session_by_clicks_and_keys() {
     assert_eq!(mark(&browser, "mark", 10), moved);
     browser.chord(&[CONTROL], 'z');
     saved(&browser);
-    assert_eq!(rows(&work, "S001/005"), file, "undone is as it was, byte for byte");
+    assert_eq!(rows(&work, "S001/005"), file, "after undo the file is the same, byte for byte");
 
     // Dragging a fitted node sets a hard position, which can be released.
     let nose = browser.run(
@@ -288,7 +288,7 @@ fn proposals_count_only_once_accepted() {
 }
 
 #[test]
-fn a_tab_that_is_looked_at_again_shows_what_another_one_saved() {
+fn a_tab_shows_the_changes_of_another_tab_when_the_user_returns() {
     let work = unmarked(&["S001_005"]);
     let server = Server::start(&work, "faces");
     let browser = Browser::start();
@@ -343,7 +343,7 @@ fn a_conflict_is_decided_by_the_user() {
 }
 
 #[test]
-fn no_key_of_the_work_answers_a_conflict_and_what_is_dropped_can_be_had_back() {
+fn no_editing_key_answers_a_conflict_and_discarded_marks_can_be_restored() {
     let work = unmarked(&["S001_005"]);
     let server = Server::start(&work, "faces");
     let browser = Browser::start();
@@ -375,7 +375,7 @@ fn no_key_of_the_work_answers_a_conflict_and_what_is_dropped_can_be_had_back() {
 }
 
 #[test]
-fn a_sequence_that_does_not_open_takes_no_marks() {
+fn a_sequence_that_cannot_be_opened_accepts_no_marks() {
     let work = unmarked(&["S001_005", "S002_007"]);
     for name in crate::common::files_in(&work.path("faces/S002/007")).keys().filter(|name| name.ends_with(".png")) {
         work.write(&format!("faces/S002/007/{name}"), "no picture");
@@ -488,7 +488,7 @@ fn tracks_are_stepped_corrected_and_tracked_again() {
 }
 
 #[test]
-fn names_are_shown_as_they_are_and_run_nothing() {
+fn names_are_shown_unchanged_and_execute_nothing() {
     let work = unmarked(&["S001_005"]);
     let name = "<img src=x onerror=\"document.title='run'\">";
     work.write(
@@ -593,9 +593,9 @@ fn it_fits_desks_tablets_and_phones_in_light_and_dark() {
     let after = browser.run(&script);
     for axis in 0..2 {
         let off = (before[axis].as_f64().unwrap() - after[axis].as_f64().unwrap()).abs() * zoom_now();
-        assert!(off < 6.0, "the middle of the fingers moved by {off} px");
+        assert!(off < 6.0, "the point between the fingers moved by {off} px");
     }
-    assert_eq!(browser.run("return document.querySelectorAll('.pin.mark').length"), marks, "a pinch marked something");
+    assert_eq!(browser.run("return document.querySelectorAll('.pin.mark').length"), marks, "a pinch set a mark");
     // The help shows all keys, scrolled to the first.
     browser.press("?");
     wait(&browser, "document.getElementById('help').open");
@@ -609,7 +609,7 @@ fn it_fits_desks_tablets_and_phones_in_light_and_dark() {
 fn a_new_user_marks_three_real_sequences_in_two_minutes() {
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/sequences");
     if !data.is_dir() {
-        eprintln!("SKIPPED: {} is not there", data.display());
+        eprintln!("SKIPPED: {} does not exist", data.display());
         return;
     }
     let work = Work::new();

@@ -35,7 +35,7 @@ fn start_driver(install: &str) -> Option<(Child, u16)> {
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
         .spawn()
-        .unwrap_or_else(|error| panic!("chromedriver does not start ({error}); {install}"));
+        .unwrap_or_else(|error| panic!("chromedriver cannot be started ({error}); {install}"));
     let lines = driver.stdout.take().map(|out| BufReader::new(out).lines());
     let port = lines.into_iter().flatten().map_while(Result::ok).find_map(|line| {
         let (_, port) = line.split_once("started successfully on port ")?;
@@ -62,7 +62,7 @@ impl Browser {
         // Chromedriver takes a port that is free for IPv4 and ends if another process has it for IPv6 or took it meanwhile;
         // then try again.
         let started = (0..5).find_map(|_| start_driver(INSTALL));
-        let (driver, port) = started.unwrap_or_else(|| panic!("chromedriver named no port, five times; {INSTALL}"));
+        let (driver, port) = started.unwrap_or_else(|| panic!("chromedriver printed no port in five attempts; {INSTALL}"));
         let folder = tempfile::tempdir().unwrap();
         let profile = format!("--user-data-dir={}", folder.path().join("profile").display());
         let arguments = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"];
@@ -274,7 +274,7 @@ pub fn decode_base64(text: &str) -> Vec<u8> {
 pub fn wait(browser: &Browser, condition: &str) {
     let start = Instant::now();
     while browser.run(&format!("return {condition}")) != json!(true) {
-        assert!(start.elapsed() < Duration::from_secs(120), "waited in vain for {condition}");
+        assert!(start.elapsed() < Duration::from_secs(120), "timed out waiting for {condition}");
         sleep(Duration::from_millis(20));
     }
 }

@@ -65,7 +65,7 @@ fn it_plays_scrubs_compares_and_a_slider_moves_a_node() {
         let open = node(&browser, 10);
         browser.press(&HOME.to_string());
         let closed = node(&browser, 10);
-        assert!(share() == 0.0 && open.1 > closed.1 + 2.0, "the chin goes down: {closed:?} to {open:?}");
+        assert!(share() == 0.0 && open.1 > closed.1 + 2.0, "the chin moves down: {closed:?} to {open:?}");
         // Play moves it, pause stops it.
         browser.press(" ");
         wait(&browser, "P.share > 0");
@@ -122,7 +122,7 @@ fn apart(one: &RgbImage, other: &RgbImage, (left, top): (u32, u32), (right, bott
 }
 
 #[test]
-fn eyes_that_shut_look_as_clone_draws_them() {
+fn closing_eyes_look_as_clone_draws_them() {
     // The differences are 2.3 levels with WebGL and 2.7 on a plain canvas, which has seams between triangles and lids without
     // grain. JPEG compression causes 1.8 of them. With lashes stretched over the lids the difference would be 11 or more.
     let shut = Motion { name: "shut", faps: &[19, 20], values: &[0, 640, 1024] };
@@ -133,13 +133,13 @@ fn eyes_that_shut_look_as_clone_draws_them() {
 const RAISED: Motion = Motion { name: "raised", faps: &[31, 32, 33, 34, 35, 36], values: &[0, 100, 200] };
 
 #[test]
-fn eyes_below_brows_that_rise_look_as_clone_draws_them() {
+fn eyes_below_raised_brows_look_as_clone_draws_them() {
     // The difference is 1.9 levels; without the skin without lashes it would be 8.8.
     RAISED.looks_as_clone_draws_it(portrait(), eyes, &[("", 2.5)]);
 }
 
 #[test]
-fn hollows_and_furrows_around_brows_that_rise_look_as_clone_draws_them() {
+fn hollows_and_furrows_around_raised_brows_look_as_clone_draws_them() {
     // A forehead with lines, and dark lids. Without hollows and furrows the difference would be 11 levels below raised brows
     // and 5 above.
     let mut picture = portrait();
@@ -250,7 +250,7 @@ impl Motion {
 }
 
 #[test]
-fn lips_of_a_jaw_that_drops_lie_where_clone_has_them() {
+fn lips_of_a_dropping_jaw_are_where_clone_draws_them() {
     let browser = Browser::start();
     let folder = browser.folder.path();
     write_fap(folder, "jaw", &[3], &[0, 500, 1000]);
@@ -287,7 +287,7 @@ fn lips_of_a_jaw_that_drops_lie_where_clone_has_them() {
 }
 
 #[test]
-fn a_mouth_that_gapes_looks_as_clone_draws_it() {
+fn a_gaping_mouth_looks_as_clone_draws_it() {
     let browser = Browser::start();
     let folder = browser.folder.path();
     let fixture = |name: &str| format!("{}/fixtures/{name}", env!("CARGO_MANIFEST_DIR"));

@@ -135,7 +135,7 @@ fn expressions_at_a_low_and_a_high_value_of_a_covariate_are_shown() {
 }
 
 #[test]
-fn less_motion_means_one_pass_and_no_loop() {
+fn with_reduced_motion_the_animation_runs_once() {
     let browser = Browser::start();
     browser.size(1280, 720);
     browser.media("", "prefers-reduced-motion", "reduce");
@@ -207,7 +207,7 @@ fn quality_cards_come_worst_first_and_filter_and_sections_fold() {
     assert_eq!(cards(), 24);
     let again = browser.run("return [...document.querySelectorAll('.qc')].map(c => c.classList.contains('again'))");
     let again: Vec<bool> = again.as_array().unwrap().iter().map(|v| v.as_bool().unwrap()).collect();
-    assert!(again[0] && again.is_sorted_by(|a, b| a >= b), "those to look at again come first: {again:?}");
+    assert!(again[0] && again.is_sorted_by(|a, b| a >= b), "sequences to look at again are first: {again:?}");
     browser.run("document.querySelector('#quality-more').click()");
     // 96 more.
     assert_eq!(cards(), 120);

@@ -3,7 +3,7 @@
 use crate::common::{SEQUENCES, Work, assert_same_files};
 
 #[test]
-fn models_and_representatives_given_as_tracks_are_called_what_they_are() {
+fn models_and_representatives_given_as_tracks_are_refused_by_kind() {
     let work = Work::with_sequences(&["S001_005", "S002_005"]);
     work.grimace("run faces -o R -q").exit(0);
     let model = "S001_005.csv: this is a normalized model in face units, not a track";
@@ -16,7 +16,7 @@ fn models_and_representatives_given_as_tracks_are_called_what_they_are() {
 }
 
 #[test]
-fn numbers_that_an_option_does_not_take_are_said_by_the_option() {
+fn invalid_numbers_are_reported_with_their_option() {
     let work = Work::new();
     let refused = |args: &str, said: &str| {
         let ran = work.grimace(args).exit(2).says(&[said]);
@@ -35,7 +35,7 @@ fn numbers_that_an_option_does_not_take_are_said_by_the_option() {
 }
 
 #[test]
-fn analyze_of_a_run_s_tracks_gives_that_run_s_statistics() {
+fn analyzing_the_tracks_of_a_run_gives_its_statistics() {
     let work = Work::after_run(&SEQUENCES, "out");
     let ran = work.grimace("analyze out/tracks -o again").exit(0);
     ran.prints(&["6 tracks, 0 failed", "3 sequences  again/fap/happiness.fap", "report: again/report.html"]);
@@ -103,7 +103,7 @@ fn options_of_the_statistics_take_effect() {
 }
 
 #[test]
-fn what_an_earlier_analysis_made_goes_and_nothing_else() {
+fn only_files_of_an_earlier_analysis_are_removed() {
     let work = Work::after_run(&["S001_005", "S002_005", "S003_005"], "out");
     work.grimace("analyze out/tracks -o again --by cohort --alpha 0.4").exit(0);
     let record = std::fs::File::options().append(true).open(work.path("again/analyze.b3")).unwrap();
@@ -158,7 +158,7 @@ fn what_an_earlier_analysis_made_goes_and_nothing_else() {
 }
 
 #[test]
-fn rows_of_a_manifest_that_are_damaged_and_tracks_that_it_does_not_list_are_said() {
+fn damaged_manifest_rows_and_unlisted_tracks_are_reported() {
     let work = Work::after_run(&SEQUENCES, "out");
     let row = |id: &str, emotion: &str| {
         let (subject, sequence) = id.split_once('_').unwrap();
@@ -180,7 +180,7 @@ fn rows_of_a_manifest_that_are_damaged_and_tracks_that_it_does_not_list_are_said
 }
 
 #[test]
-fn a_bad_track_costs_that_track() {
+fn a_bad_track_fails_alone() {
     let work = Work::after_run(&SEQUENCES, "out");
     let track = work.read("out/tracks/S001_005.csv");
     let lines: Vec<&str> = track.lines().collect();
@@ -212,7 +212,7 @@ fn a_bad_track_costs_that_track() {
 }
 
 #[test]
-fn many_bad_tracks_are_summed_up_and_all_stand_in_a_table() {
+fn many_bad_tracks_are_summarized_and_all_are_in_a_table() {
     let work = Work::after_run(&["S001_005", "S002_005"], "out");
     for k in 0..20 {
         work.write(&format!("out/tracks/S1{k:02}_005.csv"), "frame,node,x\n1,0,3\n");
@@ -242,7 +242,7 @@ fn a_track_read_twice_counts_once() {
 }
 
 #[test]
-fn what_is_not_there_or_in_the_way_is_named() {
+fn missing_and_obstructing_files_are_reported() {
     let work = Work::after_run(&["S001_005"], "out");
     work.grimace("analyze nowhere -o again").exit(1).says(&["nowhere", "No such file"]);
     work.write("none/a.txt", "x").grimace("analyze none -o again").exit(1).says(&["found no tracks (.csv) in none"]);

@@ -61,7 +61,7 @@ fn it_listens_on_loopback_only_and_prints_its_address() {
 }
 
 #[test]
-fn what_was_proposed_is_shown_with_its_confidence() {
+fn proposed_sequences_are_shown_with_their_confidence() {
     // Both have all their marks; only one is a proposal.
     let work = Work::with_sequences(&["S001_005", "S002_007"]);
     let manifest = work.read("faces/manifest.csv");
@@ -88,7 +88,7 @@ fn another_address_needs_a_flag_and_warns() {
 }
 
 #[test]
-fn a_taken_port_is_said_only_when_it_was_asked_for() {
+fn a_port_in_use_is_reported_only_if_it_was_requested() {
     let work = unmarked();
     let first = Server::start(&work, "faces");
     let port = first.port();
@@ -242,7 +242,7 @@ fn a_hard_position_is_kept_as_such_and_released() {
 }
 
 #[test]
-fn without_marks_the_sequence_is_as_it_was_before() {
+fn removing_all_marks_restores_the_sequence() {
     let work = unmarked();
     let server = Server::start(&work, "faces");
     let version = open(&server, "S001_005")["version"].clone();
@@ -337,7 +337,7 @@ fn any_frame_may_be_neutral_or_apex() {
     assert_eq!((&changed["neutral"], &changed["apex"]), (&json!(2), &json!(5)));
     let row = |work: &Work| work.rows("faces/manifest.csv")[0].clone();
     assert_eq!((row(&work)["first_frame"].as_str(), row(&work)["last_frame"].as_str()), ("2", "5"));
-    assert_eq!(range(&opened["version"], 1, 6).status, 409, "another tab has changed it");
+    assert_eq!(range(&opened["version"], 1, 6).status, 409, "another tab has changed the frames");
     assert!(range(&changed["version"], 5, 5).text().contains("cannot be both the neutral and the apex frame"));
     assert!(range(&changed["version"], 2, 7).text().contains("there is no frame 7"));
     assert_eq!(row(&work)["first_frame"], "2");
@@ -349,7 +349,7 @@ fn any_frame_may_be_neutral_or_apex() {
     assert_eq!((&opened["neutral"], &opened["apex"]), (&json!(1), &json!(5)));
     assert!(opened["problem"].as_str().unwrap().starts_with("first_frame is 0 in the manifest, but the frames are 1 to 6"));
     let refused = save(&server, "S001_005", &opened["version"], &true_marks("S001/005"));
-    assert!(refused.status == 422 && refused.text().contains("first_frame is 0"), "nothing is marked on another frame");
+    assert!(refused.status == 422 && refused.text().contains("first_frame is 0"), "marks on another frame are refused");
     server.send("PUT", "api/sequences/S001_005/range", &json!({"version": opened["version"], "neutral": 1, "apex": 5})).ok();
     assert_eq!(row(&work)["first_frame"], "1");
 }
@@ -368,7 +368,7 @@ fn a_video_is_marked_and_scrubbed_like_images() {
     let shown = image::load_from_memory(&frame.body).unwrap().to_luma8();
     let still = image::open(work.path("faces/S001/005/S001_005_00000004.png")).unwrap().to_luma8();
     let differences = shown.iter().zip(still.iter()).map(|(a, b)| f64::from(a.abs_diff(*b)));
-    assert!(differences.sum::<f64>() / f64::from(200 * 160) < 5.0, "frame 4 is frame 4, but for JPEG");
+    assert!(differences.sum::<f64>() / f64::from(200 * 160) < 5.0, "frame 4 is shown, up to JPEG compression");
     assert_eq!(server.get("api/sequences/S001_005/frames/7").status, 404);
     save(&server, "S001_005", &opened["version"], &true_marks("S001/005")).ok();
     work.grimace("run faces -o results -q").exit(0);
@@ -749,20 +749,20 @@ fn tracks_are_corrected_and_tracked_again() {
     // A preview is not saved.
     let preview = server.send("POST", "api/sequences/S001_005/preview", &json!({"frame": 3, "corrections": correction})).ok();
     assert_eq!(preview["nodes"][31], json!([wanted.0, wanted.1]));
-    assert!(before == work.files("results/tracks"), "a preview writes nothing");
+    assert!(before == work.files("results/tracks"), "a preview does not change the file");
     let body = json!({"version": track["version"], "frame": 3, "corrections": correction});
     let corrected = server.send("PUT", "api/sequences/S001_005/corrections", &body).ok();
-    assert_eq!(server.send("PUT", "api/sequences/S001_005/corrections", &body).status, 409, "the second tab is told");
+    assert_eq!(server.send("PUT", "api/sequences/S001_005/corrections", &body).status, 409, "the second tab is informed");
     let now = open(&server, "S001_005");
     assert_eq!((node(&now, 2, 31), &now["frames"][2]["states"][31]), (wanted, &json!("corrected")));
-    assert_eq!(node(&now, 3, 31), node(&track, 3, 31), "frames behind wait");
+    assert_eq!(node(&now, 3, 31), node(&track, 3, 31), "later frames are unchanged");
     let again = server.send("POST", "api/sequences/S001_005/retrack", &json!({"version": corrected["version"], "frame": 3})).ok();
     assert_eq!(node(&again, 2, 31), wanted);
     let moved = |frame: usize| {
         let ((ax, ay), (bx, by)) = (node(&again, frame, 31), node(&track, frame, 31));
         (ax - bx).hypot(ay - by)
     };
-    assert!(moved(3) > 1.0 && moved(1) == 0.0, "the correction carries on, and only forwards: {} {}", moved(3), moved(1));
+    assert!(moved(3) > 1.0 && moved(1) == 0.0, "the correction affects later frames only: {} {}", moved(3), moved(1));
     // Every answer equals the content of the file, and the other track is unchanged.
     let rows = work.rows("results/tracks/S001_005.csv");
     let row = rows.iter().find(|r| r["frame"] == "3" && r["node"] == "31").unwrap();
@@ -834,7 +834,7 @@ fn a_released_correction_leaves_no_trace() {
 }
 
 #[test]
-fn corrections_far_off_the_face_are_named_as_run_names_them() {
+fn corrections_far_from_the_face_are_reported_as_by_run() {
     let work = Work::after_run(&["S001_005"], "results");
     let server = Server::start(&work, "--tracks results");
     let track = open(&server, "S001_005");
@@ -860,7 +860,7 @@ fn corrections_far_off_the_face_are_named_as_run_names_them() {
 }
 
 #[test]
-fn what_can_not_be_annotated_is_said() {
+fn inputs_that_cannot_be_annotated_are_reported() {
     let work = unmarked();
     work.grimace("annotate").exit(2);
     work.grimace("annotate nowhere --no-open").exit(1).says(&["nowhere: there is no such dataset"]);
@@ -885,7 +885,7 @@ fn kills() -> u64 {
 }
 
 #[test]
-fn a_correction_that_was_said_to_be_saved_survives_every_kill() {
+fn acknowledged_corrections_survive_every_kill() {
     let work = Work::after_run(&["S001_005"], "results");
     let mut saved: std::collections::BTreeMap<(u32, u16), f64> = std::collections::BTreeMap::new();
     let (mut acknowledged, mut lost, mut process) = (0, Vec::new(), 0);
@@ -968,7 +968,7 @@ fn a_correction_that_was_said_to_be_saved_survives_every_kill() {
 }
 
 #[test]
-fn a_file_that_the_manifest_no_longer_names_is_not_written() {
+fn a_file_that_the_manifest_no_longer_lists_is_not_written() {
     let work = Work::with_sequences(&["S001_005"]);
     let server = Server::start(&work, "faces --all");
     let opened = open(&server, "S001_005");

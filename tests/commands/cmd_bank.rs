@@ -25,7 +25,7 @@ fn meshes(work: &Work) {
 }
 
 #[test]
-fn a_folder_becomes_a_bank_that_says_what_is_in_it() {
+fn a_folder_becomes_a_bank_that_describes_its_content() {
     let work = Work::new();
     meshes(&work);
     let ran = work.grimace("bank build meshes -o face.bank --unit cm --credit me").exit(0);
@@ -49,7 +49,7 @@ fn a_folder_becomes_a_bank_that_says_what_is_in_it() {
 }
 
 #[test]
-fn what_a_bank_file_holds_stays_on_its_line() {
+fn texts_of_a_bank_file_are_printed_on_one_line() {
     let work = Work::new();
     meshes(&work);
     work.grimace("bank build meshes -o face.bank --unit cm --credit abcde").exit(0);
@@ -64,7 +64,7 @@ fn what_a_bank_file_holds_stays_on_its_line() {
 }
 
 #[test]
-fn no_file_that_a_bank_is_built_from_is_written_over() {
+fn files_from_which_a_bank_is_built_are_not_overwritten() {
     let work = Work::new();
     meshes(&work);
     let before = work.files("meshes");

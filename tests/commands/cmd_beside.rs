@@ -33,7 +33,7 @@ fn move_marks(work: &Work, to: &str, moved: impl Fn(u16, f64, f64) -> (f64, f64)
 }
 
 #[test]
-fn shifted_marks_are_not_good_and_right_ones_are() {
+fn shifted_marks_are_reported_and_correct_ones_are_not() {
     let work = smiling();
     work.grimace("run faces -o right").exit(0);
     let verdict = |out: &str| work.rows(&format!("{out}/verdicts.csv"))[0].clone();
@@ -55,7 +55,7 @@ fn shifted_marks_are_not_good_and_right_ones_are() {
 }
 
 #[test]
-fn fit_and_track_say_which_marks_lie_beside_what() {
+fn fit_and_track_report_which_marks_miss_the_face() {
     let work = smiling();
     let first = "faces/P01/001/P01_00000001.png";
     let quiet = work.grimace(&format!("fit {first} -c {MARKS} -o right.csv")).exit(0);
@@ -80,7 +80,7 @@ fn fit_and_track_say_which_marks_lie_beside_what() {
 }
 
 #[test]
-fn marks_of_a_picture_of_another_size_are_said_where_the_face_is_lost_and_of_portraits() {
+fn marks_of_another_picture_size_are_reported_for_lost_faces_and_portraits() {
     let work = smiling();
     move_marks(&work, "half.csv", |_, x, y| (0.5 * x, 0.5 * y));
     move_marks(&work, "shares.csv", |_, x, y| (x / 440.0, y / 560.0));

@@ -7,7 +7,7 @@ use crate::common::{Work, assert_same_files};
 type Row = BTreeMap<String, String>;
 
 #[test]
-fn what_a_check_finds_is_what_a_run_says() {
+fn check_reports_the_problems_of_a_run() {
     let work = Work::with_sequences(&["S001_005", "S001_007", "S002_005", "S002_007", "S003_005", "S003_007"]);
     let rows =
         ["S001,005,happiness,A", "S001,007,surprise,A", "S002,005,joy,A", "S002,007,surprise,A", "S003,005,joy,B", "S003,007,,B"];
@@ -59,7 +59,7 @@ fn what_a_check_finds_is_what_a_run_says() {
 }
 
 #[test]
-fn what_is_no_dataset_is_refused() {
+fn an_input_that_is_not_a_dataset_is_refused() {
     let work = Work::with_sequences(&["S001_005", "S002_005"]);
     work.grimace("check none").exit(1).says(&["none"]);
     work.grimace("check faces --by size").exit(1).says(&["no sequence has a column `size`; the columns are: subject, sequence"]);
@@ -84,7 +84,7 @@ fn what_is_no_dataset_is_refused() {
 }
 
 #[test]
-fn notes_are_no_verdict_and_numbers_no_groups() {
+fn notes_do_not_change_the_verdict_and_numbers_are_not_suggested_as_groups() {
     let work = Work::with_sequences(&["S001_005", "S002_005"]);
     // Two recordings, one of them too short; a file beside the frames that is not a frame; and the columns about the people.
     let rows = [

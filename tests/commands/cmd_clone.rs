@@ -52,7 +52,7 @@ fn a_track_on_a_photograph_gives_frames_track_fap_overlay_sheet_and_films() {
     ];
     assert_eq!(names, expected);
     let (first, last) = (picture(&work, "out/frames/target_00000001.png"), picture(&work, "out/frames/target_00000006.png"));
-    assert_eq!(first, picture(&work, "target.png"), "the first frame is the neutral photograph, to the bit");
+    assert_eq!(first, picture(&work, "target.png"), "the first frame equals the neutral photograph, bit for bit");
     assert_ne!(first, last);
     // The target smiles like the source: the corners of its mouth move out and up.
     let fap = read_fap(&work.path("out/clone.fap")).unwrap().sequence;
@@ -123,7 +123,7 @@ fn a_clone_is_the_same_to_the_byte_and_is_not_written_over() {
 }
 
 #[test]
-fn films_and_tracks_of_an_earlier_clone_go_with_its_frames() {
+fn films_and_tracks_of_an_earlier_clone_are_removed_with_its_frames() {
     let work = work();
     clone(&work, "--source S001_005.csv -o a --film gif,apng").exit(0);
     work.write("raised.fap", fap_file(&[31, 32], "200 200"));
@@ -140,7 +140,7 @@ fn films_and_tracks_of_an_earlier_clone_go_with_its_frames() {
 }
 
 #[test]
-fn duration_rate_loop_and_emphasis_do_what_they_say() {
+fn duration_rate_loop_and_emphasis_take_effect() {
     let work = work();
     work.grimace("analyze S001_005.csv -o analysed -q").exit(0);
     let source = "--source analysed/representatives/happiness.csv";
@@ -181,7 +181,7 @@ fn fap_file(mask: &[usize], values: &str) -> String {
 }
 
 #[test]
-fn faps_close_the_eyes_and_those_that_can_not_be_shown_are_named() {
+fn faps_close_the_eyes_and_faps_that_cannot_be_shown_are_reported() {
     let work = work();
     // Upper lids closed by one IRISD (FAP 19, 20); a tongue (44) and a head turned by 0.1 rad (49), which no photograph can
     // show.
@@ -202,7 +202,7 @@ fn faps_close_the_eyes_and_those_that_can_not_be_shown_are_named() {
 }
 
 #[test]
-fn lids_move_by_what_a_fap_file_says_whoever_they_belong_to() {
+fn lids_move_by_the_values_of_a_fap_file_on_any_face() {
     let work = work();
     // The marked lids are wider apart than the iris boxes, which the springs carry: the unit of the lids is their opening.
     let marks = work.read("marks.csv");
@@ -244,7 +244,7 @@ fn lids_move_by_what_a_fap_file_says_whoever_they_belong_to() {
 }
 
 #[test]
-fn of_faps_only_those_that_the_file_sets_are_called_cut() {
+fn only_faps_that_the_file_sets_are_reported_as_clamped() {
     let work = work();
     // A jaw that falls by nine times the distance from nose to mouth takes the lips along, as far as skin stretches.
     work.write("jaw.fap", fap_file(&[3], "9000"));
@@ -272,7 +272,7 @@ fn puffed_cheeks_leave_the_mouth_where_it_is() {
 }
 
 #[test]
-fn an_open_mouth_has_teeth_unless_it_is_to_be_dark() {
+fn an_open_mouth_has_teeth_unless_dark_is_requested() {
     let work = work();
     // The upper lip moves up, the lower lip down.
     work.write("open.fap", fap_file(&[4, 5, 8, 9, 10, 11], "-250 -400 -200 -200 -350 -350"));
@@ -286,7 +286,7 @@ fn an_open_mouth_has_teeth_unless_it_is_to_be_dark() {
 }
 
 #[test]
-fn a_folder_that_another_command_writes_into_is_left_to_it() {
+fn a_folder_in_use_by_another_command_is_not_changed() {
     let work = work();
     clone(&work, "--source S001_005.csv -o out").exit(0);
     let before = work.files("out");
@@ -299,7 +299,7 @@ fn a_folder_that_another_command_writes_into_is_left_to_it() {
 }
 
 #[test]
-fn a_fap_file_of_hours_is_refused_at_once() {
+fn a_fap_file_of_several_hours_is_refused_at_once() {
     let work = work();
     let flags = (1..=68).map(|k| if k == 3 { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
     let frames: String = (0..20_001).map(|k| format!("{flags}\n{k} 100\n")).collect();
@@ -308,7 +308,7 @@ fn a_fap_file_of_hours_is_refused_at_once() {
 }
 
 #[test]
-fn marks_of_a_file_are_not_asked_for_without_one() {
+fn the_option_marks_without_a_landmark_file_is_refused() {
     let work = work();
     work.grimace("clone --source S001_005.csv --target target.png --marks default -o out")
         .exit(1)
@@ -316,7 +316,7 @@ fn marks_of_a_file_are_not_asked_for_without_one() {
 }
 
 #[test]
-fn another_face_has_teeth_of_its_own_unless_the_sources_are_asked_for() {
+fn another_face_has_its_own_teeth_unless_those_of_the_source_are_requested() {
     let work = work();
     for teeth in ["auto", "drawn", "source"] {
         let clone_with = format!("--source S001_005.csv --source-frames faces/S001/005 -o {teeth} --teeth {teeth}");
@@ -324,13 +324,13 @@ fn another_face_has_teeth_of_its_own_unless_the_sources_are_asked_for() {
     }
     let apex = |teeth: &str| picture(&work, &format!("{teeth}/frames/target_00000006.png"));
     assert_eq!(apex("auto"), apex("drawn"));
-    assert_ne!(apex("auto"), apex("source"), "the lips of the smile are apart");
+    assert_ne!(apex("auto"), apex("source"), "the lips of the smile are open");
     let none = "--source S001_005.csv -o none --teeth source";
     clone(&work, none).exit(1).says(&["--teeth source needs the frames of the source: give --source-frames"]);
 }
 
 #[test]
-fn the_head_of_a_track_is_carried_over_when_it_is_asked_for() {
+fn head_motion_of_a_track_is_copied_on_request() {
     let work = work();
     clone(&work, "--source S001_005.csv -o still").exit(0);
     clone(&work, "--source S001_005.csv -o moving --head").exit(0);
@@ -345,7 +345,7 @@ fn the_head_of_a_track_is_carried_over_when_it_is_asked_for() {
 }
 
 #[test]
-fn several_sources_and_targets_give_a_sheet_and_a_bad_one_costs_itself() {
+fn several_sources_and_targets_give_a_sheet_and_a_bad_one_fails_alone() {
     let work = work();
     work.write("still.fap", fap_file(&[3], "0")).write("broken.fap", "2.1 test 25");
     let ran = work.grimace(
@@ -360,7 +360,7 @@ fn several_sources_and_targets_give_a_sheet_and_a_bad_one_costs_itself() {
 }
 
 #[test]
-fn an_interrupted_batch_goes_on_where_it_stopped() {
+fn an_interrupted_batch_continues_where_it_stopped() {
     let work = work();
     work.write("still.fap", fap_file(&[3], "0"));
     let batch = || clone(&work, "--source S001_005.csv still.fap -o batch --sheet");
@@ -381,7 +381,7 @@ fn an_interrupted_batch_goes_on_where_it_stopped() {
 }
 
 #[test]
-fn targets_without_marks_turned_away_or_of_another_size_are_named() {
+fn targets_without_marks_turned_away_or_of_another_size_are_reported() {
     let work = work();
     work.grimace("clone --source S001_005.csv --target target.png target.png -c marks.csv -o out")
         .exit(1)
@@ -497,11 +497,11 @@ fn sixteen_bit_transparent_and_rotated_pictures_are_the_same_face() {
     let side = apex_of("side", "side.jpg");
     assert_eq!(side.dimensions(), apex.dimensions());
     let difference: f64 = side.as_raw().iter().zip(apex.as_raw()).map(|(a, b)| f64::from(a.abs_diff(*b))).sum();
-    assert!(difference / (apex.as_raw().len() as f64) < 6.0, "upright, up to JPEG's losses");
+    assert!(difference / (apex.as_raw().len() as f64) < 6.0, "upright, up to JPEG compression");
 }
 
 #[test]
-fn sources_that_do_not_fit_are_named() {
+fn unsuitable_sources_are_reported() {
     let work = work();
     work.write("other.csv", "frame,node,x,y\n0,0,1,1\n0,1,2,2\n1,0,1,1\n1,1,2,2\n");
     clone(&work, "--source other.csv -o out").exit(1).says(&["other.csv has 2 nodes, but the wireframe has 113"]);
@@ -618,7 +618,7 @@ fn cloning_is_evaluated_on_sequences_and_on_simulated_people() {
 }
 
 #[test]
-fn sheets_for_graders_hide_what_is_meant_and_grades_are_summed_up() {
+fn sheets_for_graders_hide_the_expressions_and_grades_are_summarized() {
     let work = Work::new();
     for name in ["P01.jpg", "P02.jpg"] {
         work.write(name, std::fs::read(crate::common::root().join("fixtures/portraits").join(name)).unwrap());

@@ -24,7 +24,7 @@ fn work() -> Work {
 }
 
 #[test]
-fn who_does_not_want_to_be_shown_is_counted_and_not_shown() {
+fn people_without_consent_are_counted_but_not_shown() {
     let work = work();
     work.grimace("run faces -o out --overlay pictures -q").exit(0);
     let report = data(&work.read("out/report.html"));
@@ -53,7 +53,7 @@ fn who_does_not_want_to_be_shown_is_counted_and_not_shown() {
 }
 
 #[test]
-fn pictures_of_who_withdraws_are_removed_or_named() {
+fn pictures_of_people_who_withdraw_consent_are_removed_or_reported() {
     let work = work();
     let agreed = work.read("faces/manifest.csv").replace(",no", ",yes");
     let withdrawn = work.read("faces/manifest.csv");
@@ -66,7 +66,7 @@ fn pictures_of_who_withdraws_are_removed_or_named() {
 }
 
 #[test]
-fn a_clone_does_not_show_the_pictures_of_who_does_not_want_it() {
+fn a_clone_does_not_show_people_without_consent() {
     let work = work();
     work.grimace("run faces -o out -q").exit(0);
     let clone = |more: &str| {

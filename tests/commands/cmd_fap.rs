@@ -56,7 +56,7 @@ fn strict() -> String {
 }
 
 #[test]
-fn info_tells_name_rate_duration_and_the_extremes_of_every_fap() {
+fn info_prints_name_rate_duration_and_the_extremes_of_every_fap() {
     let work = Work::new();
     work.write("joy.fap", strict());
     let expected = "\
@@ -153,7 +153,7 @@ fn check_counts_over_files_and_fails_on_errors_only() {
 
 /// Files of known tools are read with a warning that names the violated rule, and are written in the strict subset.
 #[test]
-fn what_known_tools_write_is_read() {
+fn files_of_known_tools_are_read() {
     let m = mask(&[4, 31, 51]);
     let compound = mask(&[1, 2, 4, 31, 51]);
     let one = |from: &str, to: &str| strict().replacen(from, to, 1);
@@ -187,7 +187,7 @@ fn what_known_tools_write_is_read() {
 
 /// Files that no known tool writes are refused with line and rule, and nothing is written.
 #[test]
-fn what_no_tool_writes_is_refused_with_line_and_rule() {
+fn files_that_no_tool_writes_are_refused_with_line_and_rule() {
     let m = mask(&[4, 31, 51]);
     let one = |from: &str, to: &str| strict().replacen(from, to, 1);
     let cases = [
@@ -235,7 +235,7 @@ fn convert_of_a_strict_file_is_identity() {
 }
 
 #[test]
-fn convert_names_what_is_beyond_the_range_of_the_standard() {
+fn convert_reports_values_outside_the_range_of_the_standard() {
     let work = Work::new();
     work.write("big.csv", "frame,fap,name,value\n0,3,open_jaw,0\n1,3,open_jaw,9000\n2,3,open_jaw,4000\n");
     let said = "warning: FAP 3 in frame 1: open_jaw is 9000; the standard allows 0 to 4320; the value is written unchanged";
@@ -319,7 +319,7 @@ fn convert_writes_the_faps_of_a_mask() {
 }
 
 #[test]
-fn convert_writes_what_a_reader_needs() {
+fn convert_writes_files_for_each_reader() {
     let work = Work::new();
     let m = mask(&[1, 4, 51]);
     work.write("a.fap", format!("2.1 my joy 10 1\n{m}\n0 1 2 63 0 0 30.5\n"));
@@ -347,7 +347,7 @@ fn flags_between_blanks(line: &str) -> usize {
 }
 
 #[test]
-fn files_for_greta_have_a_blank_behind_every_mask_and_keep_it() {
+fn files_for_greta_have_and_keep_a_blank_after_every_mask() {
     let work = Work::new();
     work.write("joy.fap", strict());
     work.fap("convert joy.fap --profile greta -o greta.fap").success();
@@ -369,7 +369,7 @@ fn files_for_greta_have_a_blank_behind_every_mask_and_keep_it() {
 }
 
 #[test]
-fn lips_that_xface_shows_otherwise_are_named_by_the_strict_check() {
+fn lips_that_xface_shows_differently_are_reported_by_the_strict_check() {
     let work = Work::new();
     let m = mask(&[4, 51]);
     work.write("lips.fap", format!("2.1 joy 25 3\n{m}\n0 5 10\n{m}\n1 0 20\n{m}\n2 0 30\n"));
@@ -381,7 +381,7 @@ fn lips_that_xface_shows_otherwise_are_named_by_the_strict_check() {
 }
 
 #[test]
-fn a_file_that_sets_nothing_goes_to_csv_and_back() {
+fn a_file_without_faps_survives_conversion_to_csv_and_back() {
     let work = Work::new();
     let m = mask(&[]);
     let nothing = format!("2.1 nothing 25 2\n{m}\n0\n{m}\n1\n");
@@ -406,7 +406,7 @@ fn info_and_check_count_alike() {
 }
 
 #[test]
-fn convert_goes_to_csv_and_back() {
+fn conversion_to_csv_and_back_changes_nothing() {
     let work = Work::new();
     work.write("joy.fap", strict());
     work.fap("convert joy.fap -o joy.csv").success();
@@ -425,7 +425,7 @@ fn convert_goes_to_csv_and_back() {
 }
 
 #[test]
-fn convert_names_an_output_that_can_not_be_written() {
+fn convert_reports_an_output_that_cannot_be_written() {
     let work = Work::new();
     work.write("joy.fap", strict()).write("file", "");
     work.fap("convert joy.fap -o file/out.fap").code(1).stderr(contains("cannot write file/out.fap"));

@@ -150,7 +150,7 @@ fn openface_s_names_are_read_back_as_landmarks() {
 }
 
 #[test]
-fn a_head_that_is_turned_too_far_is_said_and_not_measured_silently() {
+fn a_head_turned_too_far_is_reported() {
     let work = Work::new();
     dataset(&work, &[("near", 10.0, 0.5), ("far", 46.0, 0.5)]);
     work.grimace("run heads -o out").exit(0);
@@ -165,7 +165,7 @@ fn a_head_that_is_turned_too_far_is_said_and_not_measured_silently() {
 }
 
 #[test]
-fn what_is_no_track_or_no_face_is_refused_by_name() {
+fn inputs_that_are_not_tracks_or_faces_are_refused_by_name() {
     let work = Work::new();
     work.write("x.csv", "frame,node,x\n1,0,3\n");
     work.grimace("features x.csv -o out").exit(1).says(&["x.csv, line 1: has no column `y`"]);
@@ -189,7 +189,7 @@ fn with_frame(table: &str, frame: usize, points: impl Fn(usize, f64, f64) -> (f6
 }
 
 #[test]
-fn a_frame_without_a_pose_costs_that_frame() {
+fn a_frame_without_a_pose_is_left_out_alone() {
     let work = Work::new();
     dataset(&work, &[("lost", 8.0, 0.8), ("same", 8.0, 0.8), ("wild", 8.0, 0.8)]);
     let table = work.read("heads/lost.csv");
@@ -238,7 +238,7 @@ fn marks_that_fit_no_head_are_an_error() {
 }
 
 #[test]
-fn blendshapes_of_mediapipe_stand_beside_the_action_units() {
+fn blendshapes_of_mediapipe_are_added_to_the_action_units() {
     let work = Work::new();
     dataset(&work, &[("A", 0.0, 0.8), ("B", 5.0, 0.4)]);
     work.grimace("run heads -o out").exit(0);

@@ -136,7 +136,7 @@ fn a_run_gives_figures_as_svg_and_pdf_with_captions() {
 }
 
 #[test]
-fn what_is_no_run_is_said() {
+fn an_input_that_is_not_a_run_is_reported() {
     let work = Work::new();
     work.grimace("figures nothing -o figures").exit(1).says(&["nothing: this folder has no representatives"]);
     assert!(!work.path("figures").exists());

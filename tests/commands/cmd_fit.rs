@@ -185,7 +185,7 @@ fn marks_with_crlf_byte_order_mark_and_quotes_are_read() {
 }
 
 #[test]
-fn an_image_that_is_none_is_refused() {
+fn a_file_that_is_not_an_image_is_refused() {
     let work = work();
     let png = work.bytes("neutral.png");
     work.write("empty.png", "").write("half.png", &png[..png.len() / 2]).write("text.png", "this is no picture");
@@ -199,7 +199,7 @@ fn an_image_that_is_none_is_refused() {
 }
 
 #[test]
-fn a_wireframe_of_one_s_own_is_used_and_one_cut_in_the_middle_refused() {
+fn a_custom_wireframe_is_used_and_a_truncated_one_is_refused() {
     let work = work();
     let wfm = grimace::internal::wireframe::write_wfm(&grimace::internal::wireframe::Wireframe::candide3());
     let half: Vec<&str> = wfm.lines().take(wfm.lines().count() / 2).collect();
@@ -300,7 +300,7 @@ fn landmarks_are_marks_too() {
 }
 
 #[test]
-fn of_several_faces_it_is_said_which_was_taken() {
+fn the_choice_among_several_faces_is_reported() {
     let work = Work::new();
     let portrait = |name: &str| image::open(crate::common::root().join("fixtures/portraits").join(name)).unwrap().to_rgb8();
     let (left, right) = (portrait("P01.jpg"), portrait("P02.jpg"));

@@ -22,7 +22,7 @@ fn work() -> Work {
 }
 
 #[test]
-fn faces_are_found_and_a_picture_without_one_is_named() {
+fn faces_are_found_and_a_picture_without_a_face_is_reported() {
     let work = work();
     // A picture that is named twice is processed once.
     work.grimace("locate a.jpg b.jpg ./a.jpg -o points.csv --overlay pictures").exit(0).prints(&["2 pictures, 2 faces"]);
@@ -62,13 +62,17 @@ fn marks_of_the_sample_are_found_again() {
         let (x, y): (f64, f64) = (fields[1].parse().unwrap(), fields[2].parse().unwrap());
         if let Some(found) = place(fields[0]) {
             // The outer corners of the eyes are about 1.4 eye distances apart; a simulated face is not a photograph.
-            assert!((found.0 - x).hypot(found.1 - y) < 0.12 * width, "node {} at {found:?}, set at {x}, {y}", fields[0]);
+            assert!(
+                (found.0 - x).hypot(found.1 - y) < 0.12 * width,
+                "node {} was found at {found:?}, but is at {x}, {y}",
+                fields[0]
+            );
         }
     }
 }
 
 #[test]
-fn all_faces_of_a_group_are_found_and_those_beyond_the_limit_told() {
+fn all_faces_of_a_group_are_found_and_those_beyond_the_limit_are_reported() {
     let work = Work::new();
     let face = image::open(root().join("fixtures/portraits/P01.jpg")).unwrap().to_luma8();
     let face = image::imageops::thumbnail(&face, 110, 140);
@@ -81,7 +85,7 @@ fn all_faces_of_a_group_are_found_and_those_beyond_the_limit_told() {
 }
 
 #[test]
-fn a_covered_mouth_is_named_and_its_points_are_expected_to_be_far_off() {
+fn a_covered_mouth_is_reported_and_its_points_have_large_expected_errors() {
     let work = Work::new();
     let mut picture = image::open(root().join("fixtures/portraits/P01.jpg")).unwrap().to_luma8();
     picture.save(work.path("open.png")).unwrap();
@@ -143,7 +147,7 @@ fn with_teeth(work: &Work) -> image::RgbImage {
 }
 
 #[test]
-fn teeth_are_told_from_a_lower_lip_by_colour() {
+fn teeth_are_distinguished_from_a_lower_lip_by_colour() {
     let work = Work::new();
     let drawn = with_teeth(&work);
     drawn.save(work.path("colour.png")).unwrap();

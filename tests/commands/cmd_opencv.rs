@@ -55,7 +55,7 @@ fn pictures_need_no_opencv_and_videos_say_what_is_missing() {
 }
 
 #[test]
-fn what_needs_no_opencv_is_recognized_beside_videos() {
+fn inputs_that_need_no_opencv_are_recognized_beside_videos() {
     let work = Work::after_run(&SEQUENCES, "R");
     if !write_video(&work, "faces/S001/005", "anna.avi") {
         return;
@@ -65,7 +65,7 @@ fn what_needs_no_opencv_is_recognized_beside_videos() {
 }
 
 #[test]
-fn opencvs_klt_moves_nodes_by_nothing_that_counts() {
+fn the_klt_of_opencv_gives_nearly_the_same_nodes() {
     let work = Work::with_sequences(&["S001_005"]);
     for (klt, track) in [("grimace", "S001_1"), ("opencv", "S001_2")] {
         work.grimace(&format!("track faces/S001/005 -c {MARKS} -o {track}.csv --klt {klt}")).exit(0);
@@ -97,7 +97,7 @@ fn script(folder: &std::path::Path, text: &str) {
 
 #[test]
 #[cfg(unix)]
-fn a_decoder_that_breaks_down_or_is_none_costs_its_video() {
+fn a_failing_or_wrong_decoder_fails_only_its_video() {
     let work = Work::with_sequences(&["S001_005"]);
     work.write("face.avi", "any bytes\0");
     // The first message is the text {"hello":{"version":3}}; then a video without frames, and nothing else.
@@ -120,7 +120,7 @@ fn a_decoder_that_breaks_down_or_is_none_costs_its_video() {
 }
 
 #[test]
-fn lists_of_files_are_no_videos_and_colons_no_protocols() {
+fn lists_of_files_are_not_videos_and_colons_are_not_protocols() {
     let work = Work::with_sequences(&["S001_005"]);
     if !crate::common::video::write_video(&work, "faces/S001/005", "real.avi") {
         return;
@@ -140,7 +140,7 @@ fn lists_of_files_are_no_videos_and_colons_no_protocols() {
 }
 
 #[test]
-fn the_program_says_what_it_is_for() {
+fn the_program_explains_its_purpose() {
     let program = grimace().with_file_name(format!("grimace-opencv{}", std::env::consts::EXE_SUFFIX));
     let run = |word: &str| Ran::from(Command::new(&program).arg(word).output().unwrap());
     run("--help").exit(0).prints(&["started by it", "grimace --help"]);
@@ -162,7 +162,7 @@ fn first_frame(path: &std::path::Path) -> image::GrayImage {
 
 /// A phone films lying on its side and records the rotation: its matrix maps x to y and y to -x for a quarter turn clockwise.
 #[test]
-fn a_film_stands_as_it_says() {
+fn a_film_has_the_stated_rotation() {
     let work = Work::with_sequences(&["S001_005"]);
     if !write_video(&work, "faces/S001/005", "film.mp4") {
         return;

@@ -44,7 +44,7 @@ fn a_page_plays_tracks_and_fap_files_on_the_shipped_face_and_on_portraits() {
     assert_eq!(motion(1)["seconds"].as_f64(), Some(0.08));
     // Lips and cheeks move with the jaw, but are not FAPs of the file.
     let faps: Vec<_> = motion(1)["faps"].as_array().unwrap().iter().map(|f| f[0].as_u64()).collect();
-    assert_eq!(faps, [Some(3)], "the jaw alone is among its FAPs");
+    assert_eq!(faps, [Some(3)], "only the jaw is among its FAPs");
     assert!(page["faps"].as_array().unwrap().iter().any(|f| f["words"] == "open jaw"));
     // Nothing is fetched: the only addresses are names of standards and data.
     assert!(!html.contains("src=\"http") && !html.contains("href=\"http") && !html.contains("@import"));
@@ -108,7 +108,7 @@ fn a_page_plays_on_the_dense_head() {
 }
 
 #[test]
-fn what_does_not_play_is_said() {
+fn inputs_that_cannot_be_played_are_reported() {
     let work = Work::new();
     work.write("notes.txt", "x").write("bad.fap", "no fap");
     work.grimace("play notes.txt -o a.html")

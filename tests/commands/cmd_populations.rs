@@ -132,7 +132,7 @@ fn people(work: &Work, header: &str, rows: &[(&str, f64, &str)]) {
 }
 
 #[test]
-fn bad_landmark_files_cost_their_sequence_and_say_why() {
+fn bad_landmark_files_fail_their_sequence_with_a_reason() {
     let work = Work::new();
     let mut manifest = "subject,sequence,emotion,frames\n".to_owned();
     let good = own(&[(1, 0.0), (2, 8.0)]);
@@ -163,7 +163,7 @@ fn bad_landmark_files_cost_their_sequence_and_say_why() {
 }
 
 #[test]
-fn groups_are_tested_with_everything_a_reviewer_asks_for() {
+fn groups_are_compared_in_all_tables_and_in_the_report() {
     let work = Work::new();
     let mut rows: Vec<(String, f64, &str)> = Vec::new();
     for k in 0..14 {
@@ -235,7 +235,7 @@ fn groups_are_tested_with_everything_a_reviewer_asks_for() {
 }
 
 #[test]
-fn groups_that_can_not_be_made_or_tested_are_named() {
+fn groups_that_cannot_be_formed_or_tested_are_reported() {
     let work = Work::new();
     people(&work, ",place,note", &[("a", 5.0, ",north,"), ("b", 6.0, ",north,"), ("c", 7.0, ",south,"), ("d", 8.0, ",south,")]);
     work.grimace("run people -o out --by nation").exit(1).says(&["no sequence has a column `nation`", "note, place"]);
@@ -262,7 +262,7 @@ fn groups_that_can_not_be_made_or_tested_are_named() {
 }
 
 #[test]
-fn designs_that_allow_no_test_say_why_and_no_table_has_a_nan() {
+fn designs_without_a_test_give_the_reason_and_no_table_has_a_nan() {
     let work = Work::new();
     let no_nan = |folder: &str| {
         for (name, bytes) in work.files(folder) {
@@ -347,7 +347,7 @@ fn spellings_are_one_group_near_twins_are_named_and_people_count_once() {
 }
 
 #[test]
-fn words_for_one_emotion_are_kept_apart_and_said_once() {
+fn different_words_for_one_emotion_stay_separate_and_are_reported_once() {
     let work = Work::new();
     let [one, other] = ["a", "b"].map(|name| (name, 5.0, ""));
     people(&work, "", &[one, other]);
@@ -360,7 +360,7 @@ fn words_for_one_emotion_are_kept_apart_and_said_once() {
 }
 
 #[test]
-fn ages_as_groups_are_said() {
+fn ages_used_as_groups_are_reported() {
     let work = Work::new();
     people(&work, ",age", &[("a", 5.0, ",23"), ("b", 6.0, ",31"), ("c", 7.0, ",45.5"), ("d", 8.0, ",23")]);
     let said = "each number forms its own group: `age` (3 numbers of 4 people); to test whether expressions change with numbers, use \
@@ -424,7 +424,7 @@ fn a_smile_that_grows_with_age_is_found_and_shown() {
 }
 
 #[test]
-fn numbers_of_like_names_have_files_of_their_own_that_are_not_written_over() {
+fn covariates_with_similar_names_have_separate_files() {
     let work = Work::new();
     let long = "x".repeat(300);
     let word = |k: usize| if k == 2 { "3O".to_owned() } else { k.to_string() };
@@ -442,7 +442,7 @@ fn numbers_of_like_names_have_files_of_their_own_that_are_not_written_over() {
     let models: Vec<&str> = tests.iter().map(|r| r["models"].as_str()).collect();
     assert_eq!((models.len(), &models[..2]), (3, ["covariates/happiness_a-b", "covariates/happiness_a-b~2"].as_slice()));
     let corner = |stem: &str| moved(&work, &format!("out/{stem}_low.csv"), "31");
-    assert!(corner(models[0]) < corner(models[1]), "one rises with the smile, the other falls");
+    assert!(corner(models[0]) < corner(models[1]), "one increases with the smile, the other decreases");
     work.write(&format!("out/{}_low.csv", models[0]), "mine");
     run().exit(1).says(&["covariates/happiness_a-b_low.csv"]);
     assert_eq!(work.read(&format!("out/{}_low.csv", models[0])), "mine");
@@ -614,7 +614,7 @@ fn recognition_leaves_one_subject_out() {
 fn the_smiles_of_ninety_real_people_are_smiles() {
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/people");
     if !data.is_dir() {
-        eprintln!("SKIPPED the_smiles_of_ninety_real_people_are_smiles: ../shared/data/people is not there");
+        eprintln!("SKIPPED the_smiles_of_ninety_real_people_are_smiles: ../shared/data/people does not exist");
         return;
     }
     let work = Work::new();

@@ -106,7 +106,7 @@ fn datasets_and_several_files_are_read() {
 }
 
 #[test]
-fn what_makes_no_prior_is_refused_with_the_reason() {
+fn inputs_that_give_no_prior_are_refused_with_the_reason() {
     let folder = tempfile::tempdir().unwrap();
     write(&folder, "nine.csv", &people(9));
     write(&folder, "points.csv", "person,x0,y0\nA,1,2\n");
@@ -167,7 +167,7 @@ fn the_prior_of_a_fit_is_chosen_by_word_or_file() {
         fits.push(fs::read_to_string(folder.path().join(output)).unwrap());
     }
     for (k, fit) in fits.iter().enumerate() {
-        assert!(fits[..k].iter().all(|other| other != fit), "fit {k} is that of another prior");
+        assert!(fits[..k].iter().all(|other| other != fit), "fit {k} equals that of another prior");
     }
     // Without --prior, the prior is `auto`.
     grimace(&folder, &["fit", "face.png", "-c", "marks.csv", "-o", "default.csv", "-q"]).success();

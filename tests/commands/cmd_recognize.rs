@@ -37,7 +37,7 @@ fn pictures_are_recognized_as_their_tracks_are() {
 }
 
 #[test]
-fn what_shows_no_motion_is_refused() {
+fn inputs_without_motion_are_refused() {
     let work = Work::after_run(&SEQUENCES, "R");
     let portrait = root().join("fixtures/portraits/P01.jpg");
     let said = "P01.jpg: recognition needs the motion from a neutral frame to the expression, so a single picture is not enough";
@@ -67,7 +67,7 @@ fn what_shows_no_motion_is_refused() {
 }
 
 #[test]
-fn what_is_good_is_recognized_beside_what_is_not() {
+fn good_inputs_are_recognized_beside_bad_ones() {
     let work = Work::after_run(&SEQUENCES, "R");
     // A recording that is too short, in two datasets.
     let rows = "subject,sequence,emotion,frames,segment\nS009,talk,unlabelled,../faces/S001/005,auto\n";

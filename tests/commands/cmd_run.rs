@@ -189,7 +189,7 @@ fn a_track_that_was_damaged_or_removed_is_made_again() {
 }
 
 #[test]
-fn corrections_that_do_not_read_cost_their_sequence_until_they_are_mended() {
+fn unreadable_corrections_fail_their_sequence_until_they_are_repaired() {
     let work = Work::after_run(&["S001_005", "S002_005"], "out");
     let before = work.files("out/tracks");
     work.write("out/corrections/S001_005.csv", "frame,node,x,y\n3,abc,1,2\n");
@@ -208,7 +208,7 @@ fn corrections_that_do_not_read_cost_their_sequence_until_they_are_mended() {
 }
 
 #[test]
-fn a_sequence_taken_out_of_the_dataset_leaves_the_results() {
+fn a_sequence_removed_from_the_dataset_is_removed_from_the_results() {
     let work = Work::after_run(&["S001_005", "S002_005", "S001_007"], "out");
     let manifest = work.read("faces/manifest.csv");
     work.write("faces/manifest.csv", manifest.lines().filter(|l| !l.starts_with("S001,007")).collect::<Vec<_>>().join("\n"));
@@ -256,7 +256,7 @@ fn another_dataset_of_the_same_name_does_not_replace_results() {
 }
 
 #[test]
-fn results_of_an_interrupted_run_do_not_linger_and_nothing_else_goes() {
+fn only_results_of_an_interrupted_run_are_removed() {
     let work = Work::after_run(&["S001_005"], "out");
     // Files as from an interrupted run with a sequence that has left the dataset since; and files that no run wrote.
     let track = work.bytes("out/tracks/S001_005.csv");
@@ -288,7 +288,7 @@ fn results_of_an_interrupted_run_do_not_linger_and_nothing_else_goes() {
 }
 
 #[test]
-fn a_result_that_was_changed_is_kept_when_it_is_stale_and_said() {
+fn a_changed_stale_result_is_kept_and_reported() {
     let work = Work::after_run(&["S001_005", "S002_005"], "out");
     work.write("out/models/S002_005.csv", "mine");
     let manifest = work.read("faces/manifest.csv");
@@ -320,7 +320,7 @@ fn a_result_that_was_changed_is_not_replaced_without_force() {
 }
 
 #[test]
-fn what_no_run_made_is_not_replaced_without_force() {
+fn files_of_no_run_are_not_replaced_without_force() {
     let work = Work::with_sequences(&["S001_005", "S002_005"]);
     let manifest = work.read("faces/manifest.csv");
     work.write("faces/manifest.csv", manifest.lines().filter(|l| !l.starts_with("S002")).collect::<Vec<_>>().join("\n"));
@@ -377,7 +377,7 @@ fn corrections_by_hand_are_applied_after_every_new_tracking_and_kept() {
 }
 
 #[test]
-fn a_column_that_is_not_there_is_found_before_anything_is_tracked() {
+fn a_missing_column_is_reported_before_anything_is_tracked() {
     let work = Work::with_sequences(&["S001_005"]);
     for option in ["--by shoesize", "--by sex --strata shoesize"] {
         work.grimace(&format!("run faces -o out {option}")).exit(1).says(&["shoesize"]);
@@ -387,7 +387,7 @@ fn a_column_that_is_not_there_is_found_before_anything_is_tracked() {
 }
 
 #[test]
-fn other_options_are_refused_without_force_and_the_difference_is_named() {
+fn other_options_are_refused_without_force_and_the_difference_is_reported() {
     let work = Work::after_run(&["S001_005", "S002_005"], "out");
     let before = work.files("out");
     work.grimace("run faces -o out --alpha 0.2").exit(1).says(&["statistics", "0.1", "0.2", "--force"]);
@@ -415,7 +415,7 @@ fn options_of_any_digits_are_recognized_in_the_next_run() {
 }
 
 #[test]
-fn a_folder_with_something_else_in_it_is_refused() {
+fn a_folder_with_other_files_is_refused() {
     let work = Work::with_sequences(&["S001_005"]);
     work.write("out/holiday.txt", "sun");
     work.grimace("run faces -o out").exit(1).says(&["out is not empty", "another folder, or give --force"]);
@@ -427,7 +427,7 @@ fn a_folder_with_something_else_in_it_is_refused() {
 }
 
 #[test]
-fn one_bad_sequence_costs_that_sequence() {
+fn one_bad_sequence_fails_alone() {
     let work = Work::with_faces();
     work.write("faces/S002/007/correspondences.csv", "node,x,y\n20,80,60\n53,120,60\n");
     let frame = "faces/S003/005/S003_005_00000004.png";
@@ -570,7 +570,7 @@ fn long_dataset() -> Work {
 
 #[cfg(unix)]
 #[test]
-fn an_interrupted_run_leaves_whole_files_and_the_next_one_finishes_it() {
+fn an_interrupted_run_leaves_complete_files_and_the_next_one_finishes_it() {
     let work = long_dataset();
     for signal in ["-INT", "-TERM"] {
         let out = format!("out{signal}");
@@ -595,7 +595,7 @@ fn an_interrupted_run_leaves_whole_files_and_the_next_one_finishes_it() {
 
 #[cfg(unix)]
 #[test]
-fn a_killed_run_leaves_no_half_file_under_a_result_s_name() {
+fn a_killed_run_leaves_no_partial_file_with_the_name_of_a_result() {
     let work = long_dataset();
     let ran = interrupt(&work, "out", "-KILL", 5);
     assert_eq!(ran.status, None);
@@ -610,7 +610,7 @@ fn a_killed_run_leaves_no_half_file_under_a_result_s_name() {
 }
 
 #[test]
-fn an_output_that_can_not_be_written_is_named() {
+fn an_output_that_cannot_be_written_is_reported() {
     let work = Work::with_sequences(&["S001_005"]);
     work.write("file", "x");
     work.grimace("run faces -o file/out").exit(1).says(&["cannot write file/out"]);
@@ -621,7 +621,7 @@ fn an_output_that_can_not_be_written_is_named() {
 /// `ulimit -f` simulates a full disk: it limits the size of a file in blocks of 512 bytes, and writing more is an error.
 #[cfg(unix)]
 #[test]
-fn a_full_disk_ends_the_run_with_a_clear_error_and_no_half_file() {
+fn a_full_disk_ends_the_run_with_a_clear_error_and_no_partial_file() {
     let work = Work::with_sequences(&["S001_005", "S002_005"]);
     for (blocks, file) in [(0, "run.json"), (16, "out16/tracks/S00"), (120, "report.html")] {
         let out = format!("out{blocks}");

@@ -30,7 +30,7 @@ fn a_manifest_is_read_as_spreadsheets_write_it() {
 }
 
 #[test]
-fn a_row_may_run_over_lines_and_a_bad_one_keeps_its_name() {
+fn a_row_may_span_lines_and_a_bad_row_keeps_its_name() {
     let manifest = "subject,sequence,emotion,note\nS001,005,happiness,\"a\n\nb\"\nS002,005,happiness\n";
     let work = with_manifest(manifest);
     work.grimace("run faces -o out").exit(3).prints(&["2 sequences: 1 tracked, 0 unchanged, 1 failed"]);
@@ -42,7 +42,7 @@ fn a_row_may_run_over_lines_and_a_bad_one_keeps_its_name() {
 
 #[test]
 #[cfg(target_os = "linux")]
-fn names_are_the_same_however_their_accents_are_written() {
+fn names_match_however_their_accents_are_encoded() {
     // Folders named as macOS does, with the accent after its letter, and a table with composed letters.
     let work = Work::new();
     for ((name, bytes), at) in FACES.iter().flat_map(|file| ["S001", "S002"].map(|at| (file, at))) {
@@ -69,7 +69,7 @@ fn names_are_the_same_however_their_accents_are_written() {
 
 #[test]
 #[cfg(unix)]
-fn a_link_to_nowhere_is_named() {
+fn a_dangling_link_is_reported() {
     let work = with_manifest(PLAIN);
     std::os::unix::fs::symlink(work.path("nowhere"), work.path("link")).unwrap();
     work.grimace("run faces -o link").exit(1).says(&["cannot write link: it is a link to a folder that does not exist"]);
@@ -79,7 +79,7 @@ fn a_link_to_nowhere_is_named() {
 }
 
 #[test]
-fn a_plan_of_nothing_is_no_plan() {
+fn an_empty_dataset_has_no_plan() {
     // A folder, no file, no table, a table without rows, and a table without any usable row: the first by id is reported.
     let of = |manifest: &str| with_manifest(manifest);
     let (none, folder) = (of(PLAIN), of(PLAIN));
@@ -103,16 +103,16 @@ fn a_plan_of_nothing_is_no_plan() {
 }
 
 #[test]
-fn accents_of_either_kind_are_one_label() {
+fn accents_of_either_encoding_are_one_label() {
     let rows = "S001,005,de\u{301}gou\u{302}t,cafe\u{301}\nS002,005,d\u{e9}go\u{fb}t,caf\u{e9}\n";
     let work = with_manifest(format!("subject,sequence,emotion,place\n{rows}"));
     work.grimace("run faces -o plan --plan").exit(0).prints(&["{\"sequences\":2,\"emotions\":[[\"d\u{e9}go\u{fb}t\",2]]}"]);
     work.grimace("run faces -o out --by place").exit(0);
-    assert_eq!(work.read("out/statistics.csv").lines().count(), 3, "the whole, and one group");
+    assert_eq!(work.read("out/statistics.csv").lines().count(), 3, "the class of all people, and one group");
 }
 
 #[test]
-fn a_manifest_that_is_none_is_refused_as_a_whole() {
+fn an_invalid_manifest_is_refused_as_a_whole() {
     let refused = |manifest: &[u8], texts: &[&str]| {
         let work = with_manifest(manifest);
         work.grimace("run faces -o out").exit(1).says(&["manifest.csv"]).says(texts);
@@ -154,7 +154,7 @@ fn a_manifest_that_is_none_is_refused_as_a_whole() {
 }
 
 #[test]
-fn a_bad_row_costs_its_sequence_and_names_its_line() {
+fn a_bad_row_fails_its_sequence_with_its_line() {
     let rows: [(&[u8], &[&str]); 9] = [
         (b"S001,005,joy", &["line 4", "subject `S001`, sequence `005` is already in line 2"]),
         (b"S009,005,", &["line 4", "emotion is empty"]),
@@ -202,7 +202,7 @@ fn values_of_optional_columns_are_checked() {
 }
 
 #[test]
-fn a_dataset_that_is_none_is_refused() {
+fn an_invalid_dataset_is_refused() {
     let work = Work::with_sequences(&["S001_005"]);
     work.grimace("run nowhere -o out").exit(1).says(&["nowhere: there is no such dataset; give a folder with manifest.csv"]);
     std::fs::remove_file(work.path("faces/manifest.csv")).unwrap();
@@ -214,7 +214,7 @@ fn a_dataset_that_is_none_is_refused() {
 }
 
 #[test]
-fn a_sequence_without_marks_says_where_they_go() {
+fn a_sequence_without_marks_is_reported_with_the_place_for_them() {
     let work = with_manifest(PLAIN);
     std::fs::remove_file(work.path("faces/S002/005/correspondences.csv")).unwrap();
     let ran = work.grimace("run faces -o out --marks default").exit(3);
@@ -222,7 +222,7 @@ fn a_sequence_without_marks_says_where_they_go() {
 }
 
 #[test]
-fn a_sequence_of_one_frame_is_no_sequence() {
+fn a_sequence_of_one_frame_is_refused() {
     let work = with_manifest(PLAIN);
     for number in 2..=6 {
         std::fs::remove_file(work.path(&format!("faces/S002/005/S002_005_{number:08}.png"))).unwrap();
@@ -232,7 +232,7 @@ fn a_sequence_of_one_frame_is_no_sequence() {
 }
 
 #[test]
-fn a_sequence_that_is_played_backwards_is_one_to_look_at_again() {
+fn a_reversed_sequence_has_the_verdict_look_again() {
     let work = Work::new();
     let is_frame = |name: &str| name.starts_with("S001/005/") && name.ends_with(".png");
     let frames: Vec<_> = FACES.iter().filter(|(name, _)| is_frame(name)).collect();
@@ -305,7 +305,7 @@ fn the_layout_of_cohn_kanade_is_read_as_it_is() {
 }
 
 #[test]
-fn bad_labels_and_landmarks_cost_their_sequence() {
+fn bad_labels_and_landmarks_fail_their_sequence() {
     let work = cohn_kanade();
     let landmark_file = "ck/Landmarks/S002/005/S002_005_00000001_landmarks.txt";
     let whole = work.read(landmark_file);
@@ -417,7 +417,7 @@ fn a_neutral_photograph_and_one_of_an_expression_are_a_sequence() {
 }
 
 #[test]
-fn listed_pictures_that_are_no_sequence_are_named() {
+fn listed_pictures_that_are_not_a_sequence_are_reported() {
     let work = photographs();
     let small = image::load_from_memory(&work.bytes("photos/neutral/S001.png")).unwrap().crop_imm(0, 0, 180, 160);
     small.save(work.path("photos/small.png")).unwrap();

@@ -78,7 +78,7 @@ fn is_apex(frame: i64, start: i64) -> bool {
 }
 
 #[test]
-fn expressions_of_a_recording_become_sequences_that_run_takes() {
+fn expressions_of_a_recording_become_sequences_for_run() {
     let work = Work::new();
     const GAP: i64 = 16;
     let gap = vec![Shot::Black(320); GAP as usize];
@@ -113,7 +113,7 @@ fn expressions_of_a_recording_become_sequences_that_run_takes() {
 }
 
 #[test]
-fn labels_that_a_person_wrote_stay_when_a_recording_is_cut_again() {
+fn labels_by_a_person_are_kept_when_a_recording_is_segmented_again() {
     let work = Work::new();
     record(&work, "talk", &expression("005")[10..78]);
     let segment = |more: &str| work.grimace(&format!("segment talk -o segments.csv --no-faces --force {more}")).exit(0);
@@ -155,7 +155,7 @@ fn labels_that_a_person_wrote_stay_when_a_recording_is_cut_again() {
 }
 
 #[test]
-fn corrected_marks_stay_and_pictures_come_and_go() {
+fn corrected_marks_are_kept_and_pictures_are_updated() {
     let work = Work::new();
     record(&work, "talk", &expression("005")[10..78]);
     let segment = |more: &str| work.grimace(&format!("segment talk -o segments.csv --force {more}"));
@@ -183,7 +183,7 @@ fn corrected_marks_stay_and_pictures_come_and_go() {
 }
 
 #[test]
-fn a_recording_in_a_manifest_is_cut_by_run() {
+fn a_recording_in_a_manifest_is_segmented_by_run() {
     let work = Work::new();
     // The recording begins in the middle of the expression: the rest after it is the neutral.
     let shots = &expression("005")[34..];
@@ -246,7 +246,7 @@ fn a_recording_keeps_the_times_of_its_frames() {
     ran.prints(&["talk.mkv: 1 sequence proposed", "the frames are 40 to 60 ms apart (mean rate: 19.95 frames per second)"]);
     let rows = work.rows("segments.csv");
     assert!(rows.len() == 1 && is_apex(number(&rows[0], "last_frame"), 1), "{rows:?}");
-    assert_eq!(rows[0]["fps"], "", "the video tells it better");
+    assert_eq!(rows[0]["fps"], "", "the rate of the video is better known");
     for row in work.rows("segments/talk_frames.csv") {
         let time = times[number(&row, "frame") as usize - 1] as f64 / 1e3;
         assert!((row["timestamp"].parse::<f64>().unwrap() - time).abs() < 1e-9, "{row:?}");
@@ -288,7 +288,7 @@ fn a_sequence_may_go_back_in_time() {
 }
 
 #[test]
-fn what_is_no_recording_is_said() {
+fn an_input_that_is_not_a_recording_is_reported() {
     let work = Work::new();
     record(&work, "dark", &DARK);
     work.grimace("segment dark -o a.csv").exit(1).says(&["dark", "no face was found"]);
@@ -330,7 +330,7 @@ fn what_is_no_recording_is_said() {
 }
 
 #[test]
-fn a_person_who_is_cut_to_is_another_one_and_frames_beside_a_gap_are_kept() {
+fn a_cut_to_another_person_is_detected_and_frames_beside_a_gap_are_kept() {
     let work = Work::new();
     let (first, second, nobody) = (vec![("P01.jpg", 130, 1.0)], vec![("P10.jpg", 130, 1.0)], Vec::new());
     let frames: Vec<_> = [(27, &first), (8, &nobody), (26, &first), (26, &second)]
@@ -355,7 +355,7 @@ fn a_person_who_is_cut_to_is_another_one_and_frames_beside_a_gap_are_kept() {
 }
 
 #[test]
-fn of_two_people_one_is_followed_and_that_is_said() {
+fn of_two_people_one_is_followed_and_this_is_reported() {
     let work = Work::new();
     let frames = vec![vec![("P01.jpg", 10, 1.0), ("P10.jpg", 250, 0.9)]; 40];
     record_before_a_wall(&work, "two", &frames);

@@ -70,7 +70,7 @@ fn a_run_collects_the_skin_of_a_class_and_a_clone_puts_it_on() {
 }
 
 #[test]
-fn four_people_have_no_skin_in_common_and_the_reason_is_said() {
+fn four_people_have_no_common_skin_and_the_reason_is_given() {
     let work = work();
     let four: String = work.read("faces/manifest.csv").lines().take(5).map(|l| format!("{l}\n")).collect();
     work.write("faces/manifest.csv", four);

@@ -64,7 +64,7 @@ fn a_representative_drives_the_embedded_bank() {
 }
 
 #[test]
-fn only_what_it_wrote_itself_is_written_over_and_removed() {
+fn only_its_own_files_are_overwritten_and_removed() {
     let work = Work::new();
     work.write("a.csv", "frame,fp,dx,dy\n0,8.3,0,0\n1,8.3,0.1,0\n").write("b.csv", "frame,fp,dx,dy\n0,8.3,0,0\n1,8.3,0.2,0\n");
     let command = "synthesize -b candide --bound-starts 0 --solver nnls --format glb,obj -q -o out";
@@ -99,7 +99,7 @@ fn only_what_it_wrote_itself_is_written_over_and_removed() {
 }
 
 #[test]
-fn a_motion_that_the_bank_cannot_show_rests_and_is_said_so() {
+fn a_motion_that_the_bank_cannot_show_is_reported_and_rests() {
     let work = Work::new();
     // The jaw moves sideways, the nose bends: no member of `head` does this, because both sides of its members move alike.
     for (fap, name) in [(15, "jaw"), (64, "nose")] {
@@ -181,7 +181,7 @@ fn a_truth_with_holes_and_a_face_in_other_units_are_refused() {
 }
 
 #[test]
-fn another_rate_is_said_and_keeps_the_frames() {
+fn another_rate_is_reported_and_keeps_the_frames() {
     let work = Work::new();
     let jaw = mask(&[3]);
     work.write("jaw.fap", format!("2.1 jaw 25 3\n{jaw}\n0 0\n{jaw}\n1 200\n{jaw}\n2 400\n"));
@@ -302,7 +302,7 @@ fn tracks_and_fap_files_are_motions_too() {
 }
 
 #[test]
-fn what_a_fap_file_does_not_set_rests() {
+fn faps_that_a_file_does_not_set_rest() {
     let work = Work::new();
     // Only the upper lids: as if all other FAPs were 0.
     let mask = (1..=68).map(|k| if k == 19 || k == 20 { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
@@ -353,7 +353,7 @@ fn key_frames_of_feature_points_have_frames_between() {
 }
 
 #[test]
-fn what_should_rest_is_not_torn_along_for_a_few_points() {
+fn resting_points_are_not_moved_to_fit_a_few_others() {
     let work = Work::new();
     // Only the wings of the nose, which no member of the bank moves much.
     let mask = (1..=68).map(|k| if k == 61 || k == 62 { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
@@ -409,7 +409,7 @@ fn a_motion_of_zeros_is_the_neutral_face_and_says_so() {
 }
 
 #[test]
-fn a_target_opposite_to_everything_is_answered() {
+fn a_target_opposite_to_every_member_has_a_result() {
     let work = Work::new();
     // No expression pushes the chin up by so much without moving anything else.
     work.write("m.csv", "frame,fp,dx,dy,dz\n0,2.1,0,1,0\n0,2.11,0,1,0\n0,2.12,0,1,0\n");
@@ -522,7 +522,7 @@ fn evaluate_synthesis_repeats_the_papers_tables() {
 }
 
 #[test]
-fn what_a_bank_cannot_show_is_named_and_a_still_file_is_valid() {
+fn faps_that_a_bank_cannot_show_are_reported_and_a_still_file_is_valid() {
     let work = Work::new();
     // The head nods (48); in the second file the jaw also opens (3).
     let (nod, jaw) = (mask(&[48]), mask(&[3, 16, 48]));

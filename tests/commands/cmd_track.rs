@@ -33,7 +33,7 @@ fn mean_difference(work: &Work, a: &str, b: &str) -> f64 {
 }
 
 #[test]
-fn a_track_has_every_node_of_every_frame_and_says_what_it_was_made_from() {
+fn a_track_has_every_node_of_every_frame_and_records_its_inputs() {
     let work = work();
     let ran = work.grimace(&format!("{TRACK} --emotion Happiness --fps 25 --overlay pictures")).exit(0);
     ran.prints(&["6 frames, ", "% of the nodes tracked, mean forward-backward distance", "eye distance"]);
@@ -118,7 +118,7 @@ fn tracks_are_not_written_over_without_force() {
 }
 
 #[test]
-fn corrections_by_hand_are_put_into_a_track_that_is_made_again() {
+fn corrections_by_hand_are_applied_to_a_track_that_is_made_again() {
     let work = work();
     work.grimace(&format!("track faces/S001/005 -c {MARKS} -o tracks/S001_005.csv")).exit(0);
     let file = "frame,node,x,y\n3,31,90.5,140.25\n";
@@ -283,7 +283,7 @@ fn frames_of_a_video_have_their_own_times() {
     };
     let of = |sequence: u32| rate_and_times(&work, &format!("out/tracks/S001_{sequence}.json"));
     assert_eq!((of(1), times(1)), ((15.625, Some(own.clone())), own.clone()));
-    assert_eq!((of(2), times(2)), ((15.625, Some(own.clone())), own.clone()), "back in time");
+    assert_eq!((of(2), times(2)), ((15.625, Some(own.clone())), own.clone()), "times that decrease");
     // A stated rate is used.
     assert_eq!((of(3), times(3)), ((25.0, None), vec![0.0, 0.04, 0.08, 0.12, 0.16, 0.2]));
     assert_eq!((of(4), times(4)), ((12.5, None), vec![0.0, 0.08, 0.16, 0.24, 0.32, 0.4]));
@@ -303,7 +303,7 @@ fn frames_of_a_video_have_their_own_times() {
 }
 
 #[test]
-fn a_rate_that_is_given_no_more_leaves_frames_to_their_own_times() {
+fn without_a_stated_rate_frames_have_their_recorded_times() {
     let work = work();
     let frames = jpegs(&work);
     work.write("films/uneven.mkv", matroska(&frames, &[0, 40, 80, 160, 240, 320], None, 400.0));
@@ -334,7 +334,7 @@ fn a_rate_that_is_given_no_more_leaves_frames_to_their_own_times() {
 }
 
 #[test]
-fn a_video_with_dropped_frames_is_whole_and_a_cut_one_is_not() {
+fn a_video_with_dropped_frames_is_complete_and_a_truncated_one_is_not() {
     let work = work();
     let frames = jpegs(&work);
     // The rate is 25 frames per second, and 9 or 25 frames follow from the duration.
@@ -390,7 +390,7 @@ fn refused(work: &Work, texts: &[&str]) {
 }
 
 #[test]
-fn frames_that_are_none_are_named() {
+fn files_that_are_not_frames_are_reported() {
     let work = work();
     let bytes = work.bytes(&frame(4));
     work.write(&frame(4), "");
@@ -409,7 +409,7 @@ fn frames_that_are_none_are_named() {
 }
 
 #[test]
-fn a_jpeg_and_a_tiff_cut_off_are_named() {
+fn a_truncated_jpeg_and_tiff_are_reported() {
     for (extension, encode) in [(".jpg", with_opencv(".jpg", false, &[])), (".tif", with_opencv(".tif", false, &[]))] {
         let work = work();
         let whole = encode(&work.bytes(&frame(4)));
@@ -431,7 +431,7 @@ fn frames_of_another_size_are_named() {
 }
 
 #[test]
-fn folders_that_are_no_sequence_are_refused() {
+fn folders_that_are_not_sequences_are_refused() {
     let work = work();
     let track = |sequence: &str| work.grimace(&format!("track {sequence} -c {MARKS} -o S001_005.csv")).exit(1);
     work.write("one/f1.png", work.bytes(&frame(1))).write("none/a.txt", "x");
@@ -459,7 +459,7 @@ fn marks_that_do_not_make_a_fit_name_their_file() {
 }
 
 #[test]
-fn a_face_that_is_not_there_is_said_to_be_lost() {
+fn a_missing_face_is_reported_as_lost() {
     let work = work();
     let grey = image::GrayImage::from_pixel(200, 160, image::Luma([128]));
     for number in 3..=6 {
@@ -469,7 +469,7 @@ fn a_face_that_is_not_there_is_said_to_be_lost() {
 }
 
 #[test]
-fn corrections_off_the_face_are_applied_and_said_and_those_off_the_picture_are_not_applied() {
+fn corrections_off_the_face_are_applied_and_reported_and_those_off_the_picture_are_refused() {
     let work = work();
     work.grimace(TRACK).exit(0);
     let place = |node: &str| {

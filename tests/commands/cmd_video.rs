@@ -73,7 +73,7 @@ fn without_cluster(mut video: Vec<u8>, place: usize) -> Vec<u8> {
 }
 
 #[test]
-fn no_frame_behind_damage_has_a_wrong_number() {
+fn no_frame_after_damage_has_a_wrong_number() {
     let work = Work::new();
     let jpegs: Vec<Vec<u8>> = (1..=20)
         .map(|number| {
@@ -145,7 +145,7 @@ fn the_command_says_up_to_which_frame_a_damaged_video_can_be_used() {
 }
 
 #[test]
-fn a_long_video_is_the_same_back_in_time() {
+fn a_long_video_is_the_same_in_reverse() {
     let work = Work::new();
     // More frames than are held at a time; the bits encode numbers up to 1023.
     const COUNT: u32 = 1100;
@@ -169,7 +169,7 @@ fn a_long_video_is_the_same_back_in_time() {
 
 #[test]
 #[cfg(unix)]
-fn a_video_back_in_time_is_opened_once() {
+fn a_reversed_video_is_opened_once() {
     let work = Work::with_sequences(&["S001_005"]);
     if !write_video(&work, "faces/S001/005", "face.avi") {
         return;

@@ -10,7 +10,7 @@ fn sequences() -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/sequences");
     let found = folder.join("manifest.csv").is_file();
     if !found {
-        eprintln!("SKIPPED, NOTHING WAS TESTED: {} is not there", folder.display());
+        eprintln!("SKIPPED, NOTHING WAS TESTED: {} does not exist", folder.display());
     }
     found.then_some(folder)
 }
@@ -45,10 +45,10 @@ fn real_sequences_give_representatives_with_the_signs_of_their_expressions() {
 }
 
 #[test]
-fn parted_lips_of_real_smiles_are_found_and_said() {
+fn parted_lips_of_real_smiles_are_found_and_reported() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/faces");
     if !folder.join("smiling").is_dir() {
-        eprintln!("SKIPPED, NOTHING WAS TESTED: {} is not there", folder.display());
+        eprintln!("SKIPPED, NOTHING WAS TESTED: {} does not exist", folder.display());
         return;
     }
     let work = Work::new();

@@ -21,7 +21,7 @@ fn root() -> &'static Path {
 fn snakemake() -> Option<PathBuf> {
     let path = std::env::var_os("SNAKEMAKE").map_or_else(|| root().join("target/workflow-venv/bin/snakemake"), PathBuf::from);
     if !path.exists() {
-        eprintln!("SKIPPED tests of the workflow: {} is not there; scripts/workflow_setup installs it", path.display());
+        eprintln!("SKIPPED tests of the workflow: {} does not exist; scripts/workflow_setup installs it", path.display());
         return None;
     }
     Some(path)
@@ -39,7 +39,7 @@ fn workflow(snakemake: &Path, work: &Work, profile: &str, grimace: &Path) -> Com
 }
 
 #[test]
-fn killed_in_the_middle_and_resumed_it_gives_the_bytes_of_a_plain_run() {
+fn a_killed_and_resumed_workflow_gives_the_bytes_of_a_plain_run() {
     let Some(snakemake) = snakemake() else { return };
     let work = Work::with_faces();
     // One sequence fails on purpose.
@@ -62,7 +62,7 @@ fn killed_in_the_middle_and_resumed_it_gives_the_bytes_of_a_plain_run() {
     // The process group has the workflow with all its jobs, and nothing else.
     Command::new("kill").args(["-KILL", "--", &format!("-{}", running.id())]).status().unwrap();
     running.wait().unwrap();
-    assert!(done() < 6 && !work.path("flow.workflow/complete").exists(), "it was killed too late to show anything");
+    assert!(done() < 6 && !work.path("flow.workflow/complete").exists(), "the workflow was killed too late for the test");
 
     let program = crate::common::grimace();
     assert!(workflow(&snakemake, &work, "local", program).arg("--unlock").output().unwrap().status.success());

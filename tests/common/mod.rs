@@ -27,7 +27,7 @@ pub fn shared_data(name: &str, skipped: &str) -> Option<PathBuf> {
     if path.exists() {
         return Some(path);
     }
-    eprintln!("SKIPPED: ../shared/data/{name} is not there; {skipped}");
+    eprintln!("SKIPPED: ../shared/data/{name} does not exist; {skipped}");
     None
 }
 
@@ -46,7 +46,7 @@ pub fn grimace() -> &'static Path {
                 let mut build = std::process::Command::new(env!("CARGO"));
                 build.args(["build", "--quiet", "--package", package, "--bin", name, "--manifest-path"]);
                 build.arg(root().join("Cargo.toml")).args(if folder.ends_with("release") { &["--release"][..] } else { &[] });
-                assert!(build.status().unwrap().success(), "{name} is not there and cannot be built");
+                assert!(build.status().unwrap().success(), "{name} does not exist and cannot be built");
             }
         }
         program("grimace")

@@ -26,7 +26,7 @@ pub fn write_pictures(work: &Work, pictures: impl Iterator<Item = image::RgbImag
     match writer.receive(0).unwrap() {
         Answer::Said(Reply::Ready) => {}
         Answer::Said(Reply::NoEncoder { tried }) => {
-            eprintln!("SKIPPED: this OpenCV does not write {tried}");
+            eprintln!("SKIPPED: this OpenCV cannot write {tried}");
             return false;
         }
         other => panic!("{other:?}"),

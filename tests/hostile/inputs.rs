@@ -72,7 +72,7 @@ fn pipe(path: &Path) {
 
 #[cfg(unix)]
 #[test]
-fn a_pipe_where_a_file_belongs_is_an_error_at_once() {
+fn a_pipe_in_place_of_a_file_is_an_error_at_once() {
     let folder = folder();
     let at = |name: &str| folder.path().join(name);
     let expected = "it is a named pipe; a regular file was expected";
@@ -107,7 +107,7 @@ fn a_pipe_where_a_file_belongs_is_an_error_at_once() {
 
 #[cfg(unix)]
 #[test]
-fn devices_are_no_pictures() {
+fn devices_are_not_pictures() {
     let folder = folder();
     let link = folder.path().join("zero.png");
     std::os::unix::fs::symlink("/dev/zero", &link).unwrap();
@@ -117,7 +117,7 @@ fn devices_are_no_pictures() {
 }
 
 #[test]
-fn what_is_piped_is_read_through_a_dash() {
+fn standard_input_is_read_through_a_dash() {
     let folder = folder();
     let fap = fs::read(repository("fixtures/golden/fap/happiness.fap")).unwrap();
     fs::write(folder.path().join("happiness.fap"), &fap).unwrap();
@@ -186,7 +186,7 @@ fn a_picture_bomb_is_refused_by_its_header_in_every_command() {
 
 /// A successful run with --quiet prints nothing on either stream, including messages of libraries.
 #[test]
-fn quiet_is_quiet() {
+fn quiet_prints_nothing() {
     let folder = folder();
     let (status, out, said) =
         grimace(&folder, &["track", "faces", "--correspondences", "marks.csv", "-o", "S001_005.csv", "-q"], b"");

@@ -99,7 +99,7 @@ fn compare(name: &str, golden: &str, made: &str) {
                 (Ok(x), Ok(y)) => (x - y).abs() <= TOLERANCE,
                 _ => a == b,
             };
-            assert!(same, "{name}:{line}: {b} where the golden file has {a}");
+            assert!(same, "{name}:{line}: found {b}, but the golden file has {a}");
         }
     }
 }

@@ -64,7 +64,11 @@ fn points_are_found_where_opencv_finds_them() {
         }
         distances.sort_by(f64::total_cmp);
         // A search that diverges ends elsewhere when the last digit of a sum changes.
-        assert!(distances.len() > 5000 && odd < 60, "{} found, {odd} of them by one alone", distances.len());
+        assert!(
+            distances.len() > 5000 && odd < 60,
+            "{} points found, {odd} of them by only one of the trackers",
+            distances.len()
+        );
         let (middle, most) = (distances[distances.len() / 2], distances[distances.len() * 95 / 100]);
         assert!(middle < 1e-4 && most < 1e-2, "window {window}: median {middle}, 95 % {most}");
     }

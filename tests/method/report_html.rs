@@ -95,7 +95,7 @@ fn numbers_that_are_not_finite_become_dashes() {
 }
 
 #[test]
-fn a_single_sequence_and_a_small_class_are_said_to_be_so() {
+fn a_single_sequence_and_a_small_class_are_marked() {
     let fixture = Fixture::new("Few", [1, 4, 5, 9, 9, 9], &[]);
     let html = render_html(&fixture.data()).unwrap();
     assert_eq!(html.matches("single sequence: no dispersion").count(), 1);

@@ -161,7 +161,7 @@ fn without_deformation_a_lost_node_stays_behind() {
 }
 
 #[test]
-fn a_node_that_runs_away_is_extreme_and_stays_with_its_face() {
+fn a_node_that_runs_away_is_extreme_and_returns_to_its_face() {
     let truth = shifted(3, Vector2::new(1.0, 1.0));
     let track = track(&truth, &[(1, 31, Fault::Astray(12.0, 0.0))], &TrackOptions::default()).unwrap();
     assert_eq!(node(&track, 1, 31).state, NodeState::Recovered(LossReason::Extreme));
@@ -171,7 +171,7 @@ fn a_node_that_runs_away_is_extreme_and_stays_with_its_face() {
 }
 
 #[test]
-fn a_way_back_that_ends_elsewhere_is_measured_and_refused() {
+fn a_failed_forward_backward_check_is_measured_and_refused() {
     let truth = shifted(3, Vector2::new(1.0, 0.0));
     // The limit is forward_backward times 100 px.
     let options = TrackOptions { forward_backward: 0.04, ..TrackOptions::default() };

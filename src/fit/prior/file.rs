@@ -274,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_is_read_again() {
+    fn written_files_can_be_read() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("prior.json");
         let file = small();

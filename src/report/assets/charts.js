@@ -1,4 +1,4 @@
-// Strip plots, what was trimmed, and FAP bars.
+// Strip plots, trimmed fields, and FAP bars.
 
 // ---- Strip plots ----
 /** Offsets that keep dots of a radius apart in a strip; above `most` the dots are spread evenly instead. */
@@ -6,7 +6,7 @@ function swarm(xs, radius, most) {
   const order = xs.map((_, k) => k).sort((a, b) => xs[a] - xs[b] || a - b);
   const ys = new Array(xs.length).fill(0);
   if (xs.length > 400) {
-    // Van der Corput: even, and the same every time.
+    // Van der Corput sequence: evenly distributed, and the same every time.
     order.forEach((k, place) => {
       let v = 0, f = 0.5;
       for (let n = place + 1; n > 0; n = Math.floor(n / 2), f /= 2) v += f * (n % 2);

@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn upper_and_lower_lids_are_told_apart() {
+    fn upper_and_lower_lids_are_distinguished() {
         let a = model(&[(21, [0.0, 10.0])]);
         let words = directions(&a, &model(&[]), &[NodeId(21)], &Tables::candide3());
         assert_eq!(words, ["left upper lid 10 face units higher"]);

@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn strata_that_serve_for_nothing_say_why() {
+    fn useless_strata_give_the_reason() {
         let why = |rows: &[(&str, &str)]| strata(rows).blocks(&["a", "b"], 1).unwrap_err().to_string();
         assert!(why(&[("a", "x"), ("b", "")]).starts_with("1 of the people have no value in `site`, for example b"));
         assert!(why(&[("a", "x"), ("b", "x"), ("b", "y")]).starts_with("b has several values in `site` (x, y)"));

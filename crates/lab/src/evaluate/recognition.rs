@@ -346,7 +346,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_to_tell_apart_or_nobody_to_leave_out_is_an_error() {
+    fn too_few_labels_or_people_are_an_error() {
         let one = [sequence("a", "fear", 1.0, 0.0), sequence("b", "fear", 1.0, 0.0)];
         assert!(recognize(&one).unwrap_err().to_string().starts_with("found 1 label; recognition needs"));
         let alone = [sequence("a", "fear", 1.0, 0.0), sequence("a", "anger", 2.0, 0.0)];

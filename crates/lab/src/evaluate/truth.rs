@@ -192,7 +192,7 @@ mod tests {
         // The 51 inner landmarks without the four between brow nodes (18, 20, 23, 25), and without 27, 29, 56 and 58.
         assert_eq!(compared.iter().filter(|c| c.inner).count(), 43);
         let nodes: std::collections::BTreeSet<_> = compared.iter().map(|c| c.node).collect();
-        assert_eq!(nodes.len(), 52, "no node twice");
+        assert_eq!(nodes.len(), 52, "no node appears twice");
     }
 
     #[test]

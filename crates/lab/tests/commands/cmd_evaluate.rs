@@ -161,7 +161,7 @@ fn suggested_marks_are_searched_on_request() {
     let nodes: Vec<_> = rows[..5].iter().map(|r| r["node"].as_str()).collect();
     let errors = work.rows("out/fit_error.csv");
     let row = errors.iter().find(|r| r["population"] == "simulated" && r["choice"] == "suggested").unwrap();
-    assert_eq!(row["nodes"].split(' ').collect::<Vec<_>>(), nodes, "the marks found are those compared");
+    assert_eq!(row["nodes"].split(' ').collect::<Vec<_>>(), nodes, "the found marks are the compared ones");
 }
 
 #[test]
@@ -253,7 +253,7 @@ fn simulated_datasets_are_compared_with_their_exact_nodes() {
 }
 
 #[test]
-fn some_nodes_of_some_frames_are_truth_enough_and_tracks_that_are_there_are_compared() {
+fn partial_truth_is_accepted_and_existing_tracks_are_compared() {
     let work = Work::new();
     work.stdout("simulate -o faces --subjects 1 --emotions happiness --frames 4 --size 240x180");
     let truth = work.read("faces/truth/S001_005.csv");
@@ -298,7 +298,7 @@ fn some_nodes_of_some_frames_are_truth_enough_and_tracks_that_are_there_are_comp
 use predicates::prelude::PredicateBooleanExt as _;
 
 #[test]
-fn mistakes_are_named() {
+fn mistakes_are_reported() {
     let work = Work::new();
     work.grimace("evaluate fit nowhere -o out").failure().code(1).stderr(contains("nowhere"));
     work.grimace("evaluate tracking nowhere -o out").failure().code(1).stderr(contains("nowhere"));

@@ -111,7 +111,7 @@ fn the_same_seed_gives_the_same_bytes_whatever_the_threads() {
 }
 
 #[test]
-fn landmarks_folders_and_datasets_serve_as_portraits() {
+fn landmarks_folders_and_datasets_are_accepted_as_portraits() {
     let folder = tempfile::tempdir().unwrap();
     let portraits = folder.path().join("portraits");
     fs::create_dir(&portraits).unwrap();
@@ -144,7 +144,7 @@ fn landmarks_folders_and_datasets_serve_as_portraits() {
 }
 
 #[test]
-fn marks_that_nobody_set_are_found() {
+fn missing_marks_are_found() {
     let folder = tempfile::tempdir().unwrap();
     let photo = folder.path().join("composite.jpg");
     let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/portraits");
@@ -204,7 +204,7 @@ fn fap_curves_are_performed_and_run_reads_the_layout_of_cohn_kanade() {
 }
 
 #[test]
-fn what_can_not_be_animated_is_explained() {
+fn inputs_that_cannot_be_animated_are_explained() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     let photo = PHOTO.path.join("anna.png");
