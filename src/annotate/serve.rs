@@ -160,12 +160,12 @@ mod tests {
 
     /// Starts a server on its own thread: `POST /` returns its body, `/large` is more than a connection buffers.
     fn started(limits: Limits) -> SocketAddr {
-        let (tell, told) = std::sync::mpsc::channel();
+        let (sender, receiver) = std::sync::mpsc::channel();
         std::thread::spawn(move || {
             let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
             runtime.block_on(async move {
                 let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
-                tell.send(listener.local_addr().unwrap()).unwrap();
+                sender.send(listener.local_addr().unwrap()).unwrap();
                 let router = Router::new()
                     .route("/", post(|body: String| async { body }))
                     .route("/large", post(|| async { vec![b'x'; 64 << 20] }))
@@ -173,7 +173,7 @@ mod tests {
                 serve(listener, router, limits).await
             })
         });
-        told.recv().unwrap()
+        receiver.recv().unwrap()
     }
 
     fn client(address: SocketAddr) -> Client {

@@ -82,7 +82,7 @@ fn run_division(args: &Args, bench: &Workbench) -> anyhow::Result<Option<Outcome
     if *plan {
         let plan = pipeline::run_plan(&args.dataset, &args.output, bench, args.general.force)?;
         println!("{}", serde_json::to_string(&plan)?);
-        // The plan itself stands on the standard output; the workflow goes on without these.
+        // The plan itself is printed to standard output; a workflow does not need these notes.
         plan.failures.iter().for_each(|failure| eprintln!("skipped: {failure}"));
         return Ok(Some(Outcome::Done));
     }
@@ -144,7 +144,7 @@ fn print_summary(summary: &RunSummary, out: &Path) {
     print_results(&summary.representatives, &summary.warnings, out);
 }
 
-/// Prints what was written: the representatives with how many sequences each has, notes, and where the report is.
+/// Prints the results: representatives with their numbers of sequences, notes, and the path of the report.
 pub fn print_results(representatives: &[(String, usize)], warnings: &[String], out: &Path) {
     let width = representatives.iter().map(|(stem, _)| stem.len()).max().unwrap_or(0);
     for (stem, members) in representatives {

@@ -323,9 +323,9 @@ mod tests {
             }),
         };
         let all = [comparison("mouth", [0.8, 1.32], -0.81, 0.001), comparison("face", [0.82, 1.29], -0.76, 0.002)];
-        let told = stronger(all.iter().map(|c| (c, c.outcome.as_ref().unwrap())));
+        let sentences = stronger(all.iter().map(|c| (c, c.outcome.as_ref().unwrap())));
         let text = "big smile is stronger in m than in f: 1.29 and 0.82 times the median (Hedges' g 0.76, corrected p 0.002); \
                     at the mouth: 1.32 and 0.80 times the median (Hedges' g 0.81, corrected p 0.001)";
-        assert_eq!(told, [(0.001, text.to_owned())]);
+        assert_eq!(sentences, [(0.001, text.to_owned())]);
     }
 }

@@ -33,10 +33,10 @@ fn check_reports_the_problems_of_a_run() {
     assert_eq!(work.read("check.csv"), work.read("again.csv"));
 
     work.grimace("run faces -o out").exit(3);
-    let told = |row: &Row, reason: &str| [&row["id"], &row["stage"], &row[reason]].map(String::clone);
-    let failed: Vec<_> = work.rows("out/failures.csv").iter().map(|row| told(row, "reason")).collect();
+    let fields = |row: &Row, reason: &str| [&row["id"], &row["stage"], &row[reason]].map(String::clone);
+    let failed: Vec<_> = work.rows("out/failures.csv").iter().map(|row| fields(row, "reason")).collect();
     let (good, fails): (Vec<Row>, Vec<Row>) = work.rows("check.csv").into_iter().partition(|row| row["verdict"] == "good");
-    assert_eq!(fails.iter().map(|row| told(row, "reasons")).collect::<Vec<_>>(), failed);
+    assert_eq!(fails.iter().map(|row| fields(row, "reasons")).collect::<Vec<_>>(), failed);
     assert_eq!(
         failed.iter().map(|[_, stage, _]| stage.as_str()).collect::<Vec<_>>(),
         ["dataset", "track", "fit", "track", "dataset"]

@@ -60,8 +60,8 @@ fn check_damage(path: &Path) {
     // Frames after the damage are refused, in either direction, whether earlier frames are requested or not.
     for (first, last) in [(Some(last + 2), None), (Some(1), Some(last + 1)), (Some(last + 2), Some(2))] {
         let (frames, error) = read(path, first, last);
-        let is_told = matches!(error, Some(SequenceError::Damaged { .. }));
-        assert!(is_told && frames.iter().all(|(number, shown)| number == shown), "{first:?} {last:?}: {frames:?} {error:?}");
+        let is_reported = matches!(error, Some(SequenceError::Damaged { .. }));
+        assert!(is_reported && frames.iter().all(|(number, shown)| number == shown), "{first:?} {last:?}: {frames:?} {error:?}");
     }
 }
 

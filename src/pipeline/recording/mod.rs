@@ -247,7 +247,7 @@ pub fn segment_recording(
     tracked.sort_by_key(|followed| followed.first);
     let places: Vec<(usize, usize)> = tracked.iter().map(|f| (f.first, f.first + f.frames.len().saturating_sub(1))).collect();
     let mut notes: Vec<String> = survey.notes.iter().cloned().chain(survey.several(recording.marks.is_some())).collect();
-    notes.extend(turns.into_iter().map(|turn| survey.told(turn, &places)).chain(later));
+    notes.extend(turns.into_iter().map(|turn| survey.turn_message(turn, &places)).chain(later));
     let mut result = SegmentedRecording {
         stem: recording.stem.clone(),
         fps: survey.fps,
