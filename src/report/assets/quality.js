@@ -41,13 +41,13 @@ function qualityCard(row, mostError) {
   if (lost.length) card.append(courseChart(lost, errors, mostError));
   const facts = [`${frames} frames`, `${fixed(share, 1)} % tracked`];
   if (expected !== null) facts.push(`expected error of the motion ${fixed(expected, 2)} px${share_of_eyes(expected)}`);
-  if (placed !== null) facts.push(`expected error of the placement on the face ${fixed(placed, 2)} px${share_of_eyes(placed)}`);
+  if (placed !== null) facts.push(`expected error of the placement ${fixed(placed, 2)} px${share_of_eyes(placed)}`);
   card.append(element("p", { class: "qc-facts" }, facts.join(" · ")));
   if (why.length) card.append(element("p", { class: "qc-why" }, why.join("; ")));
   if (stem !== null) {
     const name = encodeURIComponent(stem);
     const link = (href, text) => element("a", { href }, text);
-    card.append(element("p", { class: "qc-files" }, link(`tracks/${name}.csv`, "track"), " ", link(`tracks/${name}.json`, "track details"), " ", link(`models/${name}.csv`, "normalized model")));
+    card.append(element("p", { class: "qc-files" }, link(`tracks/${name}.csv`, "track"), " ", link(`tracks/${name}.json`, "details"), " ", link(`models/${name}.csv`, "normalized model")));
   }
   return card;
 }
