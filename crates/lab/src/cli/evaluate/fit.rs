@@ -16,7 +16,7 @@ use serde_json::json;
 use super::{CommonArgs, bar, file_word, nodes};
 use grimace::internal::cli::{Outcome, shared::stop_flag};
 
-/// Number of marks in the printed tables; the files have all numbers.
+/// Numbers of marks in the printed tables; the files have all numbers.
 const PRINTED_COUNTS: [usize; 4] = [5, 7, 8, 15];
 
 /// Error of the fit by number and choice of marks.
