@@ -383,11 +383,11 @@ mod tests {
     use base64::{Engine, prelude::BASE64_STANDARD};
 
     use super::*;
-    use crate::clone::test_target::{portrait, target};
+    use crate::clone::test_target::portrait_target;
 
     #[test]
     fn the_skin_of_lids_is_that_of_the_library() {
-        let target = target(portrait());
+        let target = portrait_target();
         let (left, top, _, height) = target.surroundings();
         let numbers = |packed: &Value| -> Vec<f64> {
             let bytes = BASE64_STANDARD.decode(packed.as_str().unwrap()).unwrap();
@@ -395,7 +395,7 @@ mod tests {
         };
         // At its own size, and at half of it.
         for (most, scale) in [(height, 1.0), (height / 2, f64::from(height / 2) / f64::from(height))] {
-            let shown = face(&Face { label: "P01", target: &target, height: most }).unwrap();
+            let shown = face(&Face { label: "P01", target, height: most }).unwrap();
             assert!(shown["openings"][0]["lid"].is_null(), "a mouth has no lid");
             for k in [1, 2] {
                 let lid = target.warp().rig(target.texture()).openings[k].lid.clone().unwrap();
