@@ -20,7 +20,7 @@ use super::{
     model_file::write_model,
     overlays::{OverlayFolder, overlay_pictures},
     sequence::{FOUND, Labels, MACHINE, RunTrack, track_or_reuse, track_recorded},
-    showcase::thumbnails,
+    showcase::{thumbnails, thumbnails_beside},
 };
 use crate::{
     dataset::{CorrespondenceSource, FailedEntry, FrameSource, LandmarkSelection, SequenceEntry},
@@ -382,8 +382,9 @@ fn process(
     quality.look = looks.of(id, &content);
     quality.content = content;
     quality.pictures = match source {
-        Source::Images(source) if bench.options.shows(&source.metadata) => thumbnails(source, &frames, bench)?,
-        _ => None,
+        Source::Images(source) if bench.options.shows(&source.metadata) => thumbnails(&source.frames, &frames, bench)?,
+        Source::Images(_) => None,
+        Source::Landmarks(source) => source.shown_images(bench).and_then(|images| thumbnails_beside(&images, &frames, bench)),
     };
     let model = SequenceModel { id: id.clone(), model };
     let course = features.as_deref().and_then(Course::of);
