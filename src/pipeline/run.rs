@@ -343,18 +343,7 @@ pub fn run(
     if let Some(pictures) = pictures {
         said.extend(pictures.close(|id| planned.iter().any(|p| p.id.to_string() == id))?);
     }
-    // This run has already removed its own earlier pictures.
-    let hidden = planned.iter().filter(|p| !bench.options.shows(&p.metadata())).map(|p| p.id.to_string()).collect();
-    for folder in [overlay.map(Path::to_owned), Some(out.join("overlays"))].into_iter().flatten().collect::<BTreeSet<_>>() {
-        let left = overlays_of(&folder, &hidden);
-        if left > 0 {
-            let pictures = count(left, "picture", "pictures");
-            let folder = folder.display();
-            said.push(format!(
-                "{folder}: {pictures} of people who may not be shown, from an earlier run; remove them if nobody may see them"
-            ));
-        }
-    }
+    said.extend(hidden_left(&planned, bench, overlay, out));
     let ids = planned.iter().map(|p| p.id.to_string()).collect();
     said.extend(unused_corrections(out, &ids).into_iter().chain(unused_looks(&looks, &ids)));
     event(Event::Analyzing);
@@ -409,6 +398,22 @@ pub fn run(
     // The results now contain the separately computed parts. The folder is removed if it is empty.
     let _ = fs::remove_dir(out.join(PARTS_FOLDER));
     Ok(RunSummary { tracked, reused, unchanged: false, ..summary_of(&record) })
+}
+
+/// Notes about overlay pictures of people who may not be shown, from earlier runs: this run has already removed its own.
+fn hidden_left(planned: &[Planned<'_>], bench: &Workbench, overlay: Option<&Path>, out: &Path) -> Vec<String> {
+    let hidden = planned.iter().filter(|p| !bench.options.shows(&p.metadata())).map(|p| p.id.to_string()).collect();
+    let folders: BTreeSet<PathBuf> = [overlay.map(Path::to_owned), Some(out.join("overlays"))].into_iter().flatten().collect();
+    let note = |folder: PathBuf| {
+        let left = overlays_of(&folder, &hidden);
+        let (pictures, folder) = (count(left, "picture", "pictures"), folder.display());
+        (left > 0).then(|| {
+            format!(
+                "{folder}: {pictures} of people who may not be shown, from an earlier run; remove them if nobody may see them"
+            )
+        })
+    };
+    folders.into_iter().filter_map(note).collect()
 }
 
 /// Whether an earlier run had the same sequences, and all its files are unchanged.
