@@ -227,6 +227,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     let (known, known_failures) = load_tracks(&known_files, dataset.as_ref(), &bench);
     say_unlisted(&known, dataset.as_ref());
+    let known: Vec<AnalyzedModel> = known.into_iter().filter(|m| !m.is_left_out()).collect();
     let Unseen { tracks, pictures, .. } = unseen;
     let (mut unseen, mut failures) = load_unlabelled_tracks(&tracks, &bench);
     say_failures(known_failures.iter().chain(&failures), None);

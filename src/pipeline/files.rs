@@ -67,6 +67,12 @@ pub struct RunJson {
     pub representatives: Vec<(String, usize)>,
     /// Warnings to the user.
     pub warnings: Vec<String>,
+    /// Sequences that a person should look at.
+    #[serde(default)]
+    pub to_look_at: usize,
+    /// BLAKE3 of the looks that the results take into account.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub looks_blake3: Option<String>,
     /// BLAKE3 of every file written, by path relative to the output folder with `/` between folders.
     pub outputs: BTreeMap<String, String>,
     /// Files of earlier runs that were kept because they were changed since, with their original BLAKE3.

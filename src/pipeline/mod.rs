@@ -19,6 +19,7 @@ mod groups;
 mod inputs;
 mod landmarks;
 mod ledger;
+mod looks;
 mod measured;
 mod method;
 mod model_file;

@@ -335,6 +335,8 @@ fn write_verdicts(path: &Path, tracks: &[TrackQuality]) -> Result<blake3::Hash, 
             t.id.to_string(),
             number(s.placement_error_px),
             number(percent(s.placement_error_px)),
+            t.look.map(|look| look.name().to_owned()).unwrap_or_default(),
+            t.content.clone(),
         ]
     });
     let header = [
@@ -348,6 +350,8 @@ fn write_verdicts(path: &Path, tracks: &[TrackQuality]) -> Result<blake3::Hash, 
         "id",
         "placement_error_px",
         "placement_error_percent_es",
+        "look",
+        "content",
     ];
     write_table(path, &header, &[], rows)
 }

@@ -17,7 +17,7 @@ use super::{
 use crate::{
     output::count,
     statistics::{ClassLabel, Representative, variation::Component},
-    track::{TrackQuality, Verdict},
+    track::{Look, TrackQuality},
     units::NodeId,
     wireframe::Fapu,
 };
@@ -75,6 +75,9 @@ pub(super) struct View<'a> {
     failure_count: String,
     look_again: Vec<LookAgain<'a>>,
     look_again_count: String,
+    /// Sequences left out of the statistics.
+    left_out: Vec<LookAgain<'a>>,
+    left_out_count: String,
     too_short: Option<&'a str>,
     table: DispersionTable<'a>,
     cards: Vec<Card>,
@@ -230,7 +233,7 @@ impl<'a> View<'a> {
     pub(super) fn new(data: &'a ReportData<'_>) -> Self {
         let emotions: BTreeSet<&str> = data.representatives.iter().map(|r| r.label.emotion.as_str()).collect();
         let failures = count(data.failures.len(), "failure", "failures");
-        let doubtful = data.tracks.iter().filter(|t| t.summary.verdict == Verdict::LookAgain);
+        let doubtful = data.tracks.iter().filter(|t| t.is_to_look_at());
         let look_again: Vec<LookAgain<'_>> = doubtful.map(LookAgain::of).collect();
         let look_again_count = count(look_again.len(), "sequence to look at again", "sequences to look at again");
         let mut summary = vec![
@@ -241,6 +244,14 @@ impl<'a> View<'a> {
         ];
         if !look_again.is_empty() {
             summary.push(format!("{} to look at again", look_again.len()));
+        }
+        let left_out: Vec<LookAgain<'_>> = data.tracks.iter().filter(|t| t.is_left_out()).map(LookAgain::of).collect();
+        let right = data.tracks.iter().filter(|t| t.look == Some(Look::Right)).count();
+        if right > 0 {
+            summary.push(format!("{right} looked at: right"));
+        }
+        if !left_out.is_empty() {
+            summary.push(format!("{} left out", left_out.len()));
         }
         let fields = Fields::new(data);
         let fapus = Fapu::LENGTHS.iter().filter_map(|&u| Some((format!("{u}0"), fixed(data.fapus.length(u)?, 1))));
@@ -253,6 +264,8 @@ impl<'a> View<'a> {
             failure_count: failures,
             look_again,
             look_again_count,
+            left_out_count: count(left_out.len(), "sequence left out after a look", "sequences left out after a look"),
+            left_out,
             too_short: data.too_short.as_deref(),
             table: DispersionTable::new(data.representatives),
             cards: data.representatives.iter().enumerate().map(|(k, r)| Card::new(k, r, data, &fields)).collect(),

@@ -17,6 +17,7 @@ mod landmarks;
 mod leap;
 mod lids;
 mod light;
+mod looked;
 mod options;
 mod quality;
 mod recover;
@@ -51,6 +52,8 @@ pub use file::{
 pub(crate) use klt::smoothed;
 pub use klt::{Klt, KltKind, OpenCvKlt};
 pub use landmarks::LandmarkPlan;
+pub(crate) use looked::{LOOKED_AT, Looks, content_of};
+pub use looked::{Look, LooksError};
 pub use options::{Forces, MIN_WINDOW_PX, TrackOptions};
 pub use quality::{FrameQuality, TrackQuality, TrackSummary, Verdict, summarize};
 pub(crate) use quality::{missing_said, two_pictures_said};

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
-use super::{LossReason, NodeState, TrackedFrame, TrackedNode, eye_distance_px};
+use super::{Look, LossReason, NodeState, TrackedFrame, TrackedNode, eye_distance_px};
 use crate::{
     geometry::Similarity,
     robust::median,
@@ -159,12 +159,28 @@ pub struct TrackQuality {
     /// Small JPEG files of the wireframe on the neutral and the apex frame; `None` where there are no pictures or they may not be shown.
     #[serde(skip)]
     pub pictures: Option<[Vec<u8>; 2]>,
+    /// Identifies its pictures and its nodes, for looks at it; empty if unknown.
+    #[serde(default)]
+    pub content: String,
+    /// What a person found when looking at it.
+    #[serde(default)]
+    pub look: Option<Look>,
 }
 
 impl TrackQuality {
     /// Creates the quality of a track, without pictures.
     pub fn new(id: SequenceId, emotion: String, summary: TrackSummary, frames: &[TrackedFrame], wireframe: &Wireframe) -> Self {
-        Self { id, emotion, summary, course: course(frames, wireframe), pictures: None }
+        Self { id, emotion, summary, course: course(frames, wireframe), pictures: None, content: String::new(), look: None }
+    }
+
+    /// Whether a person should look at it: there is a reason, and nobody has looked at it as it is.
+    pub fn is_to_look_at(&self) -> bool {
+        self.summary.verdict == Verdict::LookAgain && !matches!(self.look, Some(Look::Right | Look::LeaveOut))
+    }
+
+    /// Whether a person has looked at it and left it out of the statistics.
+    pub fn is_left_out(&self) -> bool {
+        self.look == Some(Look::LeaveOut)
     }
 }
 

@@ -488,6 +488,38 @@ fn tracks_are_stepped_corrected_and_tracked_again() {
 }
 
 #[test]
+fn a_track_is_found_right_or_left_out_with_one_key() {
+    let work = Work::with_sequences(&["S001_005", "S002_005"]);
+    work.write(
+        "faces/manifest.csv",
+        "subject,sequence,emotion,first_frame,last_frame\nS001,005,happiness,6,1\nS002,005,happiness,1,6\n",
+    );
+    work.grimace("run faces -o results -q").exit(0);
+    let server = Server::start(&work, "--tracks results");
+    let browser = Browser::start();
+    // The first to be shown is the one to look at, with the reason.
+    open(&browser, &server, (1280, 720));
+    wait(&browser, "document.getElementById('sequence').textContent === 'S001_005'");
+    assert!(text(&browser, "left").ends_with(" of 2 tracks, 1 to look at"), "{}", text(&browser, "left"));
+    let reasons = text(&browser, "track-reasons");
+    assert!(reasons.starts_with("To look at: the marks lie"), "{reasons}");
+    browser.screenshot("tracks-look", false);
+    browser.press("y");
+    wait(&browser, "document.getElementById('saved').textContent === 'Saved: looks right'");
+    wait(&browser, "document.getElementById('look-right').getAttribute('aria-pressed') === 'true'");
+    assert!(!text(&browser, "left").contains("to look at") && text(&browser, "track-reasons").is_empty());
+    assert!(work.read("results/looked_at.csv").contains("\nS001_005,right,b3-"));
+    // The other button changes it, the same one takes it back.
+    browser.run("document.getElementById('look-out').click()");
+    wait(&browser, "document.getElementById('saved').textContent === 'Saved: left out'");
+    assert!(work.read("results/looked_at.csv").contains("\nS001_005,leave out,b3-"));
+    browser.press("x");
+    wait(&browser, "document.getElementById('saved').textContent === 'Taken back'");
+    assert!(text(&browser, "left").ends_with("1 to look at"));
+    browser.no_errors();
+}
+
+#[test]
 fn names_are_shown_unchanged_and_execute_nothing() {
     let work = unmarked(&["S001_005"]);
     let name = "<img src=x onerror=\"document.title='run'\">";

@@ -782,6 +782,43 @@ fn tracks_are_corrected_and_tracked_again() {
 }
 
 #[test]
+fn a_look_at_a_track_is_saved_and_ends_where_the_track_changes() {
+    let work = Work::after_run(&["S001_005", "S002_007"], "results");
+    let server = Server::start(&work, "--tracks results");
+    let track = open(&server, "S001_005");
+    assert_eq!((&track["look"], &track["reasons"]), (&Value::Null, &json!([])));
+    let look = |look: Value, version: &Value| {
+        server.send("PUT", "api/sequences/S001_005/look", &json!({"version": version, "look": look}))
+    };
+    let listed = || server.get("api/sequences").ok()["sequences"].as_array().unwrap().clone();
+    let found = |id: &str| listed().iter().find(|s| s["id"] == id).unwrap()["look"].clone();
+    assert_eq!(look(json!("leave_out"), &track["version"]).ok(), json!({"look": "leave_out"}));
+    let saved = work.read("results/looked_at.csv");
+    assert!(saved.starts_with("id,look,content\nS001_005,leave out,b3-"), "{saved}");
+    assert_eq!((found("S001_005"), found("S002_007")), (json!("leave_out"), Value::Null));
+    // What is not a look is refused, and so is one at another state of the track.
+    assert!(!look(json!("fine"), &track["version"]).status.eq(&200));
+    assert!(look(json!("outdated"), &track["version"]).text().contains("not looked at"));
+    assert_eq!(look(json!("right"), &json!("0")).status, 409);
+    assert_eq!(work.read("results/looked_at.csv"), saved);
+    work.grimace("run faces -o results").exit(0).prints(&["left out of the statistics after a look (looked_at.csv): S001_005"]);
+    // A correction makes another track.
+    let at = &track["frames"][2]["nodes"][31];
+    let correction = json!([{"node": 31, "x": at[0].as_f64().unwrap() + 4.0, "y": at[1]}]);
+    let body = json!({"version": track["version"], "frame": 3, "corrections": correction});
+    let corrected = server.send("PUT", "api/sequences/S001_005/corrections", &body).ok();
+    assert_eq!(open(&server, "S001_005")["look"], "outdated");
+    look(json!("right"), &corrected["version"]).ok();
+    work.grimace("run faces -o results").exit(0).prints(&["1 sequence was looked at and found right"]);
+    look(Value::Null, &corrected["version"]).ok();
+    assert_eq!(found("S001_005"), Value::Null);
+    // A file that does not read is left as it is.
+    work.write("results/looked_at.csv", "id,look\nS001_005,fine\n");
+    assert!(look(json!("right"), &corrected["version"]).text().contains("look is `fine`"));
+    assert_eq!(work.read("results/looked_at.csv"), "id,look\nS001_005,fine\n");
+}
+
+#[test]
 fn tracks_that_do_not_belong_are_named_and_left_out() {
     let work = Work::after_run(&["S001_005", "S002_007"], "results");
     // A track with fewer nodes than the wireframe.

@@ -269,6 +269,47 @@ fn landmarks(id: &str) -> Vec<(f64, f64)> {
     Tables::candide3().landmarks.iter().map(place).collect()
 }
 
+#[test]
+fn the_report_shows_images_beside_landmarks_that_drive_a_sequence() {
+    let work = Work::with_sequences(&["S001_005"]);
+    let points = landmarks("S001_005");
+    let names: Vec<String> = (0..68).map(|k| format!("x{k},y{k}")).collect();
+    // The lips are the points 48 to 67.
+    let row = |frame: u32, wider: f64| {
+        let x = |k: usize, x: f64| {
+            if k == 48 {
+                x - wider
+            } else if k == 54 {
+                x + wider
+            } else {
+                x
+            }
+        };
+        let fields: Vec<String> = points.iter().enumerate().map(|(k, p)| format!("{},{}", x(k, p.0), p.1)).collect();
+        format!("{frame},{}\n", fields.join(","))
+    };
+    work.write("faces/points.csv", format!("frame,{}\n{}{}", names.join(","), row(1, 0.0), row(6, 4.0)));
+    let manifest = |publish: &str| {
+        let row = format!("S001,005,happiness,S001/005,points.csv,{publish}\n");
+        work.write("faces/manifest.csv", format!("subject,sequence,emotion,frames,landmarks,publish\n{row}"));
+    };
+    let run = |out: &str| work.grimace(&format!("run faces -o {out} --prefer-landmarks --resample linear")).exit(0);
+    let pictures = |out: &str| work.read(&format!("{out}/report.html")).matches("\"/9j/").count();
+    manifest("no");
+    run("hidden");
+    manifest("");
+    run("out").prints(&["1 sequence: 1 tracked"]);
+    assert_eq!(pictures("out"), pictures("hidden") + 2);
+    run("out").prints(&["nothing changed"]);
+    // Another picture is another report; one that does not read costs the pictures alone.
+    let frame = |number: u32| format!("faces/S001/005/S001_005_{number:08}.png");
+    work.write(&frame(6), work.bytes(&frame(5)));
+    run("out").prints(&["1 sequence: 1 tracked"]);
+    work.write(&frame(6), "no picture");
+    run("out").prints(&["1 sequence: 1 tracked"]);
+    assert_eq!(pictures("out"), pictures("hidden"));
+}
+
 /// Makes a dataset in the layout of CK+: three labelled sequences and one without a label.
 fn cohn_kanade() -> Work {
     let work = Work::new();

@@ -185,6 +185,8 @@ fn track(id: &SequenceId, emotion: &str, live: &[NodeId], rng: &mut ChaCha8Rng) 
             })
             .collect(),
         pictures: None,
+        content: String::new(),
+        look: None,
     }
 }
 

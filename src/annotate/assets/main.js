@@ -44,11 +44,13 @@ const KEYS = {
     ['Shift + arrow', '… by 0.1 px'],
     ['Ctrl + arrow', '… by 10 px'],
     ['R', 'track again from this frame'],
+    ['Y', 'this sequence looks right'],
+    ['X', 'leave this sequence out of the statistics'],
     ['Del', 'release a corrected node'],
     ['Ctrl + Z', 'undo a correction'],
     ['Ctrl + Shift + Z', 'redo'],
     ['/', 'pick any node by name'],
-    ['Enter', 'next track'],
+    ['Enter', 'next track to look at'],
     ['Page up, down', 'previous track, next track'],
     ['Q', 'all tracks'],
     ['+ − 0', 'zoom in, out, whole image'],
@@ -125,7 +127,7 @@ class Page {
   }
 
   isLeft(sequence) {
-    return this.setup.mode === 'marks' && sequence.marks < this.setup.enough;
+    return this.setup.mode === 'marks' ? sequence.marks < this.setup.enough : sequence.doubtful && !['right', 'leave_out'].includes(sequence.look);
   }
 
   async refreshList() {
@@ -161,12 +163,13 @@ class Page {
     else this.notice(by > 0 ? `This is the last ${this.setup.mode === 'tracks' ? 'track' : 'sequence'}.` : `This is the first ${this.setup.mode === 'tracks' ? 'track' : 'sequence'}.`);
   }
 
-  /** Opens the next sequence that needs marks, else the next proposed one; in the mode `tracks`, the next track. */
+  /** Opens the next sequence that needs marks, else the next proposed one; in the mode `tracks`, the next track to look at, else the next. */
   goOn() {
-    if (this.setup.mode === 'tracks') return this.step(1);
     const at = this.sequences.findIndex((s) => s.id === this.id);
     const round = [...this.sequences.slice(at + 1), ...this.sequences.slice(0, at)];
-    const next = round.find((s) => this.isLeft(s)) ?? this.sequences.slice(at + 1).find((s) => s.confidence !== undefined);
+    const left = round.find((s) => this.isLeft(s));
+    if (this.setup.mode === 'tracks') return left ? this.open(left.id) : this.step(1);
+    const next = left ?? this.sequences.slice(at + 1).find((s) => s.confidence !== undefined);
     if (next) this.open(next.id);
     else if (this.sequences.some((s) => this.isLeft(s))) this.notice(`This sequence is the last one left: it has fewer than ${this.setup.enough} marks.`);
     else this.allDone();
@@ -186,11 +189,19 @@ class Page {
     this.showProgress();
   }
 
+  /** A track was looked at. */
+  looked(id, look) {
+    const sequence = this.sequences.find((s) => s.id === id);
+    if (sequence) sequence.look = look;
+    this.showProgress();
+  }
+
   showProgress() {
     const { sequences, setup } = this;
     const at = sequences.findIndex((s) => s.id === this.id) + 1;
     if (setup.mode === 'tracks') {
-      get('left').textContent = `${at || '–'} of ${sequences.length} tracks`;
+      const left = sequences.filter((s) => this.isLeft(s)).length;
+      get('left').textContent = `${at || '–'} of ${sequences.length} tracks${left ? `, ${left} to look at` : ''}`;
       get('done').hidden = true;
       return;
     }
@@ -210,7 +221,7 @@ class Page {
           const item = document.createElement('li');
           const button = document.createElement('button');
           const part = (className, text) => Object.assign(document.createElement('span'), { className, textContent: text });
-          const state = this.setup.mode === 'tracks' ? `${(100 * s.trackedShare).toFixed(1)} % tracked${s.corrected ? ` · ${s.corrected} corrected` : ''}` : s.marks ? `${s.marks} marks` : 'no marks';
+          const state = this.setup.mode === 'tracks' ? `${(100 * s.trackedShare).toFixed(1)} % tracked${s.corrected ? ` · ${s.corrected} corrected` : ''}${s.look === 'right' ? ' · right' : s.look === 'leave_out' ? ' · left out' : this.isLeft(s) ? ' · to look at' : ''}` : s.marks ? `${s.marks} marks` : 'no marks';
           button.append(part('id', s.id), part('emotion', this.label(s)), part(`state${this.isLeft(s) ? '' : ' done'}`, state));
           if (s.id === this.id) button.setAttribute('aria-current', 'true');
           button.addEventListener('click', () => {

@@ -30,6 +30,8 @@ export class Tracking {
     on('undo', () => this.undo());
     on('redo', () => this.redo());
     on('remove', () => this.release());
+    on('look-right', () => this.look('right'));
+    on('look-out', () => this.look('leave_out'));
   }
 
   async open(id) {
@@ -58,8 +60,8 @@ export class Tracking {
     this.page.stage.clear();
     this.page.scrubber.clear();
     this.page.showList([], '');
-    for (const id of ['undo', 'redo', 'remove', 'retrack']) document.getElementById(id).disabled = true;
-    for (const id of ['track-step', 'track-title']) document.getElementById(id).textContent = '';
+    for (const id of ['undo', 'redo', 'remove', 'retrack', 'look-right', 'look-out']) document.getElementById(id).disabled = true;
+    for (const id of ['track-step', 'track-title', 'track-reasons']) document.getElementById(id).textContent = '';
     document.getElementById('track-hint').textContent = 'This track cannot be opened. Press › for the next one.';
     document.getElementById('legend').replaceChildren();
   }
@@ -70,6 +72,7 @@ export class Tracking {
 
   take(track) {
     this.track = track;
+    this.page.looked(track.id, track.look);
     this.frames = new Map(track.frames.map((f) => [f.number, f]));
   }
 
@@ -98,6 +101,7 @@ export class Tracking {
     try {
       const answer = await ask(sequencePath(this.id, '/corrections'), 'PUT', { version: this.track.version, frame, corrections });
       this.track.version = answer.version;
+      this.forgetLook();
       this.frames.set(frame, answer.frame);
       this.stale = Math.min(this.stale ?? frame, frame);
       if (remember) {
@@ -144,6 +148,28 @@ export class Tracking {
       await this.failed(error);
     }
     this.render();
+  }
+
+  /** Saves what the user found; the same again takes it back. */
+  async look(found) {
+    const { id } = this;
+    const look = this.track.look === found ? null : found;
+    this.page.showSaved('saving', 'Saving…');
+    try {
+      await ask(sequencePath(id, '/look'), 'PUT', { version: this.track.version, look });
+      this.page.looked(id, look);
+      if (this.id === id) this.track.look = look;
+      this.page.showSaved('saved', look === null ? 'Taken back' : look === 'right' ? 'Saved: looks right' : 'Saved: left out');
+    } catch (error) {
+      await this.failed(error);
+    }
+    this.render();
+  }
+
+  /** A changed track is another one than was looked at. */
+  forgetLook() {
+    if (this.track.look) this.track.look = 'outdated';
+    this.page.looked(this.id, this.track.look);
   }
 
   async failed(error) {
@@ -253,6 +279,12 @@ export class Tracking {
     document.getElementById('redo').disabled = !this.undone.length;
     document.getElementById('remove').disabled = !list.some((c) => c.selected);
     this.legend(frame);
+    const { look, reasons } = this.track;
+    text('track-reasons', [reasons.length && look !== 'right' && look !== 'leave_out' && `To look at: ${reasons.join('; ')}.`, look === 'outdated' && 'It has changed since somebody looked at it.'].filter(Boolean).join(' '));
+    for (const [id, found] of [['look-right', 'right'], ['look-out', 'leave_out']]) {
+      document.getElementById(id).disabled = false;
+      document.getElementById(id).setAttribute('aria-pressed', look === found);
+    }
     const numbers = this.track.frames.map((f) => f.number);
     page.scrubber.update(this.frame, {
       neutral: numbers[0],
@@ -303,6 +335,8 @@ export class Tracking {
     }
     const keys = {
       r: () => this.retrack(),
+      y: () => this.look('right'),
+      x: () => this.look('leave_out'),
       Delete: () => this.release(),
       Backspace: () => this.release(),
       Escape: () => ((this.selected = null), this.render(), this.page.stage.hideLoupe()),

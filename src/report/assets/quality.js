@@ -24,12 +24,17 @@ function courseChart(lost, errors, most) {
   if (points.length > 1) svg.append(vector("path", { d: `M${points.join("L")}`, class: "error" }));
   return svg;
 }
+/** The verdict, and what a person found when looking at the sequence. */
+function verdictText({ 10: why, 16: look }) {
+  const verdict = why.length ? "Look again" : "Good";
+  return { right: `${verdict} · looked at: right`, leave_out: `${verdict} · looked at: left out`, outdated: `${verdict} · changed since the look` }[look] ?? verdict;
+}
 function qualityCard(row, mostError) {
-  const [id, emotion, frames, eye, share, , , , expected, again, why, lost, errors, pictures, stem, placed] = row;
+  const [id, emotion, frames, eye, share, , , , expected, again, why, lost, errors, pictures, stem, placed, look] = row;
   const share_of_eyes = (px) => (eye ? ` (${fixed((100 * px) / eye, 1)} % of the eye distance)` : "");
   const card = element("article", { class: again ? "qc again" : "qc" });
   const head = element("h3", {}, idText(id), element("span", {}, capital(emotions[emotion])));
-  const verdict = element("p", { class: "verdict" }, again ? "Look again" : "Good");
+  const verdict = element("p", { class: "verdict" }, verdictText(row));
   card.append(head, verdict);
   if (pictures) {
     const box = element("div", { class: "qc-pictures" });
@@ -57,7 +62,7 @@ const largestError = tracks.reduce((most, row) => row[12].reduce((m, v) => Math.
 function listQuality() {
   const words = $("#quality-filter").value.toLowerCase().split(/\s+/).filter(Boolean);
   const again = $("#quality-again").checked;
-  const text = (row) => [...ids[row[0]], emotions[row[1]], row[9] ? "look again" : "good", ...row[10]].join(" ").toLowerCase();
+  const text = (row) => [...ids[row[0]], emotions[row[1]], verdictText(row), ...row[10]].join(" ").toLowerCase();
   quality.rows = tracks.filter((row) => (!again || row[9]) && words.every((word) => text(row).includes(word)));
   quality.rows.sort(qualityOrders[$("#quality-order").value]);
   quality.shown = QUALITY_STEP;
