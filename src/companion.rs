@@ -26,22 +26,22 @@ pub const PROGRAM: &str = "grimace-opencv";
 /// Why the program fails.
 #[derive(Debug, thiserror::Error)]
 pub enum CompanionError {
-    /// It is not there.
+    /// The program is not installed.
     #[error(
         "this needs {PROGRAM}, which is neither beside this program nor on PATH; install both with `cargo install --path .` in the \
          project's folder, after OpenCV (on Debian: apt-get install libopencv-dev clang libclang-dev)"
     )]
     NotInstalled,
-    /// It does not start.
+    /// The program cannot be started.
     #[error("cannot start {PROGRAM}: {0}")]
     CannotStart(#[source] io::Error),
-    /// It speaks another language, or something else has its name.
+    /// The program has another version, or another program has its name.
     #[error("{} has another version than this program; install both from the same source", program.display())]
     OtherVersion {
         /// The program that was started.
         program: PathBuf,
     },
-    /// It ended in the middle, as when a decoder crashes.
+    /// The program ended early, for example because a decoder crashed.
     #[error("{PROGRAM} ended before its work was done ({status}){}{last_words}", if last_words.is_empty() { "" } else { ": " })]
     Ended {
         /// Exit status.
@@ -49,10 +49,10 @@ pub enum CompanionError {
         /// The last line it wrote to its standard error.
         last_words: String,
     },
-    /// The connection broke.
+    /// The connection to the program failed.
     #[error("cannot talk to {PROGRAM}: {0}")]
     Connection(#[source] io::Error),
-    /// It said something that was not asked for.
+    /// The program gave an unexpected answer.
     #[error("{PROGRAM} gave an unknown answer: {found}")]
     NotUnderstood {
         /// The beginning of the answer.
@@ -224,13 +224,13 @@ mod tests {
     }
 
     #[test]
-    fn a_program_that_is_not_beside_this_one_is_looked_for_on_path() {
+    fn a_program_that_is_not_beside_this_one_is_searched_on_path() {
         let name = format!("no-such-program{}", env::consts::EXE_SUFFIX);
         assert_eq!(program("no-such-program"), PathBuf::from(name));
     }
 
     #[test]
-    fn what_is_missing_is_named_with_the_command_that_installs_it() {
+    fn a_missing_program_is_reported_with_the_command_that_installs_it() {
         let text = CompanionError::NotInstalled.to_string();
         assert!(text.contains(PROGRAM) && text.contains("cargo install --path ."), "{text}");
     }

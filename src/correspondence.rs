@@ -108,10 +108,10 @@ impl Correspondence {
 /// ```
 #[derive(Debug, thiserror::Error)]
 pub enum CorrespondenceError {
-    /// The file, a row, or a number does not read, or a column is missing.
+    /// The file, a row or a number cannot be read, or a column is missing.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// A node that is not there.
+    /// A node that does not exist.
     #[error("{file}, line {line}: {reason}")]
     Node {
         /// The file.
@@ -135,7 +135,7 @@ pub enum CorrespondenceError {
         /// Value of the column in that row, shortened and printable.
         other: String,
     },
-    /// A node in two rows.
+    /// A node has two rows.
     #[error("{file}, line {line}: node {node} is already in line {first_line}; keep one of the two")]
     DuplicateNode {
         /// The file.
@@ -162,7 +162,7 @@ pub enum CorrespondenceError {
 /// ```
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MarksError {
-    /// Too few.
+    /// Too few marks.
     #[error("{found} correspondences; at least {MINIMUM_MARKS} are needed, 5 to 8 give a good fit")]
     TooFew {
         /// Number of correspondences.
@@ -191,7 +191,7 @@ pub enum MarksError {
         /// Image height, px.
         height: u32,
     },
-    /// Marks (nearly) on one line: they say nothing about the extent across it.
+    /// Marks (nearly) on one line, which do not determine the size of the face across it.
     #[error(
         "the {count} marks lie on one line: their spread across it is {:.2} % of the spread along it, at least {} % is needed; \
          mark a point off the line, such as the chin", ratio * 100.0, COLLINEAR_RATIO * 100.0

@@ -158,7 +158,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_written_reads_back(fields in proptest::collection::vec("['=+@a1,\"\r\n\t-]{0,6}", 2..5)) {
+        fn written_files_read_back(fields in proptest::collection::vec("['=+@a1,\"\r\n\t-]{0,6}", 2..5)) {
             let texts: Vec<&str> = fields.iter().map(String::as_str).collect();
             let text = written(&[&texts, &["end"]]);
             let mut reader = csv::ReaderBuilder::new().has_headers(false).flexible(true).from_reader(text.as_bytes());

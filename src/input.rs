@@ -351,7 +351,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bad_row_costs_that_row_only() {
+    fn a_bad_row_fails_only_itself() {
         let rows = texts(b"a,b\n1\n\"2,3\n\xE9,4\n5,6\n");
         assert_eq!(rows[0], Err("a.csv, line 2: the row has 1 fields, but the header has 2".to_owned()));
         assert!(rows[1].as_ref().unwrap_err().starts_with("a.csv, line 3: a quotation mark is not closed"));
@@ -361,7 +361,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_of_a_spreadsheet_that_is_not_utf_8_is_told_how_to_become_it() {
+    fn a_spreadsheet_file_that_is_not_utf_8_is_refused_with_advice() {
         let rows = texts(b"a,b\nRen\xE9,4\n5,6\nM\xFCller,7\n");
         let said = "not UTF-8; the file looks like Windows-1252 (Latin-1): save it as UTF-8 text, or convert it (iconv -f WINDOWS-1252 \
              -t UTF-8 OLD.csv > NEW.csv) and check the names";

@@ -56,7 +56,7 @@ impl<U: Unit> FrameExpressionModel<U> {
 /// ```
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ModelError {
-    /// Fewer than two frames: nothing moves.
+    /// Fewer than two frames, hence no motion.
     #[error("a dynamic model needs at least 2 frames, found {found}")]
     TooFewFrames {
         /// Frames given.

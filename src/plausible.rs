@@ -111,21 +111,21 @@ const MOST_STRETCH: f64 = 2.0;
 /// Error for a neutral face that is not in face units: x to the right of the picture, y up, the eyes 1024 apart.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum NotFaceUnits {
-    /// y points down.
+    /// The y axis points down.
     #[error(
         "its neutral face is upside down: in face units y points up; negate y. If these are pixels, keep the columns state and residual, \
          which identify a track, or normalize the track with `grimace analyze`"
     )]
     UpsideDown,
-    /// x points to the other side.
+    /// The x axis points to the other side.
     #[error("its neutral face is mirrored: in face units x points to the right of the picture, the subject's left; negate x")]
     Mirrored,
-    /// Both.
+    /// Both axes are reversed.
     #[error(
         "its neutral face is turned by 180 degrees: in face units x points to the right of the picture and y up; negate both"
     )]
     Turned,
-    /// Another unit.
+    /// The positions have another unit.
     #[error(
         "its neutral face is {width:.3} times as wide and {height:.3} times as high as one in face units, which has 1024 of them between the \
          pupils: check whether it is in pixels or metres; normalize the track with `grimace analyze`, or scale x and y of all frames by \
@@ -137,7 +137,7 @@ pub enum NotFaceUnits {
         /// Height relative to Candide-3 in face units.
         height: f64,
     },
-    /// The nodes lie elsewhere.
+    /// The nodes are not arranged as in a face.
     #[error(
         "its first frame is not a neutral face: the nodes do not match Candide-3 (correlation {x:.2} along x, {y:.2} along y; at least \
          {LEAST_LIKENESS} was expected); check that the nodes are in the order of Candide-3 and that the head is upright"
@@ -192,7 +192,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_not_in_face_units_is_told_by_name() {
+    fn positions_that_are_not_in_face_units_are_reported() {
         let happiness = crate::positions::PositionTable::open("fixtures/golden/representatives/happiness.csv".as_ref()).unwrap();
         let model = happiness.model::<crate::units::FaceUnit>().unwrap();
         let neutral = model.neutral().nodes();

@@ -15,7 +15,7 @@ use crate::{
 /// Error for a table of positions that cannot be read or does not make whole frames.
 #[derive(Debug, thiserror::Error)]
 pub enum PositionsError {
-    /// The table, one of its rows or one of its fields.
+    /// The table, one of its rows or one of its fields cannot be read.
     #[error(transparent)]
     Table(#[from] InputError),
     /// A frame without all nodes, or nodes out of order.
@@ -32,7 +32,7 @@ pub enum PositionsError {
         /// Node index expected.
         expected: usize,
     },
-    /// Nothing moves in fewer than two frames.
+    /// Fewer than two frames, hence no motion.
     #[error("{}: a track or a model needs at least 2 frames, from neutral to apex; found {found}", path.display())]
     TooFewFrames {
         /// The file.
@@ -64,7 +64,7 @@ pub enum PositionsError {
         /// Number of nodes of the first frame.
         expected: usize,
     },
-    /// Frames that make no model.
+    /// The frames do not form a model.
     #[error("{}: {source}", path.display())]
     Model {
         /// The file.

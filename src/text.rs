@@ -93,7 +93,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_a_terminal_obeys_is_escaped() {
+    fn terminal_control_characters_are_escaped() {
         assert_eq!(excerpt("\u{1b}]0;title\u{7}"), "\\u{1b}]0;title\\u{7}");
         assert_eq!(excerpt("a\tb \"c\" d\\e 'f' \u{202E}"), "a\\tb \"c\" d\\e 'f' \\u{202e}");
         assert_eq!(excerpt("Ärger 😀"), "Ärger 😀");
@@ -111,7 +111,7 @@ mod tests {
         let shown = message(&long);
         assert!(shown.starts_with("a.csv, line 3: yyy") && shown.ends_with("yyy was expected"), "{shown}");
         assert!(shown.contains(" characters ...] ") && shown.chars().count() < 2040);
-        assert_eq!(message(&shown), shown, "shown twice it stays");
+        assert_eq!(message(&shown), shown, "a second pass changes nothing");
         assert_eq!(message("short"), "short");
     }
 }

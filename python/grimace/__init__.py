@@ -6,10 +6,11 @@ Axes and units, everywhere:
 - Face space: x to the subject's left, y up. Left and right are always the subject's own.
 - Face unit: the canonical neutral Candide-3 with ES0 = 1024; one face unit is one FAP unit of ES.
 
-A picture is the path of a file, or an array of ``uint8``: rows x columns (grey) or rows x columns x 3 (RGB); whatever ``numpy.asarray``
-makes such an array of (a PIL image) serves, too. Arrays of models are float64, frames x nodes x 2; Candide-3 has 113 nodes.
+A picture is the path of a file, or an array of ``uint8``: rows x columns (grey) or rows x columns x 3 (RGB). Objects that
+``numpy.asarray`` converts to such an array, such as PIL images, are accepted, too. Arrays of models are float64, frames x nodes x 2;
+Candide-3 has 113 nodes.
 
-Calls release the interpreter's lock, and Ctrl-C ends those that take long. Whatever cannot be done raises a :class:`GrimaceError`.
+Calls release the interpreter's lock, and Ctrl-C ends calls that take long. All errors are a :class:`GrimaceError`.
 """
 
 from ._grimace import (

@@ -1,4 +1,4 @@
-"""The native half; use what `grimace` exports."""
+"""The native module. Use the functions that `grimace` exports."""
 
 import os
 from collections.abc import Callable, Sequence

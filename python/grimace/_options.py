@@ -1,4 +1,4 @@
-"""Options of the library as JSON: the defaults of a method with what was given put over them."""
+"""Options of the library as JSON: the defaults of a method, replaced by the given options."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ def _defaults(method: str) -> str:
 
 
 def options(method: str = "default", **given: Any) -> str:
-    """The options of ``method`` as JSON; ``given`` are the stages' own, those that are None left out."""
+    """The options of ``method`` as JSON, replaced by the options ``given`` for the stages, except those that are None."""
     return changed(_defaults(method), given)
 
 
 def changed(options: str, given: Mapping[str, Any]) -> str:
-    """Options as JSON with others put over them."""
+    """Options as JSON, replaced by others."""
     all_options: dict[str, Any] = json.loads(options)
     _put(all_options, given, "")
     return json.dumps(all_options, sort_keys=True)
@@ -42,7 +42,7 @@ def _put(there: dict[str, Any], given: Mapping[str, Any], at: str) -> None:
 
 
 def caller(progress: Progress) -> Optional[Callable[[int, Optional[int]], object]]:
-    """``progress(done, total)`` as it is; of a tqdm bar, what brings it up to date."""
+    """``progress(done, total)`` unchanged; for a tqdm bar, a function that updates it."""
     if progress is None or not hasattr(progress, "refresh") or not hasattr(progress, "update"):
         return progress
 

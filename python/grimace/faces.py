@@ -1,4 +1,4 @@
-"""Faces found, and the wireframe fitted."""
+"""Finding faces, and fitting the wireframe."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ NativeMarks = Union[str, list[tuple[str, float, float, bool, Optional[float]]], 
 
 @dataclass(frozen=True)
 class Face:
-    """A face that was found."""
+    """A found face."""
 
     nodes: npt.NDArray[np.int64]
-    """Candide-3's numbers of the points, points."""
+    """Node numbers of the points in Candide-3, one per point."""
     points: npt.NDArray[np.float64]
-    """Where they are, points x 2, px."""
+    """Positions, points x 2, px."""
     expected_errors: npt.NDArray[np.float64]
-    """Half of such points are further off than this, half less; points, px."""
+    """Median error expected of each point, px: half of such points are closer, half further away."""
     eye_distance: float
-    """Distance of the pupils, px."""
+    """Distance between the pupils, px."""
     score: float
-    """The higher the more like a face; faces are above 0."""
+    """Score of the detector; faces have more than 0."""
     expected_error: float
     """Median expected error over the eye distance."""
     trusted: bool
-    """Whether the points may be used without a look, but for those of covered parts."""
+    """Whether the points, except those of covered parts, can be used without a check."""
     covered: Sequence[str] = ()
-    """Parts that something covers (`mouth`, `left eye`): their points are guesses from the rest of the face."""
+    """Parts that are covered (`mouth`, `left eye`): their points are estimated from the rest of the face."""
 
 
 Marks = Union[
@@ -51,31 +51,31 @@ Marks = Union[
     None,
 ]
 """Marks on a picture: a correspondences file; a :class:`Face`; a mapping of node (0 to 112, or a feature point such as ``"8.3"``) to x, y in
-px; rows ``node, x, y``; a data frame with the columns of the file (``node,x,y[,kind,expected_error]``); or None to have them found."""
+px; rows ``node, x, y``; a data frame with the columns of the file (``node,x,y[,kind,expected_error]``); or None to find them."""
 
 
 @dataclass(frozen=True)
 class Fit:
-    """The wireframe fitted to a face."""
+    """The wireframe, fitted to a face."""
 
     nodes: npt.NDArray[np.float64]
-    """Every node, 113 x 2, px."""
+    """Positions of all nodes, 113 x 2, px."""
     marks: list[tuple[str, float, float]]
-    """The marks that it was fitted to: node, x, y, px."""
+    """The marks used by the fit: node, x, y, px."""
     residuals: npt.NDArray[np.float64]
-    """Distance of each mark's node to the mark, px."""
+    """Distance of each mark from its node, px."""
     warnings: list[str]
-    """What should be looked at."""
+    """Warnings about the marks and the fit."""
     size: tuple[int, int]
     """Width and height of the picture, px."""
     eye_distance: float
-    """Distance of the pupils, px."""
+    """Distance between the pupils, px."""
     roll: float
     """Roll of the face, degrees; positive to the subject's right."""
 
 
 def native_picture(image: Picture) -> Any:
-    """A picture as the native half takes it."""
+    """A picture in the form for the native module."""
     if isinstance(image, (str, os.PathLike)):
         return image
     array = np.asarray(image)
@@ -85,7 +85,7 @@ def native_picture(image: Picture) -> Any:
 
 
 def native_marks(marks: Marks) -> NativeMarks:
-    """Marks as the native half takes them."""
+    """Marks in the form for the native module."""
     if marks is None:
         return None
     if isinstance(marks, (str, os.PathLike)):
@@ -122,7 +122,7 @@ def _mark_of_row(row: Mapping[str, Any]) -> tuple[str, float, float, bool, Optio
 
 
 def _node_of(node: Any) -> str:
-    """A node's number or a feature point as text. As a number 8.10 would be 8.1, another point."""
+    """The number of a node, or a feature point as text. As a number, 8.10 would be 8.1, which is another point."""
     if isinstance(node, (float, np.floating)):
         if not float(node).is_integer():
             raise _grimace.InputError(f"the node {node} is a number with decimals: give feature points as text, such as '8.10'")
@@ -133,26 +133,26 @@ def _node_of(node: Any) -> str:
 def locate(
     image: Picture, most_faces: int = 20, least_eye_distance: Optional[float] = None, every_size: bool = False
 ) -> list[Face]:
-    """The faces of a picture and their points, the largest first; an empty list where there is none.
+    """The faces of a picture and their points, the largest face first; an empty list if there is none.
 
-    ``least_eye_distance`` is the smallest distance of the pupils that is looked for, px; by default a share of the picture's longer side.
-    With ``every_size`` small faces are looked for beside large ones, too, which takes about five times as long.
+    ``least_eye_distance`` is the smallest distance between pupils to search for, px; by default a share of the picture's longer side.
+    With ``every_size`` the search includes small faces beside large ones, which takes about five times as long.
     """
     return [Face(**face) for face in _grimace.locate(native_picture(image), most_faces, least_eye_distance, every_size)]
 
 
 def read_marks(path: Union[str, "os.PathLike[str]"]) -> dict[int, tuple[float, float]]:
-    """The marks of a correspondences file: node to x, y, px."""
+    """The marks of a correspondences file, as a mapping of node to x, y, px."""
     return {int(node): (x, y) for node, x, y, _, _ in _grimace.read_marks(path)}
 
 
 def fit(image: Picture, marks: Marks = None, *, method: str = "default", prior: Optional[str] = None, force: Optional[float] = None) -> Fit:
     """Fits the wireframe to a neutral face seen from the front.
 
-    Without ``marks`` they are found. ``method`` is ``"default"``, or ``"kp"`` for Krinidis and Pitas to the letter. ``prior`` is ``"none"``,
-    ``"candide"``, ``"faces"`` or ``"auto"``; ``force`` the force on a marked node over the stiffness of a spring.
+    Without ``marks``, marks are found. ``method`` is ``"default"``, or ``"kp"`` for the exact method of Krinidis and Pitas. ``prior`` is
+    ``"none"``, ``"candide"``, ``"faces"`` or ``"auto"``. ``force`` is the force on a marked node divided by the stiffness of a spring.
 
-    Raises :class:`FitError` for marks that determine no fit, :class:`LocateError` where none were given and none that are trusted found.
+    Raises :class:`FitError` if the marks do not determine a fit, and :class:`LocateError` if no marks are given and no reliable ones found.
     """
     fitted = _grimace.fit(native_picture(image), native_marks(marks), options(method, fit={"prior": prior, "force": force}))
     fitted["marks"] = [(node, x, y) for node, x, y, _, _ in fitted["marks"]]

@@ -18,20 +18,20 @@ Path = Union[str, "os.PathLike[str]"]
 
 @dataclass(frozen=True)
 class Finding:
-    """Something in a FAP file that not every reader takes as it is meant."""
+    """A part of a FAP file that some readers misread."""
 
     line: int
-    """Line, from 1; the first, where it happens more than once."""
+    """Line, from 1; the first one if there are several."""
     field: str
-    """What it is about: ``fps``, ``mask``, ``FAP 3``, ..."""
+    """Field: ``fps``, ``mask``, ``FAP 3``, ..."""
     rule: str
-    """The rule that is broken."""
+    """The violated rule."""
     severity: str
-    """``warning``, or ``error`` where the file does not read."""
+    """``warning``, or ``error`` if the file cannot be read."""
     message: str
-    """What was found, what was expected, what to do."""
+    """What was found, what was expected, and what to do."""
     times: int
-    """How often it happens."""
+    """Number of occurrences."""
 
 
 @dataclass
@@ -43,41 +43,41 @@ class Fap:
     fps: float
     """Frames per second."""
     values: npt.NDArray[np.float64]
-    """Frames x 68: FAP n in column n - 1, FAPU/1024 (angles 1e-5 rad), offsets from neutral; NaN where a FAP is not set."""
+    """Frames x 68: FAP n in column n - 1, FAPU/1024 (angles 1e-5 rad), offsets from neutral; NaN if a FAP is not set."""
     fields: list[tuple[int, int, list[int]]] = field(default_factory=list)
     """FAPs 1 and 2: frame, FAP, its integers."""
     limited: list[tuple[int, int, int]] = field(default_factory=list)
-    """FAP, frame and limit of values that the standard's ranges limited, of FAPs made from a model."""
+    """FAP, frame and limit of the values that were clamped to the ranges of the standard, for FAPs made from a model."""
 
     @classmethod
     def read(cls, path: Path) -> Fap:
-        """Reads a FAP file, tolerantly. Raises :class:`FapError` with line and field."""
+        """Reads a FAP file and tolerates known deviations. Raises :class:`FapError` with line and field."""
         read = _grimace.fap_read(path)
         del read["version"]
         return cls(**read)
 
     @classmethod
     def from_model(cls, model: npt.ArrayLike, name: str = "expression", fps: int = 25, between: int = 5) -> Fap:
-        """The FAPs of a normalized model (frames x 113 x 2, face units), ``between`` frames put between every two of its frames: what
-        ``run`` writes."""
+        """The FAPs of a normalized model (frames x 113 x 2, face units), as ``run`` writes them. ``between`` is the number of frames
+        inserted between every two of its frames."""
         made, limited = _grimace.fap_from_model(np.ascontiguousarray(model, dtype=np.float64), name, fps, between)
         del made["version"]
         return cls(**made, limited=limited)
 
     def write(self, path: Path, profile: str = "strict", floats: bool = False) -> None:
-        """Writes a FAP file. ``profile`` is the reader that it is for: ``strict`` (all of them), ``xface``, ``greta`` or ``visage``. Values
-        are rounded, unless ``floats`` is asked for."""
+        """Writes a FAP file. ``profile`` names the reader for which it is written: ``strict`` (all), ``xface``, ``greta`` or ``visage``.
+        Values are rounded unless ``floats`` is true."""
         values = np.ascontiguousarray(self.values, dtype=np.float64)
         _grimace.fap_write(path, (self.name, float(self.fps)), values, self.fields, profile, floats)
 
     @staticmethod
     def check(path: Path) -> list[Finding]:
-        """What in a file is not as every known reader takes it; empty where all is well."""
+        """The parts of a file that some known reader misreads; empty if there are none."""
         return [Finding(**finding) for finding in json.loads(_grimace.fap_check(path))]
 
     @property
     def set_faps(self) -> list[int]:
-        """Low-level FAPs that any frame sets, 3 to 68."""
+        """The low-level FAPs, 3 to 68, that are set in at least one frame."""
         return [int(k) + 1 for k in np.flatnonzero(~np.isnan(self.values).all(axis=0))]
 
     def value(self, fap: int) -> npt.NDArray[np.float64]:
@@ -87,7 +87,7 @@ class Fap:
         return self.values[:, fap - 1]
 
     def table(self) -> Any:
-        """A data frame with a row for each frame and a column for each FAP that is set (needs pandas)."""
+        """A data frame with one row per frame and one column per FAP that is set (needs pandas)."""
         return table({f"fap_{fap}": self.value(fap) for fap in self.set_faps})
 
 

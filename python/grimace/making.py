@@ -21,7 +21,7 @@ from .tracks import Track, write_model
 
 Path = Union[str, "os.PathLike[str]"]
 Motion = Union[Path, Track, Representative, Fap, npt.ArrayLike]
-"""What moves: a file (track, model, representative, ``.fap``), a :class:`Track`, a :class:`Representative`, a :class:`Fap`, or a normalized
+"""A motion: a file (track, model, representative, ``.fap``), a :class:`Track`, a :class:`Representative`, a :class:`Fap`, or a normalized
 model, frames x 113 x 2, face units."""
 
 
@@ -30,9 +30,9 @@ class Clone:
     """An expression on a face."""
 
     frames: npt.NDArray[np.uint8]
-    """The pictures, frames x rows x columns x 3, RGB."""
+    """Pictures, frames x rows x columns x 3, RGB."""
     nodes: npt.NDArray[np.float64]
-    """The wireframe, frames x 113 x 2, px."""
+    """Positions of the nodes, frames x 113 x 2, px."""
     fps: float
     """Frames per second."""
     apex: int
@@ -57,12 +57,12 @@ def clone(
 ) -> Clone:
     """Puts an expression on a neutral photograph, in the proportions of its face.
 
-    Without ``marks`` they are found. ``rescale`` is ``"fapu"``, ``"uniform"`` or ``"none"``; ``emphasis`` a factor on the motion; ``head``
-    carries the head's motion of a track over; ``teeth`` is ``"auto"``, ``"dark"`` or ``"drawn"``; ``fps`` frames per second, ``duration``
-    seconds; ``ease`` is ``"linear"``, ``"in"``, ``"out"`` or ``"in-out"``; ``back`` goes back to neutral. All frames are held in memory:
-    3 bytes for each pixel of each.
+    Without ``marks``, marks are found. ``rescale`` is ``"fapu"``, ``"uniform"`` or ``"none"``. ``emphasis`` is a factor on the motion.
+    ``head`` adds the head motion of a track. ``teeth`` is ``"auto"``, ``"dark"`` or ``"drawn"``. ``fps`` is in frames per second,
+    ``duration`` in seconds. ``ease`` is ``"linear"``, ``"in"``, ``"out"`` or ``"in-out"``. ``back`` returns to neutral. All frames are held
+    in memory, with 3 bytes per pixel.
 
-    Raises :class:`CloneError` for a picture or marks that do not serve.
+    Raises :class:`CloneError` if the picture or the marks cannot be used.
     """
     given = {
         "rescale": rescale,
@@ -85,24 +85,25 @@ def clone(
 
 @dataclass(frozen=True)
 class Synthesis:
-    """A motion on a bank of expression meshes."""
+    """A motion, shown by a bank of expression meshes."""
 
     surface: npt.NDArray[np.float32]
-    """Displacements from neutral, frames x vertices x 3, the bank's unit."""
+    """Displacements from neutral, frames x vertices x 3, in the unit of the bank."""
     neutral: npt.NDArray[np.float32]
     """The neutral mesh, vertices x 3."""
     triangles: npt.NDArray[np.int64]
-    """Triangles x 3."""
+    """Vertices of each triangle, triangles x 3."""
     weights: npt.NDArray[np.float64]
-    """Frames x regions x members."""
+    """Weights, frames x regions x members."""
     members: list[str]
     """Names of the bank's members."""
     fitness: npt.NDArray[np.float64]
-    """Mean cosine between asked and given motion of the feature points, frames, -1 to 1; NaN where nothing moves."""
+    """Mean cosine between requested and shown motion of the feature points by frame, -1 to 1; NaN if nothing moves."""
     shown: npt.NDArray[np.float64]
-    """Share of the motion asked for that is shown, frames: how far the feature points go along it over how far they should; NaN where nothing moves."""
+    """Share of the requested motion that is shown, by frame: motion of the feature points along the requested directions over the requested
+    distance; NaN if nothing moves."""
     share_of_bound: npt.NDArray[np.float64]
-    """Fitness over the best that the bank allows, frames; NaN where there is no bound."""
+    """Fitness by frame, divided by the best that the bank allows; NaN if there is no bound."""
     fps: float
     """Frames per second."""
 
@@ -124,14 +125,14 @@ def synthesize(
     progress: Progress = None,
     **search: Any,
 ) -> Synthesis:
-    """Finds the mixture of a bank's expression meshes whose feature points move as the motion's do.
+    """Finds the mixture of the expression meshes of a bank whose feature points move as in the motion.
 
-    ``motion`` may also be a file of feature points, ``frame,fp,dx,dy,dz``. ``bank`` is a bank file, or ``"head"`` or
-    ``"candide"`` for an embedded one.
-    ``solver`` is ``"best"``, ``"rbf"``, ``"nnls"``, ``"ga"``, ``"refined"`` (default) or ``"cosine"``; ``regions`` ``"whole"``, ``"halves"``
-    or ``"quarters"``; ``smooth`` the width of the smoothing in frames; ``between`` frames are put between every two of the motion (5 for
-    models); ``noise`` the share of the farthest motion that counts as rest; ``scale`` bank units per face unit. ``gltf`` names a file to
-    write the animation to, too. Further options go to the genetic algorithm: ``generations``, ``population``, ``tournament``, ``runs``.
+    ``motion`` may also be a file of feature points, ``frame,fp,dx,dy,dz``. ``bank`` is a bank file, or ``"head"`` or ``"candide"`` for an
+    embedded one. ``solver`` is ``"best"``, ``"rbf"``, ``"nnls"``, ``"ga"``, ``"refined"`` (default) or ``"cosine"``. ``regions`` is
+    ``"whole"``, ``"halves"`` or ``"quarters"``. ``smooth`` is the width of the smoothing in frames. ``between`` is the number of frames
+    inserted between every two of the motion (5 for models). ``noise`` is the share of the largest motion that counts as rest. ``scale`` is
+    in bank units per face unit. ``gltf`` names a file to which the animation is also written. The options of the genetic algorithm are
+    ``generations``, ``population``, ``tournament`` and ``runs``.
 
     Raises :class:`SynthesisError`.
     """
@@ -176,7 +177,7 @@ def _native_motion(motion: Motion) -> Any:
 
 
 def _motion_file(motion: Motion, folder: FilePath) -> Path:
-    """The motion as a file that the synthesis reads."""
+    """The motion as a file for the synthesis."""
     if isinstance(motion, (str, os.PathLike)):
         return motion
     if isinstance(motion, Track):

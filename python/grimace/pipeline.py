@@ -18,7 +18,7 @@ from .fap import Fap
 from .tracks import Track, read_model
 
 _FORMULA = "=+-@\t\r\n\uff1d\uff0b\uff0d\uff20"
-"""First characters of what a spreadsheet takes for a formula."""
+"""First characters of texts that a spreadsheet reads as formulas."""
 
 
 def _without_apostrophe(text: Any) -> Any:
@@ -52,7 +52,7 @@ class Results:
 
     @property
     def record(self) -> dict[str, Any]:
-        """``run.json``: what was made from what."""
+        """``run.json``: the options and inputs of the run."""
         return json.loads((self.folder / "run.json").read_text(encoding="utf-8"))
 
     def table(self, name: str) -> Any:
@@ -65,8 +65,8 @@ class Results:
         if not path.is_file():
             there = sorted(p.stem for p in self.folder.glob("*.csv"))
             raise _grimace.InputError(f"{path}: there is no such table; there are {', '.join(there)}")
-        # A group may be called None, a person NA; what is empty is missing, and nothing else. An apostrophe keeps spreadsheets from taking a
-        # text for a formula.
+        # A group may have the name None, and a person the name NA, so only empty fields are missing values. A leading apostrophe prevents
+        # spreadsheets from reading a text as a formula.
         frame = pandas.read_csv(path, dtype={"subject": str, "sequence": str, "id": str}, keep_default_na=False, na_values=[""])
         for column in frame.columns:
             if not pandas.api.types.is_numeric_dtype(frame[column]):
@@ -86,7 +86,7 @@ class Results:
         return {path.stem: read_model(path) for path in sorted((self.folder / "models").glob("*.csv"))}
 
     def track(self, name: str) -> Track:
-        """The track SUBJECT_SEQUENCE."""
+        """The track of SUBJECT_SEQUENCE."""
         return Track.read(self.folder / "tracks" / f"{name}.csv")
 
     def fap(self, emotion: str) -> Fap:
@@ -96,26 +96,26 @@ class Results:
 
 @dataclass(frozen=True)
 class RunSummary:
-    """What a run did."""
+    """Summary of a run."""
 
     sequences: int
-    """Sequences of the dataset."""
+    """Number of sequences in the dataset."""
     tracked: int
-    """Tracked in this run."""
+    """Number of sequences tracked in this run."""
     reused: int
-    """Unchanged since an earlier run."""
+    """Number of sequences unchanged since an earlier run."""
     failures: list[Failure]
-    """Those that failed, each with its reason."""
+    """Failed sequences, each with the reason."""
     skipped: list[tuple[str, str]]
-    """Left out on purpose, with the reason."""
+    """Sequences left out on purpose, with the reason."""
     representatives: list[tuple[str, int]]
     """Name and number of sequences of every representative."""
     warnings: list[str]
-    """What a person should read."""
+    """Warnings and notes for the user."""
     unchanged: bool
-    """Nothing had changed: nothing was written."""
+    """Whether nothing had changed, so that nothing was written."""
     results: Results
-    """The folder."""
+    """The folder of the results."""
 
 
 def run(
@@ -138,15 +138,15 @@ def run(
     change: Optional[dict[str, Any]] = None,
     progress: Progress = None,
 ) -> RunSummary:
-    """Runs every stage over a dataset into the folder ``out``, as ``grimace run`` does; interrupted or called again, it goes on.
+    """Runs every stage over a dataset into the folder ``out``, as ``grimace run`` does. A second call continues an interrupted run.
 
-    ``by`` names columns of the manifest to group by, ``strata`` those within whose values people are permuted, ``covariates`` those
-    of numbers with which expressions may go. ``alpha`` and ``median`` are
-    those of :func:`representative`, ``resample``, ``size``, ``pose`` and ``irisd`` those of :func:`normalize`. ``no_faces`` leaves pictures of people
-    out of the report, ``overlay`` names a folder for pictures of the wireframe. ``change`` changes any other option, named and nested as
-    ``options`` in ``run.json``. ``progress(done, total)`` is told sequences.
+    ``by`` names columns of the manifest to group by. ``strata`` names columns within whose values people are permuted. ``covariates`` names
+    columns of numbers, such as age, with which expressions may change. ``alpha`` and ``median`` are those of :func:`representative`;
+    ``resample``, ``size``, ``pose`` and ``irisd`` are those of :func:`normalize`. ``no_faces`` leaves pictures of people out of the report.
+    ``overlay`` names a folder for pictures of the wireframe. ``change`` changes any other option, with the names and nesting of ``options``
+    in ``run.json``. ``progress(done, total)`` counts sequences.
 
-    Single sequences that fail are not errors but :attr:`RunSummary.failures`. Raises :class:`RunError` where nothing came out.
+    Single failed sequences are in :attr:`RunSummary.failures` and raise nothing. Raises :class:`RunError` if there is no result.
     """
     chosen = options(
         method,

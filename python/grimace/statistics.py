@@ -15,8 +15,8 @@ from ._options import options, table
 
 Model = npt.ArrayLike
 Models = Union[Sequence[Model], Mapping[str, Union[Model, Sequence[Model]]], npt.ArrayLike]
-"""Normalized models, each frames x nodes x 2 in face units: a sequence of them, each of another person, or a mapping of person to one model
-or to several."""
+"""Normalized models, each frames x nodes x 2 in face units: a sequence of models of different people, or a mapping of person to one or
+several models."""
 
 
 def _native(models: Models) -> list[tuple[str, str, npt.NDArray[np.float64]]]:
@@ -50,18 +50,18 @@ def _check(several: npt.NDArray[np.float64], what: str) -> None:
 
 @dataclass(frozen=True)
 class Representative:
-    """The representative of models, and how much they differ from it."""
+    """The representative of models, and their distances from it."""
 
     model: npt.NDArray[np.float64]
     """Frames x nodes x 2, face units."""
     sequences: list[tuple[str, str]]
-    """Person and number of the person's model, of every model, sorted; a sequence's models are persons ``0``, ``1``, ..."""
+    """For every model, person and number of the model, sorted. Models given as a sequence are of the persons ``0``, ``1``, ..."""
     distances: npt.NDArray[np.float64]
-    """Of every model to the representative, over the fields it was kept in, face units; NaN for one that was trimmed throughout."""
+    """Distance of every model to the representative over the fields in which it was kept, face units; NaN if it was trimmed from all."""
     dispersion: Optional[float]
     """Median of the distances, face units; None for a single model."""
     dispersion_untrimmed: Optional[float]
-    """The same of all models to the median of all."""
+    """The same before trimming: distances of all models to the median of all."""
     node_dispersion: npt.NDArray[np.float64]
     """Dispersion of every node, face units."""
     trimming: list[tuple[int, str, str, float, bool]]
@@ -91,10 +91,10 @@ def representative(
     """The representative of normalized models: their trimmed generalized median.
 
     ``alpha`` is the share of models trimmed from each displacement field, at least 0 and less than 0.5; ``median`` is ``"greedy"`` or
-    ``"exact"``; both are computed, and ``sums`` tells the gap. ``trim`` is ``"frame"`` or ``"model"``, ``weight`` ``"person"`` or
+    ``"exact"``; both are computed, and ``sums`` has the gap. ``trim`` is ``"frame"`` or ``"model"``, ``weight`` ``"person"`` or
     ``"sequence"``.
 
-    Raises :class:`StatisticsError` for no models, models of different shapes or neutral frames, or alpha out of range.
+    Raises :class:`StatisticsError` if there are no models, if their shapes or neutral frames differ, or if alpha is out of range.
     """
     chosen = options(statistics={"alpha": alpha, "median": median, "trim": trim, "weighting": weight})
     found = _grimace.representative(_native(models), emotion, chosen)
@@ -105,34 +105,34 @@ def representative(
 
 @dataclass(frozen=True)
 class Comparison:
-    """Two groups of people, compared: a permutation test on the energy distance."""
+    """Comparison of two groups of people: a permutation test on the energy distance."""
 
     groups: tuple[str, str]
-    """Their names."""
+    """Names of the groups."""
     people: tuple[int, int]
-    """People in each."""
+    """Number of people in each group."""
     sequences: tuple[int, int]
-    """Models in each."""
+    """Number of models in each group."""
     not_tested: Optional[str]
-    """Why there is no test; then the numbers below are NaN."""
+    """Reason why there is no test; the numbers below are NaN in that case."""
     energy: float
     """Energy distance, face units."""
     effect: float
     """Effect size H, 0 to 1."""
     effect_by_chance: float
-    """The effect that chance alone stays under in 95 of 100 cases."""
+    """Effect by chance: 95 of 100 random splits have a smaller effect."""
     p: float
-    """Chance of such an energy distance without a difference."""
+    """p of the energy distance."""
     p_adjusted: float
-    """The same after Holm over all pairs."""
+    """p after Holm's correction over all pairs."""
     p_either_adjusted: float
-    """Chance that the whole or one node stands out so, corrected: the verdict."""
+    """p of the whole face or the clearest node, after Holm's correction; it decides the verdict."""
     least_p: float
     """The smallest p that groups of this size can reach."""
     permutations: int
-    """Splits tried."""
+    """Number of splits tried."""
     node_p: npt.NDArray[np.float64]
-    """p of every live node (``candide3().live``), corrected for their number."""
+    """p of every live node (``candide3().live``), corrected for the number of nodes."""
 
 
 def compare(
@@ -144,13 +144,13 @@ def compare(
     seed: int = 1,
     emotion: str = "expression",
 ) -> list[Comparison]:
-    """Whether groups of people make an expression differently: every pair of groups, corrected for the number of tests.
+    """Tests whether groups of people make an expression differently: every pair of groups, corrected for the number of tests.
 
-    ``groups`` maps a name to models as :func:`representative` takes them. In a sequence of models everybody is another person, in every
-    group; in mappings the same name is the same person, and people in both groups cannot be tested. ``people`` is the most of a group that
-    a test uses, ``seed`` that of all draws.
+    ``groups`` maps names to models in the form that :func:`representative` accepts. In a sequence, each model is of a different person. In
+    mappings, the same name is the same person; groups that share people cannot be tested. ``people`` is the largest number of people of
+    a group that a test uses, and ``seed`` is the seed of all random draws.
 
-    Raises :class:`StatisticsError` for models that cannot be compared.
+    Raises :class:`StatisticsError` if the models cannot be compared.
     """
     named = []
     for name, models in groups.items():

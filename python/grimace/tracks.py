@@ -18,43 +18,43 @@ Path = Union[str, "os.PathLike[str]"]
 
 
 class Track:
-    """A tracked sequence, neutral frame first: what :func:`track` gives."""
+    """A tracked sequence with the neutral frame first, as returned by :func:`track`."""
 
     def __init__(self, native: _grimace.Track) -> None:
         self._native = native
 
     @classmethod
     def read(cls, path: Path) -> Track:
-        """Reads a track file (``.csv``), and the ``.json`` beside it where there is one."""
+        """Reads a track file (``.csv``), and the ``.json`` beside it if there is one."""
         return cls(_grimace.Track.read(path))
 
     def write(self, path: Path) -> None:
-        """Writes the track (``.csv``), and beside it what it was made from (``.json``). SUBJECT_SEQUENCE.csv names subject and sequence."""
+        """Writes the track (``.csv``) and, beside it, its options and inputs (``.json``). A name SUBJECT_SEQUENCE.csv gives subject and sequence."""
         self._native.write(path)
 
     @property
     def positions(self) -> npt.NDArray[np.float64]:
-        """Every node of every frame, frames x nodes x 2, px."""
+        """Positions of all nodes, frames x nodes x 2, px."""
         return self._native.positions
 
     @property
     def numbers(self) -> npt.NDArray[np.int64]:
-        """Frame numbers, as in the names of the files, or from 1."""
+        """Frame numbers, as in the file names, or from 1."""
         return self._native.numbers
 
     @property
     def states(self) -> npt.NDArray[np.str_]:
-        """How every node came to its place, frames x nodes: ``marked``, ``fitted``, ``tracked``, ``recovered_...``, ``follows``."""
+        """Source of every position, frames x nodes: ``marked``, ``fitted``, ``tracked``, ``recovered_...``, ``follows``."""
         return np.array(self._native.states)
 
     @property
     def residuals(self) -> npt.NDArray[np.float64]:
-        """Frames x nodes, px: to the mark in the neutral frame, forward-backward distance of KLT later; NaN where nothing is measured."""
+        """Residuals, frames x nodes, px: distance to the mark in the neutral frame, later the forward-backward distance of KLT; NaN if there is none."""
         return self._native.residuals
 
     @property
     def expected_errors(self) -> npt.NDArray[np.float64]:
-        """Frames x nodes, px: half of such nodes are further off, half less; NaN in the neutral frame."""
+        """Median expected errors, frames x nodes, px: of the position on the face in the neutral frame, of the motion later; NaN if unknown."""
         return self._native.expected_errors
 
     @property
@@ -64,7 +64,7 @@ class Track:
 
     @property
     def info(self) -> dict[str, Any]:
-        """What the track was made from: options, marks, frame rate, ``summary`` with the verdict; empty where nothing says so."""
+        """Options, marks, frame rate, and a ``summary`` with the verdict; empty if unknown."""
         text = self._native.info
         return {} if text is None else json.loads(text)
 
@@ -106,14 +106,14 @@ def track(
     track: Optional[dict[str, Any]] = None,
     progress: Progress = None,
 ) -> Track:
-    """Fits the wireframe to the first, neutral frame and tracks it to the last, the apex.
+    """Fits the wireframe to the first frame (neutral) and tracks it to the last (apex).
 
     ``frames`` is a folder of images, a video (which needs ``grimace-opencv`` on PATH), or pictures in order, for example an array frames x
-    rows x columns x 3 of uint8. Without ``marks`` they are found in the first frame. ``first_frame`` and ``last_frame`` are numbers as in
-    the files' names. ``fit`` and ``track`` change single options of these stages, named as in a track's ``info``.
-    ``progress(done, total)`` is called while frames are tracked; a tqdm bar serves, too.
+    rows x columns x 3 of uint8. Without ``marks``, marks are found in the first frame. ``first_frame`` and ``last_frame`` are the numbers in
+    the file names. ``fit`` and ``track`` change single options of these stages, with the names in the ``info`` of a track.
+    ``progress(done, total)`` is called while frames are tracked; a tqdm bar is accepted, too.
 
-    Raises :class:`InputError`, :class:`LocateError`, :class:`FitError` or :class:`TrackError`, by the stage that failed.
+    Raises :class:`InputError`, :class:`LocateError`, :class:`FitError` or :class:`TrackError`, depending on the stage that failed.
     """
     folder, pictures = None, None
     if isinstance(frames, (str, os.PathLike)):
@@ -145,12 +145,13 @@ def normalize(
     irisd: Optional[str] = None,
     method: str = "default",
 ) -> npt.NDArray[np.float64]:
-    """The normalized model of a track: five frames from neutral to apex, 5 x 113 x 2, face units, the head's motion taken out.
+    """The normalized model of a track: five frames from neutral to apex, 5 x 113 x 2, face units, without head motion.
 
-    ``resample`` is ``"nearest"`` or ``"linear"``, ``size`` ``"fapu"`` or ``"uniform"``, ``pose`` ``"full"`` or ``"roll"``,
-    ``irisd``, where the unit of the eyes' motion is measured, ``"lids"`` or ``"boxes"``. Positions that are an array (frames x 113 x 2, px) have the roll alone taken out: that is all that can be known of them.
+    ``resample`` is ``"nearest"`` or ``"linear"``, ``size`` ``"fapu"`` or ``"uniform"``, ``pose`` ``"full"`` or ``"roll"``. ``irisd`` is
+    ``"lids"`` or ``"boxes"``: where the unit of the eyes' motion is measured. For positions given as an array (frames x 113 x 2, px), only
+    the roll is removed, because yaw and pitch cannot be computed from them.
 
-    Raises :class:`NormalizeError` for a motion that no face makes.
+    Raises :class:`NormalizeError` for a motion that is impossible for a face.
     """
     chosen = options(method, normalize={"resample": resample, "size": size, "pose": pose, "irisd": irisd})
     if isinstance(track, (str, os.PathLike)):

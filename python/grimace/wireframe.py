@@ -16,16 +16,16 @@ class Candide3:
     """Candide-3, seen from the front."""
 
     neutral: npt.NDArray[np.float64]
-    """Nodes of the canonical neutral face, nodes x 2, face units."""
+    """Positions of the nodes in the canonical neutral face, nodes x 2, face units."""
     triangles: npt.NDArray[np.int64]
     """Nodes of each triangle, triangles x 3."""
     edges: npt.NDArray[np.int64]
     """Nodes of each edge, edges x 2."""
     live: npt.NDArray[np.int64]
-    """Nodes in a triangle: those over which distances are measured."""
+    """Nodes in at least one triangle; distances are measured over these."""
 
 
 @functools.lru_cache(maxsize=1)
 def candide3() -> Candide3:
-    """The wireframe that everything is fitted with."""
+    """The wireframe that all functions use."""
     return Candide3(**_grimace.candide3())

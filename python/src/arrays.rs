@@ -37,7 +37,7 @@ impl Picture {
             to::<InputError>("a picture is a path, or an array of uint8: rows x columns (grey) or rows x columns x 3 (RGB)")
         })?;
         let shape = array.shape().to_vec();
-        // One copy, whatever the array's strides: the worker must not see what Python changes meanwhile.
+        // One copy, whatever the array's strides: Python may change the array while the worker reads it.
         let values: Vec<u8> = array.as_array().iter().copied().collect();
         let side = |n: usize| u32::try_from(n).ok().filter(|&n| n > 0);
         let made = match shape[..] {

@@ -46,7 +46,7 @@ impl<T> Caller<T> {
     }
 
     fn send(&self, told: Told<T>) {
-        // A caller that was interrupted does not listen any more.
+        // An interrupted caller no longer receives messages.
         let _ = self.tell.lock().unwrap_or_else(PoisonError::into_inner).send(told);
     }
 }
@@ -73,7 +73,7 @@ pub fn run_long<T: Send + 'static>(
     if heard.is_err() {
         stop.store(true, Ordering::SeqCst);
         if stops {
-            // Its panics were caught.
+            // Panics of the worker were caught in it.
             let _ = py.detach(|| worker.join());
         }
     }
@@ -86,7 +86,7 @@ fn listen<T: Send>(py: Python<'_>, progress: Option<&Bound<'_, PyAny>>, told: &M
         match py.detach(|| next(INTERVAL)) {
             Ok(Told::Done(result)) => return result,
             Ok(Told::Progress(mut done, mut total)) => {
-                // Only the latest of what was told meanwhile is worth a call.
+                // Only the latest progress is passed on.
                 let mut result = None;
                 while result.is_none() {
                     match next(Duration::ZERO) {

@@ -78,7 +78,7 @@ pub fn compare(
     let (permutations, people, seed, significance) = settings;
     let options = CompareOptions { permutations, people, significance, seed };
     let compared = run_long(py, None, false, move |_| {
-        // What no comparison could make sense of is said as of a representative.
+        // Models that cannot be compared give the same errors as for a representative.
         let all: Vec<&SequenceModel> = groups.iter().flat_map(|(_, models)| models).collect();
         let label = ClassLabel { emotion: emotion.clone(), group: BTreeMap::new() };
         statistics::check_models(&label, &all, &bench.wireframe).map_err(to::<StatisticsError>)?;

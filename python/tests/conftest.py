@@ -21,14 +21,14 @@ def portrait():
 
 @pytest.fixture(scope="session")
 def smile(sample):
-    """A tracked smile, from marks that stand beside its frames."""
+    """A tracked smile, from the marks beside its frames."""
     folder = sample / "S001" / "005"
     return grimace.track(folder, folder / "correspondences.csv", emotion="happiness")
 
 
 @pytest.fixture(scope="session")
 def models():
-    """Models that differ by their strength alone: mouth corners (nodes 31 and 64) that go out and up."""
+    """Models that differ only in strength: mouth corners (nodes 31 and 64) that move out and up."""
     neutral = grimace.candide3().neutral
 
     def model(strength):

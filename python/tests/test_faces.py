@@ -39,7 +39,7 @@ def test_marks_come_in_many_forms(sample):
     fits = [grimace.fit(image, form).nodes for form in forms]
     for nodes in fits[1:]:
         np.testing.assert_allclose(nodes, fits[0], atol=1e-9)
-    # A feature point is a node by another name: 8.3 is the left corner of the mouth, node 31.
+    # A feature point names a node: 8.3 is the left corner of the mouth, node 31.
     named = {("8.3" if n == 31 else n): xy for n, xy in known.items()}
     np.testing.assert_allclose(grimace.fit(image, named).nodes, fits[0], atol=1e-9)
 

@@ -11,7 +11,7 @@ def test_faps_of_a_model_are_written_and_read(models, tmp_path):
     fap.write(path)
     read = grimace.Fap.read(path)
     np.testing.assert_array_equal(read.values, fap.values)
-    # The corners of the outer lips alone move: FAPs 53 and 54 stretch, 59 and 60 raise them; Xface would copy that to the inner lips.
+    # Only the corners of the outer lips move: FAPs 53 and 54 stretch them, 59 and 60 raise them. Xface would copy this to the inner lips.
     assert {finding.rule for finding in grimace.Fap.check(path)} == {"lips-mirrored"}
     for fap_number in (53, 54, 59, 60):
         assert read.value(fap_number)[0] == 0 < read.value(fap_number)[-1]

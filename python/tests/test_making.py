@@ -7,10 +7,10 @@ import grimace
 def test_an_expression_on_a_portrait(models, portrait):
     marks = str(portrait).replace(".jpg", "_correspondences.csv")
     clone = grimace.clone(models(1), portrait, marks, duration=0.2)
-    # A fifth of a second at 25 frames a second: five steps, six frames.
+    # A fifth of a second at 25 frames per second: five steps, six frames.
     assert clone.frames.shape[0] == 6 == len(clone.nodes) and clone.frames.dtype == np.uint8 and clone.apex == 5
     left, right = clone.nodes[5] - clone.nodes[0], clone.frames[5].astype(int) - clone.frames[0]
-    # The subject's left corner of the mouth goes right in the picture, and up.
+    # The subject's left corner of the mouth moves to the right in the picture, and up.
     assert left[31, 0] > 3 and left[31, 1] < -3 and np.abs(right).max() > 30
     same = grimace.clone(models(0), portrait, marks, duration=0.04)
     assert np.abs(same.frames[1].astype(int) - same.frames[0]).max() <= 1
@@ -46,7 +46,7 @@ def test_what_does_not_serve_is_said(models, portrait):
 
 def test_a_motion_on_a_bank(smile, tmp_path):
     made = grimace.synthesize(grimace.normalize(smile), gltf=tmp_path / "smile.glb")
-    # Five key frames with five between every two.
+    # Five key frames, with five frames between every two.
     frames, vertices = 25, len(made.neutral)
     assert made.surface.shape == (frames, vertices, 3) and made.triangles.max() < vertices
     assert made.weights.shape == (frames, 1, len(made.members)) and made.fps == 25

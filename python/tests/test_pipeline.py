@@ -36,7 +36,7 @@ def test_a_run_gives_representatives_tables_and_files(ran):
     happiness = results.representative("happiness")
     models = {k: v for k, v in results.models().items() if k.endswith("_005")}
     assert len(models) == 4 and happiness.shape == (5, 113, 2)
-    # The same statistics of the same models, from files of nine digits.
+    # The same statistics from the same models, read from files with nine digits.
     again = grimace.representative({name[:4]: model for name, model in models.items()})
     np.testing.assert_allclose(again.model, happiness, atol=1e-3)
     assert results.fap("happiness").value(12)[-1] > 0 and len(results.track("S001_005")) == 10

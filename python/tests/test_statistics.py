@@ -6,7 +6,7 @@ import grimace
 
 def test_the_representative_is_the_median_and_the_outlier_is_trimmed(models):
     found = grimace.representative([models(s) for s in (0.6, 0.8, 1.0, 1.1, 5.0)], alpha=0.2, median="exact")
-    # One of five is trimmed from each field, the one of strength 5. The median of 0.6, 0.8, 1.0, 1.1 lies between 0.8 and 1.0.
+    # One of five models, that of strength 5, is trimmed from each field. The median of 0.6, 0.8, 1.0 and 1.1 is between 0.8 and 1.0.
     assert {(field, subject) for field, subject, _, _, dropped in found.trimming if dropped} == {(m, "4") for m in range(4)}
     rise = found.model[4, 31, 1] - found.model[0, 31, 1]
     assert 0.8 * 50 - 1e-6 <= rise <= 1.0 * 50 + 1e-6
@@ -44,10 +44,10 @@ def test_groups_that_differ_are_told_from_groups_that_do_not(models):
     strong = [models(s) for s in 1.4 + 0.1 * random.random(8)]
     (differ,) = grimace.compare({"weak": weak, "strong": strong}, permutations=999)
     assert differ.groups == ("weak", "strong") and differ.people == (8, 8) and differ.not_tested is None
-    # Only the split observed, if it is drawn again, is as large.
+    # Only the observed split, if it is drawn again, gives so large a value.
     assert differ.p <= 0.005 and differ.effect > 0.9 and differ.node_p.shape == (104,)
     (alike,) = grimace.compare({"some": weak[::2], "others": weak[1::2]})
-    # Groups of 4 and 4 are split in 70 ways, all of which are tried.
+    # There are 70 splits into groups of 4 and 4; all are tried.
     assert alike.permutations == 70 and alike.p > 0.05
 
 

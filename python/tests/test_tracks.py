@@ -13,7 +13,7 @@ def test_a_track_has_every_node_of_every_frame(smile):
     assert len(smile) == 10 and smile.numbers.tolist() == list(range(1, 11))
     assert smile.positions.shape == (10, 113, 2) and smile.states.shape == smile.residuals.shape == (10, 113)
     assert set(smile.states[0]) == {"marked", "fitted", "follows"}
-    # In the neutral frame how far a node sits from its place on the face, then how far its motion is off.
+    # In the neutral frame the error of the position on the face, later the error of the motion.
     assert (smile.expected_errors[0] > 0).all() and np.nanmedian(smile.expected_errors[1:]) > 0
     assert smile.info["summary"]["verdict"] in {"good", "look again"} and smile.info["emotion"] == "happiness"
 
@@ -31,13 +31,13 @@ def test_pictures_in_memory_are_tracked_like_files(sample, tmp_path):
     )
     of_files = grimace.track(tmp_path, marks)
     np.testing.assert_array_equal(of_arrays.positions, of_files.positions)
-    # PIL's own pictures are arrays, too.
+    # Pictures of PIL are accepted as arrays.
     np.testing.assert_array_equal(grimace.track(pictures[:2], marks).positions, of_files.positions[:2])
     assert told[-1] == (10, 10) and told == sorted(told)
 
 
 def test_a_track_is_near_the_truth(smile, sample):
-    """The sample is simulated: where every node is in every frame is known."""
+    """The sample is simulated, so the true position of every node in every frame is known."""
     with open(sample / "truth" / "S001_005.csv", newline="") as file:
         truth = {(int(row["frame"]), int(row["node"])): (float(row["x"]), float(row["y"])) for row in csv.DictReader(file)}
     live = grimace.candide3().live
@@ -45,7 +45,8 @@ def test_a_track_is_near_the_truth(smile, sample):
     first = np.array([truth[1, node] for node in live])
     moved = smile.positions[-1, live] - smile.positions[0, live]
     off = np.hypot(*(moved - (last - first)).T)
-    # Eleven marks leave most nodes beside their places, and these move a little differently: 1.3 % of the eye distance off on the mean.
+    # With eleven marks most nodes are not exactly at their true positions, and move slightly differently: the mean error is 1.3 % of the eye
+    # distance.
     eyes = smile.info["summary"]["eye_distance_px"]
     assert off.mean() < 0.02 * eyes < np.hypot(*moved.T).max()
 
@@ -72,7 +73,7 @@ def test_models_are_in_face_units(smile):
     neutral = grimace.candide3().neutral
     assert model.shape == (5, 113, 2)
     np.testing.assert_allclose(model[0], neutral, atol=1e-6)
-    # A smile takes the corners of the mouth up, and apart: the left one to the subject's left.
+    # A smile moves the corners of the mouth up and apart: the left one to the subject's left.
     left, right = (model[4, 31] - neutral[31], model[4, 64] - neutral[64])
     assert left[1] > 20 and right[1] > 20 and left[0] > 10 > -10 > right[0]
     rolled = grimace.normalize(smile, pose="roll")
@@ -109,7 +110,7 @@ def test_an_error_of_the_callback_ends_the_call(sample):
 
 def test_ctrl_c_ends_a_long_call_and_other_threads_go_on(sample):
     paths = sorted((sample / "S001" / "005").glob("*.jpg"))
-    # Forth and back, so often that it takes minutes.
+    # Forward and back, so often that tracking takes minutes.
     frames = (paths + paths[::-1]) * 200
     counted, ended, interrupted = [0], threading.Event(), []
 

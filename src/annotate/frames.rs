@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn what_browsers_do_not_show_is_decoded() {
+    fn formats_that_browsers_cannot_show_are_decoded() {
         let folder = tempfile::tempdir().unwrap();
         let mut pgm = b"P5 4 2 255\n".to_vec();
         pgm.extend([0, 50, 100, 150, 200, 250, 10, 20]);

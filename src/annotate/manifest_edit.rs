@@ -20,10 +20,10 @@ use crate::{
 /// Why a manifest cannot be changed.
 #[derive(Debug, thiserror::Error)]
 pub enum ManifestEditError {
-    /// It does not read.
+    /// The manifest cannot be parsed.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// It cannot be read or found.
+    /// The manifest cannot be found or read.
     #[error("{}: cannot be read: {source}", path.display())]
     Io {
         /// The manifest.
@@ -31,7 +31,7 @@ pub enum ManifestEditError {
         /// Why.
         source: io::Error,
     },
-    /// The sequence has been taken out of it.
+    /// The manifest no longer lists the sequence.
     #[error("{}: sequence {id} is no longer listed; start grimace annotate again", path.display())]
     NoSuchRow {
         /// The manifest.
@@ -39,7 +39,7 @@ pub enum ManifestEditError {
         /// The sequence.
         id: SequenceId,
     },
-    /// It cannot be written.
+    /// The manifest cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
 }
@@ -273,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn a_row_that_is_gone_is_said() {
+    fn a_missing_row_is_reported() {
         let error = set("subject,sequence,emotion\nS1,1,joy\n", &[("last_frame", "9")]).unwrap_err();
         assert!(error.contains("sequence S1_2 is no longer listed"), "{error}");
     }
@@ -296,7 +296,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_set_is_read_and_the_others_stay(value in "[ -~]{0,12}", other in "[ -~]{0,12}") {
+        fn set_fields_can_be_read_and_others_are_unchanged(value in "[ -~]{0,12}", other in "[ -~]{0,12}") {
             // Reading trims a field; a single quotation mark inside is text.
             let (value, other) = (value.trim(), other.trim());
             // A leading apostrophe prevents a spreadsheet from reading a text as a formula; reading removes it.

@@ -82,13 +82,13 @@ impl Default for AnnotateOptions {
 /// Why the page cannot be served.
 #[derive(Debug, thiserror::Error)]
 pub enum AnnotateError {
-    /// The dataset does not open.
+    /// The dataset cannot be opened.
     #[error(transparent)]
     Dataset(#[from] DatasetError),
-    /// Neither a dataset nor tracks.
+    /// Neither a dataset nor tracks are given.
     #[error("nothing to annotate; give a dataset, or the output folder of a run with --tracks")]
     Nothing,
-    /// A dataset without a sequence.
+    /// No sequence of the dataset can be annotated.
     #[error("{}: no sequence can be annotated{}", path.display(), first_problem(reason))]
     NoSequence {
         /// The dataset.
@@ -96,19 +96,19 @@ pub enum AnnotateError {
         /// Its first failure; empty if there is none.
         reason: String,
     },
-    /// No track in the folder.
+    /// The folder has no tracks.
     #[error("{}: no tracks found; give the output folder of `grimace run`, or a folder of tracks", path.display())]
     NoTracks {
         /// The folder.
         path: PathBuf,
     },
-    /// No record beside tracks that says which dataset they are of.
+    /// No record beside the tracks names their dataset.
     #[error("{}: there is no run.json that names the dataset; give it: grimace annotate DATASET --tracks {}", path.display(), path.display())]
     NoRun {
         /// The output folder.
         path: PathBuf,
     },
-    /// The record of the run does not read.
+    /// The record of the run cannot be read.
     #[error(transparent)]
     Run(#[from] RunJsonError),
     /// The frames of a run cannot be found.
@@ -126,7 +126,7 @@ pub enum AnnotateError {
     /// A folder of tracks that cannot be read.
     #[error(transparent)]
     Tracks(io::Error),
-    /// The port cannot be had.
+    /// The port is not available.
     #[error("cannot listen on {address}: {source}; {}", listen_advice(source))]
     Listen {
         /// Address and port.
@@ -134,10 +134,10 @@ pub enum AnnotateError {
         /// Why.
         source: io::Error,
     },
-    /// The system has no randomness for the token.
+    /// The system gives no random numbers for the token.
     #[error("cannot create a random token: {0}")]
     Token(getrandom::Error),
-    /// The server broke off.
+    /// The server stopped.
     #[error("the server ended: {0}")]
     Server(io::Error),
 }

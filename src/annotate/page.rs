@@ -144,7 +144,10 @@ mod tests {
         for (name, _, content) in FILES {
             let outside = content.replace("http://www.w3.org/2000/svg", "");
             assert!(!outside.contains("http://") && !outside.contains("https://") && !outside.contains("//cdn"), "{name}");
-            assert!(!content.contains("innerHTML") && !content.contains("eval("), "{name}: texts are set as texts");
+            assert!(
+                !content.contains("innerHTML") && !content.contains("eval("),
+                "{name}: texts are inserted as text, not as markup"
+            );
         }
         assert!(file("main.js").is_some() && file("../main.js").is_none());
     }

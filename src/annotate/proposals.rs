@@ -95,16 +95,16 @@ pub struct ProposedMarks {
 /// Why cascades cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum CascadeError {
-    /// No folder of cascades.
+    /// The folder of cascades does not exist.
     #[error("OpenCV's face cascades are not installed; on Debian: apt-get install opencv-data")]
     NotInstalled,
-    /// A cascade that is missing or does not load.
+    /// A cascade is missing or cannot be loaded.
     #[error("{}: the cascade does not load; on Debian: apt-get install opencv-data", path.display())]
     DoesNotLoad {
         /// The file.
         path: PathBuf,
     },
-    /// The program that finds faces is not there, or ended in the middle.
+    /// The program that finds faces is missing or ended early.
     #[error(transparent)]
     Program(#[from] CompanionError),
     /// The detector failed.

@@ -24,12 +24,13 @@ use super::{
 use crate::{
     dataset::{Dataset, FrameSource, SequenceEntry},
     fit::Springs,
+    input::{CsvFile, CsvRow, InputError, file_blake3},
     pipeline::{Workbench, read_run_json, results_folder, track_files, tracks_folder},
     sequence::SequenceReader,
     track::{
-        Confidence, Corrections, NodeState, TrackCorrections, TrackInfo, TrackSummary, TrackedFrame, TrackedNode, correct_nodes,
-        corrections_of, corrections_path, expect_errors, far_corrections, fitting_corrections, read_corrections, read_track,
-        read_track_info, resume_with, summarize, window_px, write_corrections, write_track,
+        Confidence, Corrections, Look, Looks, NodeState, TrackCorrections, TrackInfo, TrackSummary, TrackedFrame, TrackedNode,
+        content_of, correct_nodes, corrections_of, corrections_path, expect_errors, far_corrections, fitting_corrections,
+        read_corrections, read_track, read_track_info, resume_with, summarize, window_px, write_corrections, write_track,
     },
 };
 
@@ -44,6 +45,10 @@ pub struct Listed {
     frames: usize,
     /// Number of hand-set nodes after the neutral frame.
     corrected: usize,
+    /// Whether there are reasons to look at it.
+    doubtful: bool,
+    /// What a person found when looking at it.
+    look: Option<Look>,
 }
 
 /// The list of tracks, sorted by descending share of lost nodes.
@@ -75,6 +80,9 @@ pub struct Opened {
     /// Source of the points of its neutral frame, as in the track's file.
     #[serde(rename = "marksFrom")]
     marks_from: String,
+    /// Reasons to look at it.
+    reasons: Vec<String>,
+    look: Option<Look>,
 }
 
 /// All corrections of one frame.
@@ -93,6 +101,19 @@ pub struct Retrack {
     frame: u32,
 }
 
+/// What a person found when looking at a track; without a look, an earlier one is taken back.
+#[derive(Deserialize)]
+pub struct SetLook {
+    version: String,
+    look: Option<Look>,
+}
+
+/// A look that was saved.
+#[derive(Serialize)]
+pub struct Looked {
+    look: Option<Look>,
+}
+
 /// A corrected frame.
 #[derive(Serialize)]
 pub struct Corrected {
@@ -108,6 +129,8 @@ struct Item {
     entry: SequenceEntry,
     source: FrameSource,
     summary: TrackSummary,
+    /// Reasons to look at it: those of the run, else those of the track alone.
+    reasons: Vec<String>,
     corrected: usize,
 }
 
@@ -146,9 +169,13 @@ impl TrackDesk {
         };
         let mut items = Vec::new();
         let mut failures = Vec::new();
+        let mut judged = reasons_of_the_run(&results_folder(out)).unwrap_or_default();
         for csv in files {
             match item(csv, &dataset.sequences, bench.wireframe.node_count()) {
-                Ok(item) => items.push(item),
+                Ok(item) => {
+                    let reasons = judged.remove(&item.id).unwrap_or_else(|| item.summary.reasons.clone());
+                    items.push(Item { reasons, ..item });
+                }
                 Err(reason) => failures.push(reason),
             }
         }
@@ -189,12 +216,16 @@ impl TrackDesk {
 
     /// The tracks on the page.
     pub fn list(&self) -> List {
+        // The file's errors are shown where a look is set.
+        let looks = self.looks().ok();
         let listed = |item: &Item| Listed {
             id: item.id.clone(),
             emotion: item.emotion.clone(),
             tracked_share: item.summary.tracked_share,
             frames: item.summary.frames,
             corrected: item.corrected,
+            doubtful: !item.reasons.is_empty(),
+            look: looks.as_ref().and_then(|looks| look_at(looks, item)),
         };
         List { sequences: self.lock().iter().map(listed).collect(), failures: self.failures.clone() }
     }
@@ -203,6 +234,25 @@ impl TrackDesk {
     pub fn opened(&self, id: &str) -> Result<Opened, RequestError> {
         let items = self.lock();
         self.open_item(find(&items, id)?)
+    }
+
+    /// Saves what a person found when looking at a track.
+    pub fn look(&self, id: &str, request: &SetLook) -> Result<Looked, RequestError> {
+        let items = self.lock();
+        let item = find(&items, id)?;
+        self.check_version(item, &request.version)?;
+        let look = request.look;
+        if look == Some(Look::Outdated) {
+            return Err(RequestError::Refused("a sequence is right, left out, or not looked at".to_owned()));
+        }
+        let mut looks = self.looks()?;
+        looks.set(id, look, &content(item)?);
+        looks.write().map_err(RequestError::failed)?;
+        Ok(Looked { look })
+    }
+
+    fn looks(&self) -> Result<Looks, RequestError> {
+        Looks::read(&results_folder(&self.out)).map_err(RequestError::refused)
     }
 
     /// Returns one frame for the browser.
@@ -257,7 +307,9 @@ impl TrackDesk {
     }
 
     fn open_item(&self, item: &Item) -> Result<Opened, RequestError> {
-        open_item(item, &self.bench, &self.springs)
+        let looks = self.looks().ok();
+        let opened = open_item(item, &self.bench, &self.springs)?;
+        Ok(Opened { look: looks.and_then(|looks| look_at(&looks, item)), ..opened })
     }
 
     fn read_frames(&self, item: &Item) -> Result<Vec<TrackedFrame>, RequestError> {
@@ -440,7 +492,7 @@ fn item(csv: PathBuf, entries: &[SequenceEntry], node_count: usize) -> Result<It
     }
     let corrected = count_corrected(&frames);
     let (id, emotion) = (info.id.to_string(), info.emotion);
-    Ok(Item { csv, id, emotion, entry: entry.clone(), source, summary: info.summary, corrected })
+    Ok(Item { csv, id, emotion, entry: entry.clone(), source, summary: info.summary, reasons: Vec::new(), corrected })
 }
 
 fn info_of(csv: &Path) -> Result<TrackInfo, RequestError> {
@@ -452,6 +504,27 @@ fn info_of(csv: &Path) -> Result<TrackInfo, RequestError> {
             csv.display()
         ))
     })
+}
+
+/// Reasons to look at the sequences of a run, by id.
+fn reasons_of_the_run(out: &Path) -> Result<BTreeMap<String, Vec<String>>, InputError> {
+    let csv = CsvFile::open(&out.join("verdicts.csv"))?;
+    let [id, reasons] = csv.require(["id", "reasons"])?;
+    let row = |row: CsvRow<'_>| {
+        let reasons = Some(row.get(reasons)).filter(|text| !text.is_empty());
+        (row.get(id).to_owned(), reasons.map(str::to_owned).into_iter().collect())
+    };
+    csv.rows().map(|read| read.map(row)).collect()
+}
+
+/// Identifies what the page shows of a track.
+fn content(item: &Item) -> Result<String, RequestError> {
+    let csv = file_blake3(&item.csv).ok_or_else(|| RequestError::Refused(format!("{}: cannot be read", item.csv.display())))?;
+    Ok(content_of(Some(&info_of(&item.csv)?), &csv))
+}
+
+fn look_at(looks: &Looks, item: &Item) -> Option<Look> {
+    looks.of(&item.entry.id, &content(item).ok()?)
 }
 
 /// The track to show. It includes corrections that were saved but not added, because the process was killed in between.
@@ -488,6 +561,8 @@ fn open_item(item: &Item, bench: &Workbench, springs: &Springs) -> Result<Opened
         version: version(&item.csv),
         file: item.csv.file_name().unwrap_or_default().to_string_lossy().into_owned(),
         marks_from: info.marks_from,
+        reasons: item.reasons.clone(),
+        look: None,
     })
 }
 

@@ -14,6 +14,7 @@
 //! | `POST /api/sequences/ID/preview` | corrects a frame of a track without saving |
 //! | `PUT /api/sequences/ID/corrections` | corrects a frame of a track |
 //! | `POST /api/sequences/ID/retrack` | tracks again |
+//! | `PUT /api/sequences/ID/look` | saves what a person found when looking at a track |
 //!
 //! A sequence is looked up in the list by its id, a frame by its number: no part of an address ever becomes a path.
 
@@ -36,7 +37,7 @@ use super::{
     frames::Picture,
     messages::{SaveFrames, SaveMarks, ToFit},
     page,
-    retrack::{Correct, Retrack, TrackDesk},
+    retrack::{Correct, Retrack, SetLook, TrackDesk},
     security,
     serve::{BODY_LIMIT, Limits, whole_body},
 };
@@ -72,6 +73,7 @@ pub fn router(app: Shared, limits: Limits) -> Router {
             "/{token}/api/sequences/{id}/retrack",
             change(MethodFilter::POST, |app, id, r: &Retrack| tracks(app)?.retrack(id, r)),
         )
+        .route("/{token}/api/sequences/{id}/look", change(MethodFilter::PUT, |app, id, r: &SetLook| tracks(app)?.look(id, r)))
         .fallback(|| async { RequestError::NotFound("no such page".to_owned()) })
         .layer(DefaultBodyLimit::max(BODY_LIMIT))
         .layer(middleware::from_fn_with_state(limits, whole_body))

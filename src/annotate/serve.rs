@@ -160,12 +160,12 @@ mod tests {
 
     /// Starts a server on its own thread: `POST /` returns its body, `/large` is more than a connection buffers.
     fn started(limits: Limits) -> SocketAddr {
-        let (tell, told) = std::sync::mpsc::channel();
+        let (sender, receiver) = std::sync::mpsc::channel();
         std::thread::spawn(move || {
             let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
             runtime.block_on(async move {
                 let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
-                tell.send(listener.local_addr().unwrap()).unwrap();
+                sender.send(listener.local_addr().unwrap()).unwrap();
                 let router = Router::new()
                     .route("/", post(|body: String| async { body }))
                     .route("/large", post(|| async { vec![b'x'; 64 << 20] }))
@@ -173,7 +173,7 @@ mod tests {
                 serve(listener, router, limits).await
             })
         });
-        told.recv().unwrap()
+        receiver.recv().unwrap()
     }
 
     fn client(address: SocketAddr) -> Client {
@@ -201,7 +201,7 @@ mod tests {
         let silent = client(address);
         let mut slow = client(address);
         slow.write_all(b"POST / HTTP/1.1\r\nhost:").unwrap();
-        assert!(answer(client(address), WHOLE).ends_with("\r\n\r\nhello"), "answered when the others have been cut off");
+        assert!(answer(client(address), WHOLE).ends_with("\r\n\r\nhello"), "answered after the other connections were closed");
         assert_eq!(answer(silent, ""), "");
         assert_eq!(answer(slow, ""), "");
     }
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn who_does_not_take_an_answer_is_cut_off() {
+    fn clients_that_do_not_read_answers_are_disconnected() {
         let limits = Limits { connections: 1, head: LONG, body: LONG, answer: SHORT };
         let address = started(limits);
         let mut deaf = client(address);

@@ -61,10 +61,10 @@ pub struct Args {
     general: GeneralArgs,
 }
 
-/// The command's name, which its record of results in a folder has, too: by it a later analysis knows what it may remove.
+/// Name of the command, also in the record in a folder of results. A later analysis uses it to know what it may remove.
 const COMMAND: &str = "analyze";
 const RECORD_NAME: &str = "analyze.b3";
-/// The models in one file.
+/// Name of the file with all models.
 const COLUMNAR: &str = "models.parquet";
 
 /// Runs the command.
@@ -108,13 +108,13 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     let failed = files.len() - models.len();
     let results = of_tracks(args, models, failures.clone(), &bench);
-    // The table that has them all is one of the results.
+    // The table with all failures is one of the results.
     say_failures(&failures, results.is_ok().then(|| args.output.join("failures.csv")).as_deref());
     print(args, &results?, &format!("{}, {failed} failed", count(files.len(), "track", "tracks")));
     Ok(if failures.is_empty() { Outcome::Done } else { Outcome::SomeFailed })
 }
 
-/// Statistics of tracks, with their models beside them.
+/// Computes statistics of tracks, with their models beside them.
 fn of_tracks(args: &Args, models: Vec<AnalyzedModel>, failures: Vec<Failure>, bench: &Workbench) -> anyhow::Result<Analysis> {
     let folder = OwnFolder::open(&args.output, COMMAND)?;
     let normalized: Vec<_> = models.iter().map(|m| m.model.clone()).collect();
@@ -126,7 +126,7 @@ fn of_tracks(args: &Args, models: Vec<AnalyzedModel>, failures: Vec<Failure>, be
         folder.wrote_as(COLUMNAR, write_columnar(&args.output.join(COLUMNAR), &models)?)?;
     }
     let analysis = analyze(models, failures, bench)?;
-    // Two at once would mix their results.
+    // Two analyses at the same time would mix their results.
     begin(&folder, &analysis, bench)?;
     for model in &normalized {
         let name = name_of(&model.id);
@@ -136,7 +136,7 @@ fn of_tracks(args: &Args, models: Vec<AnalyzedModel>, failures: Vec<Failure>, be
     Ok(analysis)
 }
 
-/// Statistics of a columnar file.
+/// Computes statistics of a columnar file.
 fn from_models(args: &Args, path: &Path, bench: &Workbench) -> anyhow::Result<Outcome> {
     let file = ColumnarModels::open(path)?;
     anyhow::ensure!(
@@ -165,13 +165,13 @@ fn from_models(args: &Args, path: &Path, bench: &Workbench) -> anyhow::Result<Ou
     Ok(Outcome::Done)
 }
 
-/// Takes the folder for an analysis, where it would write over nothing of others.
+/// Claims the folder for an analysis, unless it would overwrite files of others.
 fn begin(folder: &OwnFolder, analysis: &Analysis, bench: &Workbench) -> anyhow::Result<()> {
     folder.check_own(analysis_files(analysis, bench))?;
     Ok(folder.begin()?)
 }
 
-/// Writes the results, each entered as soon as it stands there, and removes those of an earlier analysis that this one did not make.
+/// Writes the results, records each one as soon as it is written, and removes results of an earlier analysis that this one did not make.
 fn write(args: &Args, folder: OwnFolder, analysis: &Analysis, bench: &Workbench) -> anyhow::Result<()> {
     let title = args.output.file_name().map_or_else(|| "tracks".to_owned(), |n| n.to_string_lossy().into_owned());
     write_analysis(analysis, &args.output, &title, bench, |name, hash| folder.wrote_as(name, hash))

@@ -84,14 +84,14 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         tracks: args.tracks.clone(),
         all: args.all,
         host: args.host,
-        // Nobody is told of the port without a page: any will do.
+        // Without a page the port is not printed, so any port is fine.
         port: if args.no_page { Some(0) } else { args.port },
         cascades: args.cascades.clone(),
     };
     if let Some(folder) = args.cascades.as_ref().filter(|folder| !folder.is_dir()) {
         anyhow::bail!("{}: there is no such folder; --cascades needs the folder of OpenCV's Haar cascades", folder.display());
     }
-    // A picture that does not read would be an empty page.
+    // A picture that cannot be read would give an empty page.
     if let Some(picture) = args.dataset.as_ref().filter(|path| path.is_file() && is_picture(path)) {
         read_frame(picture)?;
     }
@@ -134,7 +134,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Saves the marks that were found well, and says what is left.
+/// Saves reliable found marks and prints what is left to mark.
 fn accept(annotator: &Annotator, limit: f64) -> anyhow::Result<()> {
     let bar = counted_bar(false, None, "sequences");
     let accepted = annotator.accept(limit, |done, total| {
@@ -149,7 +149,7 @@ fn accept(annotator: &Annotator, limit: f64) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Opens an address in the user's browser, where there is one; the address is printed anyway.
+/// Opens an address in the user's browser, if there is one. The address is printed in any case.
 fn open_browser(url: &str) {
     let opener = if cfg!(target_os = "macos") {
         "open"
@@ -162,7 +162,7 @@ fn open_browser(url: &str) {
         }
         "xdg-open"
     };
-    // The address is an argument of its own: no shell reads it.
+    // The address is a separate argument: no shell interprets it.
     let started = Command::new(opener).arg(url).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
     if let Ok(mut child) = started {
         std::thread::spawn(move || child.wait());

@@ -1,4 +1,4 @@
-//! Files that one command writes and reads: none may be another.
+//! Checks that the files that a command reads and writes are different files.
 
 use std::{
     io::Read,
@@ -8,12 +8,12 @@ use std::{
 /// A file with the option or argument that names it.
 pub type Named<'a> = (&'a str, &'a Path);
 
-/// Where a path leads, through links and without `.` and `..`; what is not there yet is in a folder that may be.
+/// Resolves links and `.` and `..` in a path that may not exist yet.
 fn resolved(path: &Path) -> PathBuf {
     if let Ok(full) = path.canonicalize() {
         return full;
     }
-    // A link to what is not there is followed by hand.
+    // Links to missing files are followed by hand.
     if let Ok(behind) = path.read_link() {
         let folder = path.parent().unwrap_or(Path::new(""));
         return std::path::absolute(folder.join(behind)).unwrap_or_else(|_| path.to_owned());
@@ -27,12 +27,12 @@ fn resolved(path: &Path) -> PathBuf {
     }
 }
 
-/// Whether a path, which may not be there yet, is a folder or lies in it.
+/// Returns whether a path, which may not exist yet, is a folder or is inside it.
 pub fn lies_in(path: &Path, folder: &Path) -> bool {
     resolved(path).starts_with(resolved(folder))
 }
 
-/// Refuses an output that is another output, or an input: one would be written over the other.
+/// Refuses an output that is also another output or an input.
 pub fn check_apart(outputs: &[Named<'_>], inputs: &[Named<'_>]) -> anyhow::Result<()> {
     let places: Vec<PathBuf> = outputs.iter().map(|(_, path)| resolved(path)).collect();
     for (k, (option, path)) in outputs.iter().enumerate() {
@@ -49,7 +49,7 @@ pub fn check_apart(outputs: &[Named<'_>], inputs: &[Named<'_>]) -> anyhow::Resul
     Ok(())
 }
 
-/// Refuses an output that is there among the inputs of a folder; the folder of a bare name is the current one.
+/// Refuses an output that is one of the input files of a folder. The folder of a bare file name is the current one.
 pub fn check_not_over(output: &Path, folder: &Path) -> anyhow::Result<()> {
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     anyhow::ensure!(
@@ -61,7 +61,7 @@ pub fn check_not_over(output: &Path, folder: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Refuses an output that is there and no table of the command, which begins with these columns: it may be anything that a person wrote.
+/// Refuses an existing output that is not a table of this command, which begins with these columns: a person may have written it.
 pub fn check_own_table(output: &Path, begins: &str) -> anyhow::Result<()> {
     let mut first = vec![0; begins.len()];
     let is_own = |first: &mut [u8]| {
@@ -75,7 +75,7 @@ pub fn check_own_table(output: &Path, begins: &str) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Refuses inputs in a folder that is made anew, or in one below it.
+/// Refuses inputs inside a folder that is made anew.
 pub fn check_outside(option: &str, folder: &Path, inputs: &[Named<'_>]) -> anyhow::Result<()> {
     for (input, path) in inputs {
         anyhow::ensure!(
@@ -87,24 +87,23 @@ pub fn check_outside(option: &str, folder: &Path, inputs: &[Named<'_>]) -> anyho
     Ok(())
 }
 
-/// The same name for all files of a list.
+/// Returns all files of a list with the same name.
 pub fn all<'a>(name: &'a str, paths: &'a [PathBuf]) -> impl Iterator<Item = Named<'a>> {
     paths.iter().map(move |path| (name, path.as_path()))
 }
 
-/// The file of an option, where it is given.
+/// Returns the file of an option, if it is given.
 pub fn maybe<'a>(name: &'a str, path: Option<&'a PathBuf>) -> impl Iterator<Item = Named<'a>> {
     path.into_iter().map(move |path| (name, path.as_path()))
 }
 
-/// Endings of files that people name where a folder of results is asked for.
+/// Extensions of files that users give by mistake for a folder of results.
 const FILE_ENDINGS: [&str; 24] = [
     "apng", "avi", "bvh", "csv", "fap", "fbx", "gif", "glb", "gltf", "html", "jpeg", "jpg", "json", "mkv", "mov", "mp4", "npy",
     "obj", "pdf", "ply", "png", "txt", "webm", "zip",
 ];
 
-/// Refuses a folder of results that is called as a file is; `choice` says how the files in it are chosen. One that is there is a folder,
-/// whatever it is called.
+/// Refuses a folder of results with the name of a file, unless it exists as a folder. `choice` says how to choose the files in it.
 pub fn check_folder_name(folder: &Path, choice: &str) -> anyhow::Result<()> {
     let ending = folder.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
     anyhow::ensure!(
@@ -115,7 +114,7 @@ pub fn check_folder_name(folder: &Path, choice: &str) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Refuses a picture that is not called `.png`, which is what is written.
+/// Refuses a picture without the extension `.png`, the format that is written.
 pub fn check_png(option: &str, path: &Path, or_folder: &str) -> anyhow::Result<()> {
     anyhow::ensure!(
         path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")),

@@ -182,7 +182,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
 }
 
-/// Opens a bank file, or makes an embedded bank; warns of a file of an older version.
+/// Opens a bank file or an embedded bank, and warns of a file of an older version.
 pub fn open(path: &Path) -> anyhow::Result<Bank> {
     match EmbeddedBank::of_path(path) {
         Some(embedded) => Ok(embedded.bank()?),
@@ -199,10 +199,10 @@ fn open_file(path: &Path) -> anyhow::Result<Bank> {
     Ok(bank)
 }
 
-/// A file with the option that names it, where it is given.
+/// A file with the option that names it, if it is given.
 type Given<'a> = (&'a str, Option<&'a PathBuf>);
 
-/// Refuses outputs that are there, unless forced, and such that are each other or an input.
+/// Refuses outputs that exist, unless forced, and outputs that are each other or an input.
 fn check_outputs(force: bool, outputs: &[Given<'_>], inputs: &[Given<'_>]) -> anyhow::Result<()> {
     let [written, read] =
         [outputs, inputs].map(|files| files.iter().flat_map(|&(name, path)| maybe(name, path)).collect::<Vec<_>>());

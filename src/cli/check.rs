@@ -160,10 +160,10 @@ fn print_summary(checked: &DatasetCheck, args: &Args) {
     if let Some(output) = &args.output {
         println!("table: {}", output.display());
     }
-    // Where it would stop it has no results.
+    // A run that would stop has no results.
     if failing < sequences.len() && !sequences.iter().any(|s| s.ends_run) {
         let dataset = quoted(&args.dataset.display().to_string());
-        // Corrections that were checked belong to the results that they lie in.
+        // Corrections that were checked belong to the results in which they are.
         let results = args.results.as_ref().map_or_else(|| "results".to_owned(), |out| quoted(&out.display().to_string()));
         let mut command = vec![format!("grimace run {dataset} -o {results}")];
         command.extend(given_options::<Cli>(&NOT_OF_RUN));
@@ -174,12 +174,12 @@ fn print_summary(checked: &DatasetCheck, args: &Args) {
     }
 }
 
-/// Options of this command that `run` has not, or that are about this time.
+/// Options of this command that `run` does not have, or that concern only this check.
 const NOT_OF_RUN: [&str; 5] = ["output", "results", "threads", "force", "quiet"];
 
 /// The groups of a column in words.
 fn groups_said(column: &CheckedColumn) -> String {
-    /// Groups that are named with their people.
+    /// Number of groups that are listed with their people.
     const NAMED: usize = 8;
     let groups = match &column.groups {
         Ok(groups) => groups,

@@ -163,7 +163,7 @@ fn film(text: &str) -> Result<Film, String> {
 }
 
 impl Args {
-    /// The options of a clone of a motion.
+    /// The options of the clone of a motion.
     fn options(&self, motion: &SourceMotion) -> CloneOptions {
         CloneOptions {
             rescale: self.motion.rescale,
@@ -223,7 +223,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let pairs = args.source.len() * args.target.len();
     let sheet_path = args.output.join("sheet.png");
     let (sources, mut failed) = read_sources(args, &bench, pairs == 1)?;
-    // The sheet of a batch that is run once more is the same.
+    // A second run of the batch gives the same sheet.
     if args.sheet && pairs > 1 && !holds_a_batch(&args.output) {
         args.general.check_free(&sheet_path)?;
     }
@@ -258,7 +258,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                 }
                 Err(error) if pairs == 1 || stop.load(Ordering::Relaxed) => return Err(error),
                 Err(error) => {
-                    // Its place stays free, so that those behind it stand in the columns of their sources.
+                    // Its cell stays empty, so that later targets keep the columns of their sources.
                     row.push(Labelled { picture: RgbImage::new(0, 0), label: String::new() });
                     failed.push(super::chain(&error));
                 }
@@ -291,8 +291,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     })
 }
 
-/// Folder of one clone of a batch, different from all before: two sources of one name have their extensions added, and what is the
-/// same even then a number.
+/// Unique folder name for one clone of a batch: sources with the same name get their extensions, and if these are equal, a number.
 fn clone_folder(target: &str, source: &Source, sources: &[Source], taken: &mut BTreeSet<String>) -> String {
     let twins = sources.iter().filter(|other| other.motion.name == source.motion.name).count();
     let extension = source.path.extension().filter(|_| twins > 1).map(|e| format!("-{}", e.to_string_lossy()));
@@ -307,7 +306,7 @@ fn clone_folder(target: &str, source: &Source, sources: &[Source], taken: &mut B
     unique
 }
 
-/// Reads all sources; in a batch, those that do not read are named and left out.
+/// Reads all sources. In a batch, unreadable ones are reported and left out.
 fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::Result<(Vec<Source<'a>>, Vec<String>)> {
     let (mut sources, mut failed) = (Vec::new(), Vec::new());
     for path in &args.source {
@@ -360,7 +359,7 @@ fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::R
     Ok((sources, failed))
 }
 
-/// Says that the FAP file of a clone has another rate than its frames.
+/// Notes that the FAP file of a clone has another rate than its frames.
 fn note_whole_rate(path: &Path, fps: Option<f64>) {
     if let Some((fps, written)) = fps.map(|fps| (fps, whole_rate(fps).written)).filter(|(fps, written)| fps != written) {
         eprintln!(
@@ -372,7 +371,7 @@ fn note_whole_rate(path: &Path, fps: Option<f64>) {
     }
 }
 
-/// What a person should know of FAPs that were cut.
+/// Message about clamped FAPs, if there are any.
 fn cut_said(cut: &[CutFap]) -> Option<String> {
     let none_the_other_way = |c: &CutFap| if c.shown * c.asked > 0.0 { c.shown } else { 0.0 };
     let one = |c: &CutFap| format!("{} ({} of {})", c.fap, none_the_other_way(c), c.asked);
@@ -397,7 +396,7 @@ impl Job<'_> {
         portrait::target(self.target_path, self.marks_path, &self.args.marks.marks, self.bench)
     }
 
-    /// Refuses a folder whose files would be written over what they are made from.
+    /// Refuses a folder whose files would overwrite inputs.
     fn check_inputs(&self, source: &Source, folder: &Path) -> anyhow::Result<()> {
         let marks = self.args.correspondences.iter().find(|path| Some(path.as_path()) == self.marks_path);
         let inputs = [("--source", source.path), ("--target", self.target_path)];
@@ -408,7 +407,7 @@ impl Job<'_> {
         ["frames", "track"].iter().try_for_each(|name| check_outside("--output", &folder.join(name), &inputs))
     }
 
-    /// BLAKE3 of all that a clone is made from.
+    /// BLAKE3 of all inputs of a clone.
     fn inputs_blake3(&self, source: &Source, options: &CloneOptions) -> String {
         let Args { look, motion, marks, general, .. } = self.args;
         inputs_hash(&serde_json::json!({
@@ -427,7 +426,7 @@ impl Job<'_> {
         }))
     }
 
-    /// The apex frame of a clone, and whether it was written now.
+    /// Returns the apex frame of the clone, and whether it was written now.
     fn clone(&self, target: &Target, source: &Source, folder: &Path) -> anyhow::Result<(RgbImage, bool)> {
         self.check_inputs(source, folder)?;
         let options = self.args.options(&source.motion);
@@ -440,7 +439,7 @@ impl Job<'_> {
             return Ok((apex, false));
         }
         self.args.general.check_free(&folder.join("clone.json"))?;
-        // A folder of a clone that was interrupted has a record of it.
+        // A folder of an interrupted clone has a record.
         let used = folder.read_dir().is_ok_and(|mut entries| entries.next().is_some()) && !folder.join(FRAMES_RECORD).exists();
         anyhow::ensure!(
             self.args.general.force || !used,

@@ -1,4 +1,4 @@
-//! `grimace clone` once more: what an earlier one made of the very same files and options stays.
+//! Repeated `grimace clone`: a clone made earlier from the same files and options is kept.
 
 use std::{fs, path::Path};
 
@@ -10,10 +10,10 @@ use grimace::{
 use image::RgbImage;
 use serde_json::Value;
 
-/// Files of a clone beside those of its record.
+/// Files of a clone in addition to those in its record.
 const BESIDE: [&str; 3] = ["clone.fap", "overlay.png", "sheet.png"];
 
-/// BLAKE3 of all that a clone would be made from: this program, hashes of files, options.
+/// BLAKE3 of everything that determines a clone: this program, hashes of files, options.
 pub fn inputs_hash(inputs: &Value) -> String {
     blake3::hash(format!("{MADE_BY}\n{inputs}").as_bytes()).to_hex().to_string()
 }
@@ -27,13 +27,13 @@ pub fn pictures_hash(pictures: &[RgbImage]) -> String {
     hasher.finalize().to_hex().to_string()
 }
 
-/// The record of the clone that is in a folder, if there is one that reads. One of a later version is refused.
+/// Returns the record of the clone in a folder, if it can be read. A record of a newer version is an error.
 pub fn record_of(folder: &Path) -> anyhow::Result<Option<Value>> {
     let path = folder.join("clone.json");
     record_at(&path, CLONE_SCHEMA).map_err(|newer| anyhow::anyhow!("{}: {newer}, or choose another folder", path.display()))
 }
 
-/// The apex frame of the clone that is in a folder and has this record, if it was made of these inputs, and nobody changed it since.
+/// Returns the apex frame of the clone in a folder with this record, if it has the same inputs and nobody changed it since.
 pub fn made_before(folder: &Path, info: &Value, target: &str, inputs_blake3: &str) -> Option<RgbImage> {
     let is_same = info["inputs_blake3"].as_str() == Some(inputs_blake3);
     let is_whole = || FolderRecord::open(folder, FRAMES_RECORD, false).is_ok_and(|record| record.is_whole());
@@ -44,7 +44,7 @@ pub fn made_before(folder: &Path, info: &Value, target: &str, inputs_blake3: &st
     Some(image::open(folder.join(format!("frames/{target}_{apex:08}.png"))).ok()?.into_rgb8())
 }
 
-/// Whether a folder holds folders of clones, as a batch makes them.
+/// Returns whether a folder has folders of clones, as of a batch.
 pub fn holds_a_batch(folder: &Path) -> bool {
     let is_clone = |entry: fs::DirEntry| entry.path().join(FRAMES_RECORD).is_file();
     fs::read_dir(folder).is_ok_and(|entries| entries.flatten().any(is_clone))

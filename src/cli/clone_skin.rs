@@ -1,4 +1,4 @@
-//! Whose skin `grimace clone` puts on a target.
+//! Choice of the skin that `grimace clone` puts on a target.
 
 use std::path::{Path, PathBuf};
 
@@ -37,7 +37,7 @@ pub(super) struct SourceSkin {
     pub(super) representative: SourceMotion,
 }
 
-/// The skin that goes with a source, if there is one.
+/// Returns the skin for a source, if there is one.
 pub(super) fn skin_of(
     choice: &SkinChoice,
     path: &Path,

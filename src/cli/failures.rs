@@ -1,5 +1,5 @@
-//! What failed, said so that a terminal holds it: the first of every kind as it is, further ones as their number. All of them, each with its
-//! reason, are in a table where there is one.
+//! Prints failures in a form that fits a terminal: the first of each kind in full, and the number of the others. A table, if there is one,
+//! has all with their reasons.
 
 use std::{
     collections::{BTreeMap, BTreeSet, btree_map::Entry},
@@ -14,20 +14,20 @@ use grimace::{
     units::SequenceId,
 };
 
-/// Sequences that are named of those that failed in the same way.
+/// Number of ids that are listed for each kind of failure.
 const NAMED: usize = 6;
 
-/// What is said before the name of a sequence that deserves a look.
+/// Prefix of lines about sequences to review.
 pub const LOOK_AGAIN: &str = "look again";
 
-/// What became of sequences that failed.
+/// Prefix of lines about failed sequences.
 pub const FAILED: &str = "failed";
 
-/// Most kinds of failures that are told apart.
+/// Most kinds of failures that are distinguished.
 const KINDS: usize = 12;
 
-/// Failures by what they have in common: names of files and numbers aside. The first of each is to be printed as it happens; further ones, as
-/// they were to be printed, wait for the end.
+/// Failures by kind: equal except for names of files and numbers. The first of each kind is printed at once; the others are collected until
+/// the end.
 #[derive(Debug, Default)]
 pub struct Repeated {
     kinds: BTreeMap<String, Kind>,
@@ -45,7 +45,7 @@ struct Kind {
 }
 
 impl Repeated {
-    /// Whether a failure is the first of its kind; others are kept.
+    /// Returns whether a failure is the first of its kind. Others are stored.
     pub fn is_first(&mut self, id: &str, reason: &str, line: &str) -> bool {
         let is_name =
             |word: &str| word.contains(id) || word.contains(['/', '\\', '`']) || word.trim_end_matches('.').contains('.');
@@ -68,7 +68,7 @@ impl Repeated {
         }
     }
 
-    /// What is left to say: one more as it is, several as their number, with what became of them and the table that has the reasons of all.
+    /// Lines about the stored failures: a single one in full, several as their number, with the prefix and the table that has all reasons.
     pub fn rest(&self, became: &str, table: Option<&str>) -> Vec<String> {
         let summed = |ids: &mut Vec<String>, how: &str| {
             ids.sort();
@@ -92,12 +92,12 @@ impl Repeated {
     }
 }
 
-/// Says of sequences that failed why, with the table that has all reasons, if it was written.
+/// Prints the reasons of failed sequences, and the table with all reasons if it was written.
 pub fn say_failures<'a>(failures: impl IntoIterator<Item = &'a Failure>, table: Option<&Path>) {
     lines_of(failures, table).iter().for_each(|line| eprintln!("{line}"));
 }
 
-/// A line `WHAT: ID: REASON` for every sequence; of many alike the first, and of how many more the same is to be said.
+/// A line `WHAT: ID: REASON` for every sequence; for equal reasons the first one, and the number of the others.
 pub fn lines_by_kind<'a>(
     said: impl IntoIterator<Item = (&'a SequenceId, String, String)>,
     became: &str,
@@ -115,7 +115,7 @@ pub fn lines_by_kind<'a>(
     lines
 }
 
-/// Says of how many tracks a dataset knows nothing: their labels are those beside them.
+/// Prints how many tracks a dataset does not list; their labels come from the files beside them.
 pub fn say_unlisted(models: &[AnalyzedModel], dataset: Option<&Dataset>) {
     let Some(dataset) = dataset else { return };
     let known: BTreeSet<&SequenceId> = dataset.sequences.iter().map(|s| &s.id).collect();
@@ -189,7 +189,7 @@ mod tests {
             let (subject, sequence) = (format!("S{k:03}"), "5".to_owned());
             Failure { subject, sequence, stage: Stage::Dataset, reason }
         };
-        // A file in the folder that one is in has no `/` in its name.
+        // The name of a file in the current folder has no `/`.
         let alike: Vec<Failure> = (0..40).map(|k| failure(k, format!("{}.csv: is empty", ["joy", "fear"][k % 2]))).collect();
         let said = lines_of(&alike, Some(Path::new("out/failures.csv")));
         let named = "S001_5; S002_5; S003_5; S004_5; S005_5; S006_5; and 33 more";

@@ -165,7 +165,7 @@ fn info(args: &InfoArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// A file with everything that `check` finds in it.
+/// Reads a file and counts all findings of `check`.
 fn read_counted(path: &Path) -> Result<FapFile, FapReadError> {
     let bytes = bytes_of(path)?;
     Ok(FapFile { findings: check_fap(&bytes), ..read_fap_bytes(path, &bytes)? })
@@ -200,7 +200,7 @@ fn summary_text(path: &Path, summary: &SequenceSummary, findings: &[Finding]) ->
         text.push_str("  ");
         for (k, (cell, width)) in row.iter().zip(widths).enumerate() {
             let gap = if k == 0 { "" } else { "  " };
-            // Name and unit are words, the others numbers.
+            // Name and unit are left-aligned, numbers right-aligned.
             let _ = if k == 1 || k == 2 { write!(text, "{gap}{cell:<width$}") } else { write!(text, "{gap}{cell:>width$}") };
         }
         text.push('\n');
@@ -283,7 +283,7 @@ fn convert(args: &ConvertArgs) -> anyhow::Result<Outcome> {
     }
     let (mut sequence, like_input) = read(args)?;
     let profile = args.profile.unwrap_or(like_input);
-    // Before the timing: what frames between two others are depends on what an unset FAP is.
+    // The mask is applied before the timing, because interpolated frames depend on the meaning of an unset FAP.
     sequence.apply_mask(&args.mask);
     let mut sequence = set_timing(args, profile, sequence)?;
     if !to_csv {
@@ -307,7 +307,7 @@ fn convert(args: &ConvertArgs) -> anyhow::Result<Outcome> {
     let values = args.values.unwrap_or(if to_csv { Values::Float } else { Values::Integer });
     if values == Values::Integer {
         let rounded = sequence.round();
-        // Interpolated values are never integers: only the file's own are worth a word.
+        // Interpolated values are never integers: only values of the file itself need a warning.
         if rounded > 0 && args.between.is_none() && args.fps.is_none() {
             note(&format!("rounded {} to integers", count(rounded, "value")));
         }
@@ -327,7 +327,7 @@ fn convert(args: &ConvertArgs) -> anyhow::Result<Outcome> {
         print(&fap_text(&sequence, profile, format).context("standard output")?)?;
     } else {
         write_fap_as(output, &sequence, profile, format).map_err(|error| match error {
-            // It names the file.
+            // The message names the file.
             FapWriteError::Output(error) => anyhow::Error::from(error),
             error @ FapWriteError::Content(_) => anyhow::Error::from(error).context(output.display().to_string()),
         })?;
@@ -335,10 +335,10 @@ fn convert(args: &ConvertArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Reads the input and tells what was tolerated; and the profile that the output has if none is asked for.
+/// Reads the input, prints what was tolerated, and returns the default profile of the output.
 fn read(args: &ConvertArgs) -> anyhow::Result<(FapSequence, Profile)> {
     if is_csv(&args.input) {
-        // The table has no frame rate: it gets the output's, so that nothing is interpolated.
+        // A table has no frame rate: it gets that of the output, so that nothing is interpolated.
         let sequence = read_tidy_csv(&args.input, f64::from(args.fps.unwrap_or(FPS)))?;
         if args.fps.is_none() {
             note(&format!("a table has no frame rate; using {FPS} frames per second; --fps sets another"));
@@ -359,7 +359,7 @@ fn read(args: &ConvertArgs) -> anyhow::Result<(FapSequence, Profile)> {
         let deviations = count(findings.len(), "deviation");
         note(&format!("{}: {deviations} tolerated; `grimace fap check` lists them", args.input.display()));
     }
-    // What is written for Greta stays so, as far as it is asked for nothing that Greta does not play.
+    // A file written for Greta stays so, unless options are given that Greta cannot play.
     let plays = |profile: Profile| {
         let fps = args.fps.map_or(sequence.fps, f64::from);
         args.values != Some(Values::Float) && profile.fixed_fps().is_some_and(|only| f64::from(only) == fps)
@@ -371,7 +371,7 @@ fn read(args: &ConvertArgs) -> anyhow::Result<(FapSequence, Profile)> {
     Ok((sequence, if stays { Profile::Greta } else { Profile::default() }))
 }
 
-/// Changes frames and frame rate as asked.
+/// Changes frames and frame rate as requested.
 fn set_timing(args: &ConvertArgs, profile: Profile, sequence: FapSequence) -> anyhow::Result<FapSequence> {
     let fps = args.fps.or(profile.fixed_fps()).map_or(sequence.fps, f64::from);
     if args.fps.is_none() && fps.total_cmp(&sequence.fps).is_ne() {
@@ -403,7 +403,7 @@ fn json<T: Serialize>(value: &T) -> anyhow::Result<String> {
     Ok(serde_json::to_string_pretty(value)? + "\n")
 }
 
-/// Writes to standard output; a reader that has seen enough (`| head`) is no error.
+/// Writes to standard output. A reader that closes the pipe early (`| head`) is not an error.
 fn print(text: &str) -> anyhow::Result<()> {
     let mut stdout = io::stdout().lock();
     match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {

@@ -88,7 +88,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     anyhow::ensure!(!files.is_empty(), "found no track files; a track is a .csv that `grimace run` or `grimace track` wrote");
     let mut targets: BTreeMap<PathBuf, &Path> = BTreeMap::new();
     for path in &files {
-        // What does not read is said below.
+        // Unreadable tracks are reported below.
         let Ok(info) = read_track_info(path) else { continue };
         let target = target_of(&id_beside(info.as_ref(), path), args);
         let same = |a: &Path, b: &Path| matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b);
@@ -125,7 +125,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     })
 }
 
-/// Whose track it is: as the file beside it says, else as its name does.
+/// Id of a track: from the file beside it, otherwise from its name.
 fn id_beside(info: Option<&TrackInfo>, path: &Path) -> SequenceId {
     info.map_or_else(|| id_of(path), |info| info.id.clone())
 }
@@ -169,7 +169,7 @@ fn one(path: &Path, args: &Args, bench: &Workbench, own: &OwnFolder) -> anyhow::
     names.iter().try_for_each(|name| Ok(own.wrote(name)?))
 }
 
-/// The file of a track's blendshapes; of a folder the one with the track's name, `None` where it has none.
+/// The file of a track's blendshapes. In a folder it is the file with the name of the track; `None` if there is none.
 fn blendshapes_of(path: &Path, id: &str) -> Option<PathBuf> {
     if !path.is_dir() {
         return Some(path.to_owned());

@@ -63,7 +63,7 @@ struct Row {
     residual: String,
 }
 
-/// The file of the picture: as named, or of the image's name in a folder, which is what has no extension.
+/// File of the overlay picture: the given one or, for a path without extension, a file with the name of the image in this folder.
 fn overlay_file(path: &Path, image: &Path) -> anyhow::Result<PathBuf> {
     if path.is_dir() || path.extension().is_none() {
         return Ok(path.join(format!("{}.png", image.file_stem().unwrap_or_default().to_string_lossy())));

@@ -133,7 +133,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             println!("note: in the table of people, but without a sequence: {}", shortened(&manifest.people_without_rows));
         }
         let folder = quoted(&args.folder.display().to_string());
-        // A model has five frames, so those between two pictures are interpolated.
+        // A model has five frames, so the frames between two pictures are interpolated.
         let resample = if pairs > 0 { " --resample linear" } else { "" };
         println!(
             "next: check the dataset in seconds with grimace check {folder}{resample}, then grimace run {folder} -o results{resample}"
@@ -142,7 +142,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// What was taken over from the manifest that was there, and what was not.
+/// Prints what was kept from the existing manifest and what was not.
 fn say_kept(kept: &Kept) {
     if !kept.columns.is_empty() {
         println!("note: kept from the old manifest: {}", shortened(&kept.columns));
@@ -155,7 +155,7 @@ fn say_kept(kept: &Kept) {
     }
 }
 
-/// The first names of a list, and how many more there are.
+/// The first names of a list, and the number of the others.
 fn shortened(names: &[String]) -> String {
     const SHOWN: usize = 12;
     let more = names.len().saturating_sub(SHOWN);

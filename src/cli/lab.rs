@@ -1,4 +1,4 @@
-//! `grimace simulate` and `grimace evaluate`: commands of a program of its own, `grimace-lab`.
+//! `grimace simulate` and `grimace evaluate`: commands of the separate program `grimace-lab`.
 
 use std::{
     ffi::{OsStr, OsString},
@@ -12,7 +12,7 @@ use super::Outcome;
 /// Name of the program.
 const PROGRAM: &str = "grimace-lab";
 
-/// Arguments, which are the other program's to understand.
+/// Arguments, passed to the other program unchanged.
 #[derive(Debug, clap::Args)]
 #[command(disable_help_flag = true, disable_version_flag = true)]
 pub struct Args {
@@ -20,7 +20,7 @@ pub struct Args {
     pub arguments: Vec<OsString>,
 }
 
-/// The command and arguments of the lab that a whole command line asks for, `help COMMAND` included.
+/// Returns the command and arguments of the lab in a command line, `help COMMAND` included.
 pub fn asked(mut arguments: impl Iterator<Item = OsString>) -> Option<(&'static str, Vec<OsString>)> {
     let command = |word: &OsStr| ["simulate", "evaluate"].into_iter().find(|name| word == *name);
     let first = arguments.next()?;
@@ -48,14 +48,14 @@ pub fn run(command: &str, arguments: &[OsString]) -> anyhow::Result<Outcome> {
     Err(anyhow::Error::new(error).context(format!("cannot start {PROGRAM}")))
 }
 
-/// Becomes the other program.
+/// Replaces this process by the other program.
 #[cfg(unix)]
 fn start(mut lab: Command) -> std::io::Result<Outcome> {
     use std::os::unix::process::CommandExt;
     Err(lab.exec())
 }
 
-/// Runs the other program to its end.
+/// Runs the other program until it ends.
 #[cfg(not(unix))]
 fn start(mut lab: Command) -> std::io::Result<Outcome> {
     Ok(lab.status()?.code().and_then(|code| u8::try_from(code).ok()).map_or(Outcome::Failed, Outcome::Other))

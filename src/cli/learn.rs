@@ -193,7 +193,7 @@ fn print_summary(summary: &LearnSummary, size: usize) {
     }
 }
 
-/// The command without the folders of this machine.
+/// The command line without folders of this machine.
 fn command(args: &LocatorArgs) -> String {
     let left_out = if args.leave_out.is_empty() { String::new() } else { format!(" --leave-out {}", args.leave_out.join(",")) };
     let kept = args.keep.as_deref().map(|path| {

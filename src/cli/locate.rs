@@ -76,7 +76,7 @@ pub struct Args {
     quiet: bool,
 }
 
-/// A share of the eye distance, which is easily taken for percent.
+/// Parses a share of the eye distance; users may enter percent by mistake.
 fn share(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(share) if (0.0..=1.0).contains(&share) => Ok(share),
@@ -108,7 +108,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         every_size: args.every_size,
     };
     let (mut pictures, mut failures) = (Vec::new(), Vec::new());
-    // Patterns that overlap name a picture twice.
+    // Overlapping patterns name a picture twice.
     let mut named = BTreeSet::new();
     for path in args.pictures.iter().filter(|path| named.insert(path.canonicalize().unwrap_or_else(|_| (*path).clone()))) {
         let (found, failed) = pictures_of(path)?;
@@ -138,7 +138,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         let name = picture.name.as_str();
         faces.iter().flat_map(|found| found.faces.iter().map(|face| (found.size, face))).enumerate().flat_map(
             move |(k, (size, face))| {
-                // Of a face that the border cuts, the points beyond it cannot be seen.
+                // If the border cuts a face, the points beyond it are not visible.
                 face.points.iter().filter(move |point| size.contains(&point.position)).map(move |point| {
                     let numbers = [point.position.x, point.position.y, point.expected_error].map(nine_digits);
                     [name.to_owned(), (k + 1).to_string(), point.node.to_string()].into_iter().chain(numbers).collect::<Vec<_>>()
@@ -158,7 +158,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         match faces {
             Err(reason) => {
                 unreadable += 1;
-                // What OpenCV or the file system says names the file.
+                // Messages of OpenCV and of the file system name the file.
                 if reason.contains(&picture.name) { eprintln!("{reason}") } else { eprintln!("{}: {reason}", picture.name) }
             }
             Ok(Located { faces, .. }) if faces.is_empty() => {

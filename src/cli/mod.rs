@@ -1,11 +1,11 @@
 //! The command line: parse, call the library, print.
 
-/// Prints a line like `std`'s macro of this name, which panics when nobody reads on (`grimace fap info a.fap | head -1`).
+/// Prints a line like the macro of `std`, which panics when nobody reads the output (`grimace fap info a.fap | head -1`).
 macro_rules! println {
     ($($arg:tt)*) => { $crate::cli::print::line(format_args!($($arg)*)) };
 }
 
-/// Prints a line to standard error without a panic when that is not possible.
+/// Prints a line to standard error, without a panic if this fails.
 macro_rules! eprintln {
     ($($arg:tt)*) => { $crate::cli::print::error_line(format_args!($($arg)*)) };
 }
@@ -126,7 +126,7 @@ enum Command {
     Man(package::ManArgs),
 }
 
-/// How a command that did not fail ended.
+/// How a command ended that did not fail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
     /// Exit status 0.
@@ -140,7 +140,7 @@ pub enum Outcome {
     Other(u8),
 }
 
-/// An error with its causes. Errors of the library hold their cause in their own text; it is not said twice.
+/// An error with its causes. Errors of the library contain the text of their cause, which is not repeated.
 pub fn chain(error: &anyhow::Error) -> String {
     error.chain().map(|cause| message(&cause.to_string()).into_owned()).fold(String::new(), |text, cause| {
         if text.contains(&cause) {
@@ -153,9 +153,9 @@ pub fn chain(error: &anyhow::Error) -> String {
     })
 }
 
-/// Prints an error, if there is one, and gives the exit status: 0 done, 1 failed, 3 done but some sequences failed.
+/// Prints an error, if there is one, and returns the exit status: 0 done, 1 failed, 3 done but some sequences failed.
 pub fn exit_code(result: anyhow::Result<Outcome>) -> ExitCode {
-    // Done is said when it is on the disk.
+    // Success is reported only when the output is on the disk.
     let result = result.and_then(|outcome| crate::output::sync_written().map(|()| outcome).map_err(Into::into));
     match result.and_then(|outcome| print::check().map(|()| outcome)) {
         Ok(Outcome::Done) => ExitCode::SUCCESS,

@@ -1,4 +1,4 @@
-//! Numbers on the command line: what an option takes, and what is said of anything else.
+//! Numbers on the command line: accepted values, and messages about others.
 
 use std::{
     error::Error as _,
@@ -13,15 +13,15 @@ use grimace::dataset::FRAME_RATES;
 
 use super::shared::quoted;
 
-/// Parses the arguments of the process. Negative numbers are values of options: an option says itself which it takes.
+/// Parses the arguments of the process. Negative numbers are values of options; each option checks its own.
 pub fn parse<C: Parser>() -> Result<C, clap::Error> {
     let mut command = with_negative_numbers(C::command());
     let mut matches = command.try_get_matches_from_mut(std::env::args_os())?;
     C::from_arg_matches_mut(&mut matches).map_err(|error| error.format(&mut command))
 }
 
-/// The options of a command as they were given to the process, as one writes them in a shell, without those of `left_out`, by their long names, and
-/// arguments without a name; for saying what another command with the same options is to be given.
+/// The options of a command as given to the process, in the form for a shell, by their long names, without those of `left_out` and without
+/// arguments that have no name. Used to suggest another command with the same options.
 pub fn given_options<C: Parser>(left_out: &[&str]) -> Vec<String> {
     let mut command = with_negative_numbers(C::command());
     let Ok(matches) = command.try_get_matches_from_mut(std::env::args_os()) else { return Vec::new() };
@@ -47,7 +47,7 @@ fn with_negative_numbers(command: Command) -> Command {
         .mut_subcommands(with_negative_numbers)
 }
 
-/// What Rust says of a text that is no number, and what is said instead.
+/// Translates Rust's message about a text that is not a number.
 pub fn expected_number(said: &clap::Error) -> Option<(String, &'static str)> {
     let source = said.source()?;
     let expected = match source.downcast_ref::<ParseIntError>().map(ParseIntError::kind) {
@@ -66,7 +66,7 @@ fn number(text: &str, fits: impl Fn(f64) -> bool, expected: &str) -> Result<f64,
     }
 }
 
-/// A number within bounds, which `said` names.
+/// A number within bounds; `said` describes them.
 pub fn within(text: &str, bounds: RangeInclusive<f64>, said: &str) -> Result<f64, String> {
     number(text, |v| bounds.contains(&v), &format!("a number from {said}"))
 }
@@ -75,17 +75,17 @@ pub fn positive(text: &str) -> Result<f64, String> {
     number(text, |v| v > 0.0, "a number greater than 0")
 }
 
-/// Frames per second of a recording, or of what is made.
+/// Frames per second of a recording or of an output.
 pub fn frame_rate(text: &str) -> Result<f64, String> {
     within(text, FRAME_RATES, "0.1 to 1000 frames per second")
 }
 
-/// A factor on a motion: a hundredfold is nothing that a face does.
+/// A factor on a motion; no face moves a hundred times as far.
 pub fn emphasis(text: &str) -> Result<f64, String> {
     number(text, |v| v > 0.0 && v <= 100.0, "a number greater than 0, 100 at most")
 }
 
-/// Gains, over a stiffness of 1, whose equations can be solved in double precision.
+/// Gains for which the equations can be solved in double precision, at a stiffness of 1.
 const GAINS: RangeInclusive<f64> = 1e-9..=1e9;
 
 pub fn gain(text: &str) -> Result<f64, String> {
@@ -124,7 +124,7 @@ where
     }
 }
 
-/// Most threads that can be asked for: more than any machine has processors that one process may use.
+/// Largest number of threads: no machine has more processors that one process may use.
 const MOST_THREADS: usize = 1024;
 
 /// A number of threads; 0 for one per processor.

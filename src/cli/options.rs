@@ -1,4 +1,4 @@
-//! Options of the library's stages that several commands have.
+//! Options of the stages of the library, shared by several commands.
 
 use std::path::{Path, PathBuf};
 
@@ -20,7 +20,7 @@ use serde::de::DeserializeOwned;
 
 use super::numbers::{alpha, count, gain, gain_or_none, not_negative, positive, power, share, share_up_to_one, whole};
 
-/// One of some words, turned into the library's enum of the same words.
+/// One of several words, converted to the enum of the library with the same words.
 pub fn words<T: DeserializeOwned + Clone + Send + Sync + 'static>(
     list: &'static [&'static str],
 ) -> impl TypedValueParser<Value = T> {
@@ -85,7 +85,7 @@ impl FitArgs {
         self.options_of(Method::Default)
     }
 
-    /// The options, those that are not given as the method has them.
+    /// The options; those that are not given have the values of the method.
     pub fn options_of(&self, method: Method) -> FitOptions {
         let of_method = method.fit();
         FitOptions {
@@ -168,7 +168,7 @@ impl TrackArgs {
         self.options_of(Method::Default)
     }
 
-    /// The options, those that are not given as the method has them.
+    /// The options; those that are not given have the values of the method.
     pub fn options_of(&self, method: Method) -> TrackOptions {
         let of = method.track();
         TrackOptions {
@@ -236,7 +236,7 @@ pub struct ModelArgs {
 }
 
 impl ModelArgs {
-    /// The options of normalization, those that are not given as the method has them.
+    /// The options of normalization; those that are not given have the values of the method.
     pub fn normalize_of(&self, method: Method) -> NormalizeOptions {
         let by_method = method.normalize();
         NormalizeOptions {
@@ -251,7 +251,7 @@ impl ModelArgs {
         self.statistics_of(Method::Default)
     }
 
-    /// The options of the statistics, those that are not given as the method has them.
+    /// The options of the statistics; those that are not given have the values of the method.
     pub fn statistics_of(&self, method: Method) -> StatisticsOptions {
         let weighting = self.weight.unwrap_or(method.statistics().weighting);
         StatisticsOptions { alpha: self.alpha, median: self.median, weighting, trim: self.trim }

@@ -1,10 +1,11 @@
-//! A folder that one command writes its results into: nobody else meanwhile, and nothing there that is not its own is written over.
+//! A folder of results of one command: no other command writes there at the same time, and only files of the command itself are
+//! overwritten.
 
 use std::path::{Path, PathBuf};
 
 use grimace::output::{FolderRecord, OutputError};
 
-/// A folder of results with the record of what earlier commands of this name wrote there.
+/// A folder of results, with the record of the files that earlier runs of the command wrote there.
 pub struct OwnFolder {
     folder: PathBuf,
     command: &'static str,
@@ -12,13 +13,13 @@ pub struct OwnFolder {
 }
 
 impl OwnFolder {
-    /// Opens the folder's record, `COMMAND.b3`; nothing is written yet.
+    /// Opens the record of the folder, `COMMAND.b3`. Nothing is written yet.
     pub fn open(folder: &Path, command: &'static str) -> Result<Self, OutputError> {
         let record = FolderRecord::open(folder, &record_name(command), true)?;
         Ok(Self { folder: folder.to_owned(), command, record })
     }
 
-    /// Refuses to write over a file of these names that no earlier command of this name wrote, or that was changed since.
+    /// Refuses to overwrite files with these names that the command did not write or that were changed since.
     pub fn check_own<N: AsRef<str>>(&self, names: impl IntoIterator<Item = N>) -> anyhow::Result<()> {
         let is_foreign = |name: &N| {
             let is_there = std::fs::symlink_metadata(self.folder.join(name.as_ref())).is_ok();
@@ -34,22 +35,22 @@ impl OwnFolder {
         )
     }
 
-    /// Takes the folder: until the end no other command of this name writes into it.
+    /// Claims the folder: until the end no other process of this command writes into it.
     pub fn begin(&self) -> Result<(), OutputError> {
         self.record.begin()
     }
 
-    /// Enters a file of the folder that was written just now.
+    /// Records a file of the folder that was just written.
     pub fn wrote(&self, name: &str) -> Result<(), OutputError> {
         self.record.enter_written(name)
     }
 
-    /// Enters a file of the folder that was written just now, with its BLAKE3.
+    /// Records a file of the folder that was just written, with its BLAKE3.
     pub fn wrote_as(&self, name: &str, hash: impl std::fmt::Display) -> Result<(), OutputError> {
         self.record.wrote(name, hash.to_string())
     }
 
-    /// Removes what earlier commands left there and this one did not write, and lets the folder go. What was changed since is kept, and said.
+    /// Removes files of earlier commands that this one did not write, and releases the folder. Changed files are kept and reported.
     pub fn end(self) -> Result<(), OutputError> {
         for name in self.record.remove_stale()? {
             eprintln!(
@@ -61,7 +62,7 @@ impl OwnFolder {
         self.record.close()
     }
 
-    /// Lets the folder go, with all that earlier commands left there.
+    /// Releases the folder and keeps all files of earlier commands.
     pub fn end_beside_earlier(self) -> Result<(), OutputError> {
         self.record.keep(|_| true);
         self.record.close()
@@ -72,7 +73,7 @@ fn record_name(command: &str) -> String {
     format!("{command}.b3")
 }
 
-/// Refuses a file where a folder of results is to be.
+/// Refuses a file in place of a folder of results.
 pub fn check_is_folder(path: &Path) -> anyhow::Result<()> {
     let is_there = path.exists();
     anyhow::ensure!(
@@ -83,7 +84,7 @@ pub fn check_is_folder(path: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Whether something is in a folder beside what `command` keeps there for itself.
+/// Returns whether a folder has files other than those that `command` keeps for itself.
 pub fn is_used(folder: &Path, command: &str) -> bool {
     let own = [record_name(command), super::unfinished::NAME.to_owned()];
     let is_result = |name: &str| !own.iter().any(|own| own == name) && !name.starts_with(".grimace-");
@@ -121,7 +122,7 @@ mod tests {
         std::fs::write(at("animation.glb"), "mine").unwrap();
         assert!(write("animation.glb", "ours").is_err());
         assert_eq!(std::fs::read_to_string(at("animation.glb")).unwrap(), "mine");
-        // What an earlier one left goes with its folder, what was changed stays.
+        // Files of an earlier command are removed with its folder; changed files are kept.
         write("fear/fitness.csv", "four").unwrap();
         write("weights.csv", "five").unwrap();
         assert!(at("joy/fitness.csv").exists() && !at("fear").exists());

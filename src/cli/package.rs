@@ -1,4 +1,4 @@
-//! `grimace completions` and `grimace man`: what a package installs beside the program.
+//! `grimace completions` and `grimace man`: files that a package installs with the program.
 
 use std::{io, path::PathBuf};
 
@@ -47,7 +47,7 @@ pub fn man(args: &ManArgs) -> anyhow::Result<Outcome> {
     let Some(folder) = &args.output else { return print(&page(&command)?) };
     let mut all = vec![command];
     while let Some(command) = all.pop() {
-        // Built commands have their whole name with hyphens as display name: `grimace-fap-info`.
+        // The display name of a built command is its full name with hyphens: `grimace-fap-info`.
         let name = command.get_display_name().unwrap_or_else(|| command.get_name()).to_owned();
         output::write_bytes(&folder.join(format!("{name}.1")), &page(&command)?)?;
         all.extend(command.get_subcommands().filter(|c| c.get_name() != "help" && !c.is_hide_set()).cloned());
@@ -61,7 +61,7 @@ fn page(command: &clap::Command) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Prints bytes; a reader that has seen enough is no error.
+/// Prints bytes. A reader that closes the pipe early is not an error.
 fn print(bytes: &[u8]) -> anyhow::Result<Outcome> {
     match io::Write::write_all(&mut io::stdout(), bytes) {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(error.into()),

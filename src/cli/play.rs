@@ -21,7 +21,7 @@ use super::{
     synthesize_warnings::nothing_shown,
 };
 
-/// Heights of the picture of a face in the page, px.
+/// Height of the picture of a face in the page, px.
 const HEIGHT: u32 = 640;
 
 /// Make a web page that plays motions on faces.
@@ -119,7 +119,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     let html = page(&title, &shown, &faces, &heads, &bench)?;
     output::write_bytes(&args.output, html.as_bytes())?;
-    // As the page has them: with those that are put between.
+    // Frames as in the page, including inserted ones.
     let frames = motions.iter().map(SourceMotion::even_frame_count).collect::<Result<Vec<_>, _>>()?;
     if let Some(said) = too_large(html.len(), &labels, &frames, faces.len() + heads.len()) {
         eprintln!("note: {}: {said}", args.output.display());
@@ -137,7 +137,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// What helps where a motion does not go onto a bank.
+/// Advice if a bank cannot show a motion.
 fn to_do(error: &SynthesisError) -> &'static str {
     match error {
         SynthesisError::Scale { .. } => "; give another --bank that has them, or none",
@@ -145,13 +145,13 @@ fn to_do(error: &SynthesisError) -> &'static str {
     }
 }
 
-/// Size from which on a page is slow to open, bytes.
+/// Size above which a page opens slowly, bytes.
 const LARGE_BYTES: usize = 10_000_000;
 
-/// What a frame of a motion takes, bytes: offsets of 113 nodes and a few FAPs.
+/// Size of one frame of a motion, bytes: offsets of 113 nodes and a few FAPs.
 const FRAME_BYTES: usize = 650;
 
-/// What a person should know of a page that is large: its faces make it so, the longest motion, or the number of all.
+/// Warning about a large page, with the cause: its faces, the longest motion, or the number of motions.
 fn too_large(bytes: usize, labels: &[String], frames: &[usize], faces: usize) -> Option<String> {
     let (longest, most) = labels.iter().zip(frames).max_by_key(|(_, frames)| **frames)?;
     let all: usize = frames.iter().sum();
@@ -168,8 +168,8 @@ fn too_large(bytes: usize, labels: &[String], frames: &[usize], faces: usize) ->
     (bytes > LARGE_BYTES).then(|| format!("the page has {:.0} MB and opens slowly; {to_do}", bytes as f64 / 1e6))
 }
 
-/// What the motions are called: tracks by whom and what they show, all others and twins of these by their files; those of one name with the
-/// extension, and with a number if need be.
+/// Labels of the motions: tracks by subject and emotion, all others and duplicates by their files. Equal names get the extension and, if
+/// necessary, a number.
 fn labels(paths: &[PathBuf], motions: &[SourceMotion]) -> Result<Vec<String>, TrackFileError> {
     let ids = paths.iter().zip(motions).map(|(path, motion)| shown_of(path, motion)).collect::<Result<Vec<_>, _>>()?;
     let is_alone = |id: &&SequenceId| ids.iter().flatten().filter(|other| other == id).count() == 1;
@@ -180,13 +180,13 @@ fn labels(paths: &[PathBuf], motions: &[SourceMotion]) -> Result<Vec<String>, Tr
     Ok(distinct(&ids.iter().zip(motions).map(name).collect::<Vec<_>>(), paths))
 }
 
-/// Whom and what a track shows, where the file beside it says more than its name.
+/// Subject and emotion of a track, if the file beside it has more than its name.
 fn shown_of(path: &Path, motion: &SourceMotion) -> Result<Option<SequenceId>, TrackFileError> {
     let info = if motion.kind == SourceKind::Track { read_track_info(path)? } else { None };
     Ok(info.map(|info| info.id).filter(|id| *id != id_of(path)))
 }
 
-/// Names, those that are there twice with the extension of their files, and with a number if need be.
+/// Makes names distinct: duplicates get the extension of their files and, if necessary, a number.
 fn distinct(names: &[String], paths: &[PathBuf]) -> Vec<String> {
     let mut labels: Vec<String> = Vec::with_capacity(names.len());
     for (name, path) in names.iter().zip(paths) {
@@ -199,7 +199,7 @@ fn distinct(names: &[String], paths: &[PathBuf]) -> Vec<String> {
     labels
 }
 
-/// The faces and what they are called.
+/// The faces and their labels.
 fn targets(args: &Args, bench: &Workbench) -> anyhow::Result<Vec<(String, Target)>> {
     if args.portrait.is_empty() && args.bank.is_some() {
         return Ok(Vec::new());
@@ -213,7 +213,7 @@ fn targets(args: &Args, bench: &Workbench) -> anyhow::Result<Vec<(String, Target
         Ok((target.name.clone(), target))
     };
     let mut targets: Vec<(String, Target)> = args.portrait.iter().enumerate().map(portrait).collect::<Result<_, _>>()?;
-    // Pictures of one name get numbers.
+    // Pictures with the same name get numbers.
     for k in 0..targets.len() {
         let name = targets[k].0.clone();
         let free = (2..).map(|n| format!("{name} ({n})")).find(|l| targets[..k].iter().all(|(known, _)| known != l));

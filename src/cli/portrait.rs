@@ -1,4 +1,4 @@
-//! Photographs that expressions are put on.
+//! Photographs on which expressions are put.
 
 use std::path::Path;
 
@@ -12,8 +12,8 @@ use grimace::{
 
 use super::shared::marks_found;
 
-/// A photograph with the marks of a file, or those that are found in it; it is called as its file is. Where marks of a file lie beside the
-/// face of the photograph, that is said.
+/// Reads a photograph with the marks of a file, or with found marks. It has the name of its file. Marks of a file that miss the face of the
+/// photograph are reported.
 pub fn target(path: &Path, marks: Option<&Path>, selection: &LandmarkSelection, bench: &Workbench) -> anyhow::Result<Target> {
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
     let portrait = Portrait::read(path)?;

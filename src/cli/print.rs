@@ -8,11 +8,11 @@ use std::{
     sync::OnceLock,
 };
 
-/// Why standard output could not be written, if so.
+/// Reason why standard output could not be written, if this happened.
 static FAILURE: OnceLock<io::Error> = OnceLock::new();
 
-/// Prints a line to standard output; what files hold commands no terminal. A reader that has seen enough is no failure; any other
-/// is kept for `check`.
+/// Prints a line to standard output. Texts of files cannot send commands to a terminal. A reader that closes the pipe early is not an
+/// error; any other error is kept for `check`.
 pub fn line(text: fmt::Arguments<'_>) {
     match writeln!(io::stdout(), "{}", printable(&text.to_string())) {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => drop(FAILURE.set(error)),
@@ -20,12 +20,12 @@ pub fn line(text: fmt::Arguments<'_>) {
     }
 }
 
-/// Prints a line to standard error. Where that fails nobody can be told.
+/// Prints a line to standard error. If that fails, nothing can be reported.
 pub fn error_line(text: fmt::Arguments<'_>) {
     let _ = writeln!(io::stderr(), "{}", message(&text.to_string()));
 }
 
-/// Fails when a line could not be printed.
+/// Fails if a line could not be printed.
 pub fn check() -> anyhow::Result<()> {
     match FAILURE.get() {
         Some(error) => Err(anyhow::anyhow!("cannot write to standard output: {error}")),
@@ -33,7 +33,7 @@ pub fn check() -> anyhow::Result<()> {
     }
 }
 
-/// Prints help, version or an error of usage, and gives the exit status: that of the usage, or 1 where help cannot be printed.
+/// Prints help, version or a usage error, and returns the exit status: that of the usage, or 1 if help cannot be printed.
 pub fn said_by_clap(said: &clap::Error) -> ExitCode {
     if let Some((text, expected)) = super::numbers::expected_number(said) {
         let _ = write!(io::stderr(), "{}", said.render().to_string().replace(&text, expected));

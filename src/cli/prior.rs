@@ -81,7 +81,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// The command without the folders of this machine.
+/// The command line without folders of this machine.
 fn command(args: &Args) -> String {
     let mut words = vec!["grimace prior".to_owned()];
     words.extend(args.landmarks.iter().map(|path| quoted(&name_of(path))));
@@ -90,7 +90,7 @@ fn command(args: &Args) -> String {
     words.join(" ")
 }
 
-/// Name of a file or folder, `.` as what it stands for.
+/// Name of a file or folder; `.` is resolved.
 fn name_of(path: &Path) -> String {
     file_name(&path.canonicalize().unwrap_or_else(|_| path.to_owned()))
 }

@@ -10,7 +10,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::failures::{FAILED, Repeated};
 
-/// Bar over sequences with a count of frames and the time left. Hidden when standard error is no terminal.
+/// Bar over sequences with a count of frames and the remaining time. Hidden if standard error is not a terminal.
 #[derive(Debug)]
 pub struct SequenceBar {
     bar: ProgressBar,
@@ -65,7 +65,7 @@ pub fn frame_bar(quiet: bool, frames: Option<u64>) -> ProgressBar {
     counted_bar(quiet, frames, "frames")
 }
 
-/// Bar over a number of things.
+/// Bar over a number of items.
 pub fn counted_bar(quiet: bool, length: Option<u64>, things: &str) -> ProgressBar {
     let target = if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
     let bar = ProgressBar::with_draw_target(length, target);

@@ -82,7 +82,7 @@ pub struct Args {
     general: GeneralArgs,
 }
 
-/// Options with what a record says of them; `name` is what they are called, and what is not known goes to `unknown`.
+/// Merges options with those of a record. `name` is the path of the option; unknown ones are added to `unknown`.
 fn merged(usual: Value, said: &Value, name: &str, unknown: &mut Vec<String>) -> Value {
     let (Value::Object(mut all), Value::Object(said)) = (usual, said) else { return said.clone() };
     for (key, value) in said {
@@ -95,7 +95,7 @@ fn merged(usual: Value, said: &Value, name: &str, unknown: &mut Vec<String>) -> 
     Value::Object(all)
 }
 
-/// What is read of the record of the run that is learned from.
+/// The parts of a run's record that are used.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 struct Record {
@@ -104,9 +104,10 @@ struct Record {
 }
 
 impl Record {
-    /// The run's options: sequences are tracked and normalized as its are. What it does not say is as usual, and what is not known of it is named.
+    /// The options of the run: sequences are tracked and normalized in the same way. Missing ones have their defaults, and unknown ones are
+    /// reported.
     fn options(&self, with: &Path) -> PipelineOptions {
-        // Nobody sees pictures of what is cut from recordings.
+        // Pictures of segments of recordings are not shown.
         let mut options = PipelineOptions { no_faces: true, ..PipelineOptions::default() };
         let mut unknown = Vec::new();
         for name in ["normalize", "fit", "track", "marks", "landmarks", "unchecked_marks"] {
@@ -127,7 +128,7 @@ impl Record {
                 unknown.join(", ")
             );
         }
-        // Of a prior's file only the content is recorded.
+        // For the file of a prior only the content is recorded.
         if let PriorKind::File(LoadedPrior { prior: None, .. }) = &options.fit.prior {
             options.fit.prior = PriorKind::default();
             eprintln!(
@@ -139,7 +140,7 @@ impl Record {
     }
 }
 
-/// A workbench as the run had that is learned from; its record may not be there.
+/// A workbench like that of the run; its record may be missing.
 fn workbench(args: &Args, record: Option<&Record>) -> anyhow::Result<Workbench> {
     let options =
         record.map_or_else(|| PipelineOptions { no_faces: true, ..PipelineOptions::default() }, |r| r.options(&args.with));
@@ -152,7 +153,7 @@ fn workbench(args: &Args, record: Option<&Record>) -> anyhow::Result<Workbench> 
     Ok(bench)
 }
 
-/// Learns from the tracks that are known, and says what is to be said of that.
+/// Learns from the labelled tracks and prints notes.
 fn learn(known: &[AnalyzedModel], args: &Args, bench: &Workbench) -> anyhow::Result<(Recognizer, Vec<String>)> {
     let labelled: Vec<_> = known.iter().map(|m| (&m.model, m.emotion.as_str())).collect();
     let (labelled, left_out) = shown_by_several(labelled, |(model, label)| (&model.id.subject, label));
@@ -172,7 +173,7 @@ fn learn(known: &[AnalyzedModel], args: &Args, bench: &Workbench) -> anyhow::Res
     Ok((recognizer, left_out))
 }
 
-/// Tracks pictures; their models and what failed.
+/// Tracks pictures; returns their models and failures.
 fn track(
     pictures: Dataset,
     bench: &Workbench,
@@ -226,10 +227,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     let (known, known_failures) = load_tracks(&known_files, dataset.as_ref(), &bench);
     say_unlisted(&known, dataset.as_ref());
+    let known: Vec<AnalyzedModel> = known.into_iter().filter(|m| !m.is_left_out()).collect();
     let Unseen { tracks, pictures, .. } = unseen;
     let (mut unseen, mut failures) = load_unlabelled_tracks(&tracks, &bench);
     say_failures(known_failures.iter().chain(&failures), None);
-    // Before hours of tracking, not after.
+    // Checked before hours of tracking, not after.
     let (recognizer, left_out) = learn(&known, args, &bench)?;
     let has_pictures = !pictures.sequences.is_empty() || !pictures.failures.is_empty();
     let stop = has_pictures.then(stop_flag).transpose()?;
@@ -268,7 +270,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     let results = RecognitionResults { labels: recognizer.labels.clone(), rows, left_out };
     match &args.output {
-        // A table without a row would only be in the way of the next one.
+        // A table without rows would only be in the way of the next run.
         Some(_) if results.rows.is_empty() => eprintln!("note: no sequence was recognized, so no table was written"),
         Some(path) => {
             write_recognition(path, &results, args.none)?;

@@ -82,7 +82,7 @@ fn run_division(args: &Args, bench: &Workbench) -> anyhow::Result<Option<Outcome
     if *plan {
         let plan = pipeline::run_plan(&args.dataset, &args.output, bench, args.general.force)?;
         println!("{}", serde_json::to_string(&plan)?);
-        // The plan itself stands on the standard output; the workflow goes on without these.
+        // The plan itself is printed to standard output; a workflow does not need these notes.
         plan.failures.iter().for_each(|failure| eprintln!("skipped: {failure}"));
         return Ok(Some(Outcome::Done));
     }
@@ -124,27 +124,37 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     bar.finish();
     let summary = result?;
     if !args.general.quiet {
-        print_summary(&summary, &args.output);
+        print_summary(&summary, args);
     }
     Ok(if summary.failures.is_empty() { Outcome::Done } else { Outcome::SomeFailed })
 }
 
-fn print_summary(summary: &RunSummary, out: &Path) {
+fn print_summary(summary: &RunSummary, args: &Args) {
     let RunSummary { sequences, tracked, reused, failures, skipped, .. } = summary;
+    let out = args.output.as_path();
+    let all = count(*sequences, "sequence", "sequences");
     if summary.unchanged {
         say_failures(failures, Some(&out.join("failures.csv")));
-        println!("nothing changed since the last run: {}; nothing written", count(*sequences, "sequence", "sequences"));
-        println!("report: {}", out.join("report.html").display());
-        return;
+        println!("nothing changed since the last run: {all}; nothing written");
+    } else {
+        println!("{all}: {tracked} tracked, {reused} unchanged, {} failed", failures.len());
     }
-    println!("{}: {tracked} tracked, {reused} unchanged, {} failed", count(*sequences, "sequence", "sequences"), failures.len());
-    if !skipped.is_empty() {
-        println!("{} left out: {}", count(skipped.len(), "sequence", "sequences"), skipped[0].1);
+    if let Some((_, reason)) = skipped.first() {
+        println!("{} left out: {reason}", count(skipped.len(), "sequence", "sequences"));
     }
     print_results(&summary.representatives, &summary.warnings, out);
+    if summary.to_look_at > 0 {
+        println!(
+            "next: look at them with grimace annotate {} --tracks {}: Y where one looks right, X to leave one out (or write id,look into \
+             {}); then run again",
+            args.dataset.display(),
+            out.display(),
+            out.join("looked_at.csv").display()
+        );
+    }
 }
 
-/// Prints what was written: the representatives with how many sequences each has, notes, and where the report is.
+/// Prints the results: representatives with their numbers of sequences, notes, and the path of the report.
 pub fn print_results(representatives: &[(String, usize)], warnings: &[String], out: &Path) {
     let width = representatives.iter().map(|(stem, _)| stem.len()).max().unwrap_or(0);
     for (stem, members) in representatives {

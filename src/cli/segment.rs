@@ -118,7 +118,7 @@ impl Thresholds {
     }
 }
 
-/// Bars for the steps of a recording, one after the other.
+/// Progress bars for the steps of a recording, one after the other.
 struct Steps<'a> {
     quiet: bool,
     name: &'a str,
@@ -245,7 +245,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                 done.push((columns, files));
             }
             Err(_) if stop.load(Ordering::Relaxed) => anyhow::bail!("interrupted; finished recordings are kept"),
-            // The table would be written over without its rows, though nothing is wrong with it.
+            // The table would be overwritten without its rows, although nothing is wrong with it.
             Err(error) if matches!(error.downcast_ref(), Some(RecordingError::Newer { .. })) => return Err(error),
             Err(error) => {
                 failed += 1;
@@ -287,7 +287,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     })
 }
 
-/// The recordings by their paths; each has a name of its own.
+/// The recordings by path; each has a unique name.
 fn recordings(args: &Args, bench: &Workbench) -> anyhow::Result<Vec<(PathBuf, Recording)>> {
     let mut names: BTreeMap<String, PathBuf> = BTreeMap::new();
     let mut out = Vec::new();
@@ -313,14 +313,14 @@ fn recordings(args: &Args, bench: &Workbench) -> anyhow::Result<Vec<(PathBuf, Re
     Ok(out)
 }
 
-/// What sequences of a recording are called after: a folder's name, or a video's without its extension.
+/// Prefix of the names of sequences of a recording: the name of the folder, or of the video without its extension.
 fn stem_of(path: &Path) -> String {
     let full = path.canonicalize().unwrap_or_else(|_| path.to_owned());
     let name = if full.is_dir() { full.file_name() } else { full.file_stem() };
     name.unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// The film of a recording, where films are asked for.
+/// The film of a recording, if films are requested.
 fn film_of(args: &Args, stem: &str) -> Option<PathBuf> {
     args.overlay.as_ref().map(|path| {
         let is_film = path.extension().is_some_and(|e| ["mp4", "webm"].iter().any(|f| e.eq_ignore_ascii_case(f)));
@@ -353,7 +353,7 @@ fn one(
     let tick = |step, done, of| steps.tick(step, done, of);
     let found = segment_recording(recording, bench, &options, &tick);
     let written = found.map_err(anyhow::Error::from).and_then(|found| {
-        // What is there of the same recording stays, with marks that were corrected.
+        // Existing results of the same recording are kept, with corrected marks.
         let files = match reusable {
             Some(files) => files,
             None => write_recording(folder, (recording, &found), &options, bench, !args.no_faces, &tick)?,
@@ -370,13 +370,13 @@ fn one(
     written
 }
 
-/// Folder of the table, in full.
+/// Absolute folder of the table.
 fn base_of(table: &Path) -> PathBuf {
     let folder = table.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     folder.canonicalize().unwrap_or_else(|_| folder.to_owned())
 }
 
-/// A recording as the table names it: from the table's folder where it lies in it, else in full.
+/// Path of a recording in the table: relative if it is inside the folder of the table, otherwise absolute.
 fn named_from(base: &Path, path: &Path) -> String {
     let full = path.canonicalize().unwrap_or_else(|_| path.to_owned());
     full.strip_prefix(base).unwrap_or(&full).display().to_string()

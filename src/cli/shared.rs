@@ -43,7 +43,7 @@ pub struct PictureArgs {
     max_pixels: u64,
 }
 
-/// Side of a picture below which no face in it shows anything, px.
+/// Side of a picture in px below which no face is visible.
 const LEAST_SIDE: u64 = 32;
 
 fn pixels(text: &str) -> Result<u64, String> {
@@ -79,7 +79,7 @@ pub struct GeneralArgs {
 impl GeneralArgs {
     pub fn workbench(&self, options: PipelineOptions) -> anyhow::Result<Workbench> {
         let bench = Workbench::new(self.wireframe.as_deref(), options)?;
-        // A face that does not serve is said before hours of tracking, not after.
+        // An unsuitable face is reported before hours of tracking, not after.
         if let ReportFace::Photograph { image, .. } = &bench.options.report_face {
             for said in showcase_remarks(&bench).with_context(|| format!("--portrait {}", image.display()))? {
                 eprintln!("note: --portrait {}: {said}", image.display());
@@ -88,27 +88,27 @@ impl GeneralArgs {
         Ok(bench)
     }
 
-    /// BLAKE3 of the file of the wireframe, where one is given.
+    /// BLAKE3 of the wireframe file, if one is given.
     pub fn wireframe_blake3(&self) -> Option<String> {
         file_blake3(self.wireframe.as_deref()?)
     }
 
-    /// Refuses to write over a file unless `--force` is given.
+    /// Refuses to overwrite a file unless `--force` is given.
     pub fn check_free(&self, path: &std::path::Path) -> anyhow::Result<()> {
-        // Found out now and not after hours of work.
+        // Checked before hours of work, not after.
         target_of(path)?;
         check_free(path, self.force)
     }
 }
 
-/// Refuses to write over a file unless forced.
+/// Refuses to overwrite a file unless forced.
 pub fn check_free(path: &std::path::Path, force: bool) -> anyhow::Result<()> {
     anyhow::ensure!(!is_stdin(path), "-: this command cannot write to standard output; for a file of that name give ./-");
     anyhow::ensure!(force || !path.exists(), "{} exists; give --force to overwrite it", path.display());
     Ok(())
 }
 
-/// The tracks of files and folders; that there are none is an error that says how they are made.
+/// The tracks in files and folders. If there are none, the error says how to make them.
 pub fn some_track_files(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     let files = track_files(paths)?;
     anyhow::ensure!(
@@ -119,7 +119,7 @@ pub fn some_track_files(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     Ok(files)
 }
 
-/// The marks of a file; found in the frame of `picture`, in colour where it is given, too, where no file is given, and what is to be said of that is said.
+/// The marks of a file or, without a file, marks found in the frame of `picture` (in colour if it is given), with notes printed.
 pub fn marks_or_found(
     path: Option<&Path>,
     bench: &Workbench,
@@ -138,7 +138,7 @@ pub fn marks_or_found(
     }
 }
 
-/// The marks that are found in a frame of `picture`, in colour where it is given; what is to be said of that is said.
+/// Marks found in a frame of `picture` (in colour if it is given), with notes printed.
 pub fn marks_found(
     bench: &Workbench,
     picture: &Path,
@@ -152,20 +152,20 @@ pub fn marks_found(
     Ok(found)
 }
 
-/// Says that a motion is none.
+/// Notes that a motion does not move.
 pub fn note_if_still(path: &Path, motion: &SourceMotion) {
     if motion.is_still() {
         eprintln!("note: {}: the motion contains no movement: it shows the neutral face", path.display());
     }
 }
 
-/// A word as one writes it in a shell.
+/// Quotes a word for a shell.
 pub fn quoted(word: &str) -> String {
     let plain = |c: char| c.is_alphanumeric() || "_-./:,+=@%".contains(c);
     if !word.is_empty() && word.chars().all(plain) { word.to_owned() } else { format!("'{}'", word.replace('\'', "'\\''")) }
 }
 
-/// An error about a file: its name, where the error's own text lacks it, and the text.
+/// Error about a file: its name, unless the text of the error has it, and the text.
 pub fn about(path: &Path) -> impl Fn(&dyn std::fmt::Display) -> anyhow::Error {
     move |error| {
         let (path, error) = (path.display().to_string(), error.to_string());
@@ -178,7 +178,7 @@ pub fn set_threads(threads: usize) -> anyhow::Result<()> {
     rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().context("cannot start the threads")
 }
 
-/// A flag that is set when the user interrupts (Ctrl-C) or the system asks to end; a second time ends at once.
+/// A flag that is set when the user interrupts (Ctrl-C) or the system requests the end. A second signal ends at once.
 pub fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);
@@ -206,7 +206,7 @@ pub struct LearnedFileArgs {
 }
 
 impl LearnedFileArgs {
-    /// Prints a summary, and a note where nobody is credited for `whose`.
+    /// Prints a summary, and a note if no credit is given for `whose`.
     pub fn summarize(&self, summary: impl FnOnce(), whose: &str) {
         if !self.quiet {
             summary();
@@ -217,7 +217,7 @@ impl LearnedFileArgs {
     }
 }
 
-/// A folder at the beginning of a sentence: `.` is hardly seen there.
+/// Name of a folder at the beginning of a sentence, where `.` would be hard to see.
 pub fn named_folder(path: &Path) -> String {
     match path.to_str() {
         Some("." | "./") => "the current folder".to_owned(),
@@ -226,7 +226,7 @@ pub fn named_folder(path: &Path) -> String {
     }
 }
 
-/// Name of a file or folder, without the folders above it: what is written into results names no folder of this machine.
+/// Name of a file or folder without its parent folders: results contain no folders of this machine.
 pub fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }

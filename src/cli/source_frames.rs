@@ -1,4 +1,4 @@
-//! The pictures that a track was made from, for commands that show them.
+//! The pictures from which a track was made, for commands that show them.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use grimace::{
 };
 use image::RgbImage;
 
-/// Refuses frames that are not called as those that a track was made from: of another person as a rule. Folders may have moved.
+/// Refuses frames whose names differ from those of the tracked ones, which are usually of another person. Folders may have moved.
 fn check_names(
     folder: &Path,
     listed: &FrameSource,
@@ -28,7 +28,7 @@ fn check_names(
     let other = used.iter().find(|name| !info.source.contains(name));
     if let (Some(other), Some(known)) = (other, info.source.first()) {
         let more = if info.source.len() > 1 { " and others" } else { "" };
-        // Pictures of several folders have paths for names.
+        // Pictures from several folders are named by their paths.
         let what =
             if info.source.iter().all(|name| name.contains('/')) { "pictures, separated by `;`," } else { "folder or video" };
         anyhow::bail!(
@@ -40,7 +40,7 @@ fn check_names(
     Ok(())
 }
 
-/// Refuses frames of the right names that hold something else: numbers alone are what everybody's frames are called.
+/// Refuses frames with the right names but other content: many sequences have frames named by number.
 fn check_content(folder: &Path, listed: &FrameSource, motion: &SourceMotion, info: &TrackInfo) -> anyhow::Result<()> {
     let Some(known) = &info.frames_blake3 else { return Ok(()) };
     let tracked = match listed {
@@ -61,13 +61,13 @@ fn check_content(folder: &Path, listed: &FrameSource, motion: &SourceMotion, inf
     Ok(())
 }
 
-/// Whether frames are images as those of the track were, or a video as it was. Of frames that were taken out of a video since, or made into
-/// one, neither names nor bytes say anything.
+/// Returns whether frames are of the same kind as those of the track, images or a video. For frames that were extracted from a video since,
+/// or converted to one, neither names nor bytes can be compared.
 fn is_same_kind(listed: &FrameSource, info: &TrackInfo) -> bool {
     info.has_pictures() && info.is_of_video() == matches!(listed, FrameSource::Video { .. })
 }
 
-/// The pictures of a track's frames, in its order: those that were tracked, by their names, content and size, as far as these are known.
+/// The pictures of a track's frames in its order. They must be the tracked ones by name, content and size, as far as these are known.
 pub fn source_pictures(folder: &Path, motion: &SourceMotion, info: Option<&TrackInfo>) -> anyhow::Result<Vec<RgbImage>> {
     anyhow::ensure!(
         !motion.frames.is_empty(),
@@ -100,7 +100,7 @@ pub fn source_pictures(folder: &Path, motion: &SourceMotion, info: Option<&Track
             size.unwrap_or(found)
         );
     }
-    // What tells more than that something differs comes first.
+    // The more specific error comes first.
     if let Some(info) = comparable {
         check_content(folder, &listed, motion, info)?;
     }

@@ -106,17 +106,17 @@ enum Format {
     Pictures,
 }
 
-/// Most frames that are synthesized.
+/// Largest number of synthesized frames.
 const MOST_FRAMES: f64 = 360_000.0;
 
 /// Name of the command in its record.
 const COMMAND: &str = "synthesize";
-/// The animation of all motions.
+/// File with the animation of all motions.
 const GLB: &str = "animation.glb";
-/// What describes the results.
+/// File that describes the results.
 const ABOUT: &str = "synthesis.json";
 
-/// Files that a motion and a truth may be called, or a portrait.
+/// Names of output files that might also be inputs.
 const NAMES: [&str; 8] = [
     "surface.npy",
     "weights.csv",
@@ -129,7 +129,7 @@ const NAMES: [&str; 8] = [
 ];
 
 impl Args {
-    /// Refuses a folder whose files would be written over what they are made from.
+    /// Refuses a folder whose files would overwrite inputs.
     fn check_inputs(&self, several: bool) -> anyhow::Result<()> {
         let inputs: Vec<_> = all("--motion", &self.motion)
             .chain(maybe("--truth", self.truth.as_ref()))
@@ -188,7 +188,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     let texture = args.portrait.as_deref().map(|path| worn(path, args.correspondences.as_deref(), &bank)).transpose()?;
     let animations: Vec<Animation<'_>> = played.iter().map(|p| p.animation(&synthesizer, texture.as_ref())).collect();
-    // What cannot be compared is said before anything is written; there is one motion where there is a truth.
+    // A truth that cannot be compared is reported before anything is written. With a truth there is only one motion.
     let compare = |animation: &Animation<'_>| args.truth.as_ref().map(|path| compare_with_truth(animation, path)).transpose();
     let errors = animations.iter().map(compare).collect::<Result<Vec<_>, _>>()?;
     let own = OwnFolder::open(out, COMMAND)?;
@@ -196,7 +196,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         own.check_own(names_of(args, several, &played, &synthesizer))?;
     }
     own.begin()?;
-    // Another one may have come first while this one searched.
+    // Another process may have started to write during the search.
     anyhow::ensure!(args.force || occupied || !is_used(out, COMMAND), not_empty());
     unfinished.begin()?;
     if args.format.contains(&Format::Glb) {
@@ -227,7 +227,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// The files of one motion as they are written.
+/// The files of one motion, as they are written.
 struct Results<'a> {
     own: &'a OwnFolder,
     out: &'a Path,
@@ -238,7 +238,7 @@ struct Results<'a> {
 }
 
 impl Results<'_> {
-    /// Writes a file and enters it.
+    /// Writes a file and records it.
     fn write<E: Into<anyhow::Error>>(&mut self, name: &str, fill: impl FnOnce(&Path) -> Result<(), E>) -> anyhow::Result<()> {
         let path = format!("{}{name}", self.prefix);
         fill(&self.out.join(&path)).map_err(Into::into)?;
@@ -247,7 +247,7 @@ impl Results<'_> {
         Ok(())
     }
 
-    /// Writes a mesh for every frame and enters each.
+    /// Writes a mesh for every frame and records each.
     fn write_meshes(&mut self, animation: &Animation<'_>, as_ply: bool) -> anyhow::Result<()> {
         let name = mesh_folder(as_ply);
         let folder = format!("{}{name}", self.prefix);
@@ -261,7 +261,7 @@ fn mesh_folder(as_ply: bool) -> &'static str {
     if as_ply { "ply" } else { "obj" }
 }
 
-/// Names of all files that will be written, relative to OUT.
+/// Names of all files to be written, relative to OUT.
 fn names_of(args: &Args, several: bool, played: &[Played<'_>], synthesizer: &Synthesizer<'_>) -> Vec<String> {
     let has_weights = synthesizer.options().solver != Solver::Rbf;
     let bank = synthesizer.bank();
@@ -300,7 +300,7 @@ fn names_of(args: &Args, several: bool, played: &[Played<'_>], synthesizer: &Syn
     names
 }
 
-/// A portrait on the skin of the bank's head.
+/// Puts a portrait on the skin of the bank's head.
 fn worn(path: &Path, marks: Option<&Path>, bank: &Bank) -> anyhow::Result<HeadTexture> {
     let bench = Workbench::new(None, PipelineOptions::default())?;
     let target = portrait::target(path, marks, &LandmarkSelection::Auto, &bench)?;
@@ -308,7 +308,7 @@ fn worn(path: &Path, marks: Option<&Path>, bank: &Bank) -> anyhow::Result<HeadTe
         .with_context(|| path.display().to_string())
 }
 
-/// A motion and what the bank makes of it.
+/// A motion and its animation by the bank.
 pub struct Played<'a> {
     pub path: &'a Path,
     name: String,
@@ -320,7 +320,7 @@ pub struct Played<'a> {
 
 impl<'a> Played<'a> {
     fn new(path: &'a Path, args: &Args, synthesizer: &Synthesizer<'_>) -> anyhow::Result<Self> {
-        /// How long the last frame is held on the way there and back, s.
+        /// How long the last frame is held before the way back, s.
         const HOLD_S: f64 = 0.5;
         let motion = read_motion(path, synthesizer.bank(), args.time.scale).map_err(|error| {
             let to_do =
@@ -367,7 +367,7 @@ impl<'a> Played<'a> {
     }
 }
 
-/// Says that viewers show weights below 0 as 0.
+/// Notes that viewers show weights below 0 as 0.
 fn say_what_viewers_clamp(args: &Args, animation: &Animation<'_>) {
     let below = |a: &&FrameAnswer| a.weights.iter().flatten().any(|w| *w < 0.0);
     let frames = animation.answers.iter().filter(below).count();
@@ -376,7 +376,7 @@ fn say_what_viewers_clamp(args: &Args, animation: &Animation<'_>) {
     }
 }
 
-/// Writes the files asked for, but for the glTF, which is there already: one for all motions.
+/// Writes the requested files, except the glTF for all motions, which is already written.
 fn write(args: &Args, animation: &Animation<'_>, results: &mut Results<'_>) -> anyhow::Result<()> {
     for format in &args.format {
         match format {
@@ -416,7 +416,7 @@ fn write(args: &Args, animation: &Animation<'_>, results: &mut Results<'_>) -> a
     Ok(())
 }
 
-/// Says what the files of coefficients do not have of an animation.
+/// Notes what the files of coefficients lack of an animation.
 fn say_what_coefficients_lack(bank: &Bank, animation: &Animation<'_>, limited: &[arkit::Limited]) {
     let beyond = |one: &arkit::Limited| (one.farthest - one.farthest.clamp(0.0, 1.0)).abs();
     if let Some(arkit::Limited { coefficient, frames, farthest }) = limited.iter().max_by(|a, b| beyond(a).total_cmp(&beyond(b)))

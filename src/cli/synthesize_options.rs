@@ -1,4 +1,4 @@
-//! What `grimace synthesize` is told of its search, of time and of scale.
+//! Options of `grimace synthesize` for its search, for time and for scale.
 
 use clap::ValueEnum;
 use grimace::synthesis::{
@@ -120,7 +120,7 @@ pub struct TimeArgs {
     pub scale: Option<f64>,
 }
 
-/// Frames per second that times in single precision tell apart.
+/// Frame rates whose times differ in single precision.
 pub const FRAME_RATES: std::ops::RangeInclusive<f64> = 0.001..=10_000.0;
 
 fn frame_rate(text: &str) -> Result<f64, String> {

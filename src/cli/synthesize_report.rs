@@ -1,4 +1,4 @@
-//! What `synthesize` says of an animation, on the terminal and in synthesis.json.
+//! Description of an animation, on the terminal and in synthesis.json.
 
 use std::{collections::BTreeSet, path::Path};
 

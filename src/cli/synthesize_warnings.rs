@@ -1,4 +1,4 @@
-//! What `synthesize` warns of: what a bank cannot show of a motion, and what to do then.
+//! Warnings of `synthesize` about motion that a bank cannot show, with advice.
 
 use std::path::Path;
 
@@ -11,7 +11,7 @@ use grimace::{
 
 use super::shared::are;
 
-/// Mean fitness below which a person should be told that the bank does not have the expression.
+/// Mean fitness below which a warning says that the bank does not have the expression.
 const POOR_FITNESS: f64 = 0.5;
 
 /// Warns of FAPs that the bank cannot show.
@@ -38,7 +38,7 @@ pub fn warn_of_not_shown(path: &Path, motion: &Motion) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Says that a motion has frames that its file does not have.
+/// Notes that a motion has frames that its file does not have.
 pub fn note_frames_between(path: &Path, motion: &Motion) {
     if let Some(found) = motion.uneven {
         eprintln!(
@@ -50,7 +50,7 @@ pub fn note_frames_between(path: &Path, motion: &Motion) {
     }
 }
 
-/// Says that frames are shown at another rate than their own.
+/// Notes that frames are shown at another rate than their own.
 pub fn note_other_rate(path: &Path, kind: MotionKind, own: Option<f64>, fps: f64) {
     let Some(own) = own.filter(|own| (fps / own - 1.0).abs() > 1e-9) else { return };
     let (faster, how) = if fps > own { (fps / own, "fast") } else { (own / fps, "slow") };
@@ -62,7 +62,7 @@ pub fn note_other_rate(path: &Path, kind: MotionKind, own: Option<f64>, fps: f64
     );
 }
 
-/// Warns of what the bank does not show of a motion.
+/// Warns of motion that the bank does not show.
 pub fn warn_of_answers(path: &Path, bank: &Path, synthesizer: &Synthesizer<'_>, motions: &[FpMotion], answers: &[FrameAnswer]) {
     let path = path.display();
     let fitness: Vec<f64> = answers.iter().filter_map(|a| a.fitness).collect();
@@ -104,7 +104,7 @@ pub fn warn_of_answers(path: &Path, bank: &Path, synthesizer: &Synthesizer<'_>, 
     }
 }
 
-/// What rests, and in how many frames.
+/// Message about regions and frames that rest.
 pub fn nothing_shown(Unshown { regions, frames, moving }: &Unshown) -> String {
     let what = match regions.as_slice() {
         ["whole"] => "the face rests".to_owned(),
@@ -121,7 +121,7 @@ pub fn nothing_shown(Unshown { regions, frames, moving }: &Unshown) -> String {
     format!("no mixture of the bank's members moves the feature points like this (fitness 0), so {what} in {frames}")
 }
 
-/// What helps where a bank does not show a motion.
+/// Advice if a bank does not show a motion.
 fn advice(bank: &Path, synthesizer: &Synthesizer<'_>) -> String {
     let options = synthesizer.options();
     let climbs = matches!(options.solver, Solver::Refined | Solver::Cosine);

@@ -85,7 +85,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         ..PipelineOptions::default()
     };
     let bench = args.general.workbench(options)?;
-    // Frames that are left out are not written over, either.
+    // Frames that the options exclude are not overwritten, either.
     let (frames, all) = list_frames_among(&args.sequence, args.first_frame, args.last_frame)?;
     let inputs: Vec<_> = all.iter().map(|file| ("a frame of the sequence", file.as_path())).collect();
     check_apart(&[("--output", &args.output), ("the .json beside --output", &json)], &inputs)?;
@@ -122,7 +122,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         Stage::Fit => about(args.correspondences.as_ref().unwrap_or(&args.sequence))(&reason),
         _ => about(&args.sequence)(&reason),
     })?;
-    // Hand work on an earlier track of this name is kept: it stands apart from the track.
+    // Corrections by hand of an earlier track of this name are kept in a separate file.
     correct_track(&source, &args.output, &mut track.frames, &mut info, &bench).map_err(|f| about(&args.output)(&f.reason))?;
     write_track(&args.output, &track.frames, &mut info)?;
     if let Some(folder) = &args.overlay {

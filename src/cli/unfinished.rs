@@ -1,4 +1,4 @@
-//! A folder in which a command was interrupted: the next one may write into it.
+//! Marks folders in which a command was interrupted, so that the next one may write into them.
 
 use std::{
     fs, io,
@@ -7,21 +7,21 @@ use std::{
 
 use grimace::output::{OutputError, write_bytes};
 
-/// Name of the file that stands in a folder while a command writes into it.
+/// Name of the file that is in a folder while a command writes into it.
 pub const NAME: &str = "unfinished.txt";
 
-/// The mark of a folder in which a command began to write and has not come to its end.
+/// Mark of a folder in which a command began to write and has not finished.
 pub struct Unfinished {
     path: PathBuf,
 }
 
 impl Unfinished {
-    /// The mark of a folder, be it there or not.
+    /// The mark of a folder, whether it exists or not.
     pub fn in_folder(folder: &Path) -> Self {
         Self { path: folder.join(NAME) }
     }
 
-    /// Whether a command began in the folder and did not come to its end.
+    /// Whether a command began in the folder and did not finish.
     pub fn is_there(&self) -> bool {
         self.path.is_file()
     }
@@ -34,7 +34,7 @@ impl Unfinished {
         )
     }
 
-    /// Takes the mark away.
+    /// Removes the mark.
     pub fn end(&self) -> Result<(), OutputError> {
         match fs::remove_file(&self.path) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => Err(OutputError::at(&self.path)(error)),

@@ -1,4 +1,4 @@
-//! `grimace --version --verbose`: what this build can do.
+//! `grimace --version --verbose`: the capabilities of this build.
 
 use std::{ffi::OsString, process::Command};
 
@@ -12,7 +12,7 @@ use grimace::{
 
 use super::Outcome;
 
-/// Whether a whole command line asks for the version in full.
+/// Returns whether a command line requests the full version.
 pub fn asked(arguments: impl Iterator<Item = OsString>) -> bool {
     let words: Vec<OsString> = arguments.collect();
     let is = |word: &OsString, names: [&str; 2]| names.iter().any(|name| word == *name);

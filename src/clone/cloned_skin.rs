@@ -109,17 +109,15 @@ impl ClonedSkin {
 mod tests {
     use super::*;
     use crate::{
-        clone::test_target::{portrait, target},
+        clone::test_target::{portrait, portrait_target, target},
         wireframe::Face,
     };
 
     #[test]
     fn folds_are_as_soft_as_the_photograph() {
         let face = Face::candide3();
-        let sharp = portrait();
-        let soft = image::imageops::blur(&sharp, 2.0);
-        let (sharp, soft) = (target(sharp), target(soft));
-        let [before, after] = [&sharp, &soft].map(fold_softening);
+        let (sharp, soft) = (portrait_target(), &target(image::imageops::blur(&portrait(), 2.0)));
+        let [before, after] = [sharp, soft].map(fold_softening);
         // Difference of squares of 2 px and the photograph's own blur, on a layout with 60 px between the eyes.
         let unit = 60.0 / soft.warp().eye_distance();
         assert!((after.powi(2) - before.powi(2) - (2.0 * unit).powi(2)).abs() < 0.4 * (2.0 * unit).powi(2), "{before} {after}");
@@ -129,6 +127,7 @@ mod tests {
             let cloned = ClonedSkin::new(target, &skin, &motion).unwrap();
             cloned.lines.iter().flat_map(|(_, _, levels)| levels).copied().min().unwrap()
         };
-        assert!(deepest(&sharp) < deepest(&soft) && deepest(&soft) < NO_CHANGE, "{} {}", deepest(&sharp), deepest(&soft));
+        let [of_sharp, of_soft] = [sharp, soft].map(deepest);
+        assert!(of_sharp < of_soft && of_soft < NO_CHANGE, "{of_sharp} {of_soft}");
     }
 }

@@ -95,7 +95,7 @@ const TEETH_GAP: f64 = 0.012;
 /// // `target` is a portrait with its marks.
 /// // A FAP file has no pictures to take wrinkles from.
 /// let source = SourceMotion::read("fixtures/golden/fap/happiness.fap".as_ref(), &face)?;
-/// assert!(matches!(Details::new(&target, &source, vec![]), Err(CloneError::NoSourceFrames(_))));
+/// assert!(matches!(Details::new(target, &source, vec![]), Err(CloneError::NoSourceFrames(_))));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug)]
@@ -353,18 +353,18 @@ pub(super) fn smooth(values: &[f32], width: u32, height: u32, sigma_px: f64) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clone::test_target::{portrait, target};
+    use crate::clone::test_target::{portrait, portrait_target};
 
     #[test]
     fn pictures_of_the_source_are_held_once_and_its_mouth_is_shown_on_its_own_face() {
         let face = crate::wireframe::Face::candide3();
         let picture = portrait();
-        let target = target(picture.clone());
+        let target = portrait_target();
         let nodes = target.fitted.model.nodes().to_vec();
         let source = SourceMotion::read("fixtures/golden/representatives/happiness.csv".as_ref(), &face).unwrap();
         let source = SourceMotion { frames: vec![(1, nodes.clone()), (2, nodes)], ..source };
         let frames: Arc<[RgbImage]> = vec![picture.clone(), picture.clone()].into();
-        let details = Details::new(&target, &source, Arc::clone(&frames)).unwrap();
+        let details = Details::new(target, &source, Arc::clone(&frames)).unwrap();
         assert!(Arc::ptr_eq(&details.frames, &frames));
         // By default, the own mouth on the own face only; on another picture only on request.
         let shown =
@@ -373,7 +373,7 @@ mod tests {
         let brighter = RgbImage::from_fn(picture.width(), picture.height(), |x, y| {
             image::Rgb(picture.get_pixel(x, y).0.map(|level| level.saturating_add(9)))
         });
-        let other = Details::new(&target, &source, vec![brighter.clone(), brighter]).unwrap();
+        let other = Details::new(target, &source, vec![brighter.clone(), brighter]).unwrap();
         assert_eq!(shown(&other), [false, true, false, false]);
     }
 }

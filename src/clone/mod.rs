@@ -71,7 +71,7 @@ pub enum CloneError {
         /// What it is instead.
         source: NotFaceUnits,
     },
-    /// A motion that no face makes.
+    /// A motion that is impossible for a face.
     #[error("{}, {source}", path.display())]
     Implausible {
         /// The source's file.
@@ -79,13 +79,13 @@ pub enum CloneError {
         /// Frame, node and offset.
         source: Implausible,
     },
-    /// The source's track or model does not read.
+    /// The track or model of the source cannot be read.
     #[error(transparent)]
     Track(#[from] TrackFileError),
-    /// The source's FAP file does not read.
+    /// The FAP file of the source cannot be read.
     #[error(transparent)]
     FapRead(#[from] FapReadError),
-    /// A source that is none of the known kinds.
+    /// A source of an unknown kind.
     #[error("{path}: this is neither a track or model (.csv) nor a FAP file (.fap)")]
     UnknownSource {
         /// The file.
@@ -105,7 +105,7 @@ pub enum CloneError {
         /// The FAPs it sets.
         faps: String,
     },
-    /// Source or target of another topology than the wireframe in use.
+    /// The topology of source or target differs from the wireframe in use.
     #[error("{what} has {found} nodes, but the wireframe has {expected}; give its wireframe with --wireframe")]
     Topology {
         /// The source or the target.
@@ -115,7 +115,7 @@ pub enum CloneError {
         /// Nodes of the wireframe.
         expected: usize,
     },
-    /// The frames do not make a model.
+    /// The frames do not form a model.
     #[error(transparent)]
     Model(#[from] ModelError),
     /// The source cannot be made upright.
@@ -124,7 +124,7 @@ pub enum CloneError {
     /// FAPs cannot be converted.
     #[error(transparent)]
     Convert(#[from] ConvertError),
-    /// A face without FAPUs.
+    /// The FAPUs of a face cannot be measured.
     #[error("{what}: {source}")]
     Fapus {
         /// Source or target.
@@ -135,7 +135,7 @@ pub enum CloneError {
     /// The springs have no equilibrium.
     #[error(transparent)]
     Springs(#[from] SpringError),
-    /// A file of marks that does not read.
+    /// A file of marks cannot be read.
     #[error(transparent)]
     MarksFile(#[from] MarksFileError),
     /// Marks that do not determine a fit.
@@ -144,7 +144,7 @@ pub enum CloneError {
     /// The wireframe cannot be fitted to the target.
     #[error(transparent)]
     Fit(#[from] FitError),
-    /// The eyes, the mouth and the chin do not lie like those of a face seen from the front.
+    /// The face is turned: eyes, mouth and chin are not arranged as in a frontal view.
     #[error(
         "the face is turned away by about {degrees:.0} degrees: one half of it is {ratio:.1} times as wide as the other; cloning needs a frontal photograph (up to about 25 degrees)"
     )]
@@ -164,7 +164,7 @@ pub enum CloneError {
         /// Least distance.
         least: f64,
     },
-    /// A picture beyond what can be worked on.
+    /// The picture is too large.
     #[error("the picture is {width}x{height}, larger than {most} px per side: scale it down")]
     TooLarge {
         /// Columns.
@@ -180,10 +180,10 @@ pub enum CloneError {
     /// The embedded head cannot be bent.
     #[error(transparent)]
     Bank(#[from] BankError),
-    /// A picture does not read.
+    /// A picture cannot be read.
     #[error(transparent)]
     Sequence(#[from] SequenceError),
-    /// A picture that is no skin of a representative.
+    /// A picture that does not have the size of a representative's skin.
     #[error("{}: the picture is {width}x{height} px, but the skin of a representative that `run` writes has {}x{}", path.display(), expected.0, expected.1)]
     SkinSize {
         /// The file.
@@ -195,10 +195,10 @@ pub enum CloneError {
         /// What it should have.
         expected: (u32, u32),
     },
-    /// Wrinkles or teeth of a source without frames.
+    /// Wrinkles or teeth are requested from a source without frames.
     #[error("{0}")]
     NoSourceFrames(String),
-    /// More frames than make sense.
+    /// More frames than a clone may have.
     #[error("the clone would have {frames} frames, more than {most}: choose a shorter duration or a lower frame rate")]
     TooManyFrames {
         /// Frames asked for.
@@ -206,7 +206,7 @@ pub enum CloneError {
         /// Most frames.
         most: usize,
     },
-    /// More frames between those of a motion than make sense.
+    /// Too many frames between those of a motion.
     #[error("{name}: {}", too_many_between(*frames, *most))]
     TooManyBetween {
         /// Name of the motion.
@@ -216,7 +216,7 @@ pub enum CloneError {
         /// Most frames.
         most: u32,
     },
-    /// A FAP file that is longer than what is made of it.
+    /// A FAP file with more frames than are supported.
     #[error(
         "{path}: it has {frames} frames, more than {most}: lower its frame rate (`grimace fap convert --fps`), or use a part of it"
     )]
@@ -228,7 +228,7 @@ pub enum CloneError {
         /// Most frames.
         most: usize,
     },
-    /// A length in which there is no second frame.
+    /// A duration too short for a second frame.
     #[error("{seconds} s at {fps} frames per second are less than half a frame; choose a longer duration or a higher frame rate")]
     TooFewFrames {
         /// Seconds from the first to the last frame.
@@ -236,7 +236,7 @@ pub enum CloneError {
         /// Frames per second.
         fps: f64,
     },
-    /// A film whose frames would be shown for longer than films can say.
+    /// The frame rate is so low that a film cannot store the duration of a frame.
     #[error("a frame would last {seconds:.0} s, but a film can show a frame for at most {most} s; choose a higher frame rate")]
     TooSlow {
         /// Seconds for which a frame would be shown.
@@ -261,7 +261,7 @@ pub enum CloneError {
         /// Why.
         reason: String,
     },
-    /// The face to show expressions on could not be made.
+    /// The face that shows the expressions cannot be created.
     #[error("the face to show them on: {0}")]
     Showcase(String),
     /// The user asked to stop.

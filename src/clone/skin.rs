@@ -90,10 +90,10 @@ pub struct SkinSample {
 /// Why there is no mean skin change.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum NoSkin {
-    /// Nobody has looked: only a run has the pictures.
+    /// Skins were not computed: only a run has the pictures.
     #[error("only `run` computes skins, because it has the pictures")]
     NotCollected,
-    /// No pictures at all.
+    /// No sequence has pictures that may be used.
     #[error(
         "no sequence has pictures that may be shown ({landmarks} use landmarks only, {hidden} show people who may not be shown)"
     )]
@@ -109,7 +109,7 @@ pub enum NoSkin {
         /// People with pictures.
         found: usize,
     },
-    /// Nothing that people have in common.
+    /// The pictures have no shading in common.
     #[error("the pictures have no shading in common (root mean square {:.4}; at least {LEAST_SHADING} is needed)", shading)]
     NoShading {
         /// Root mean square of the mean's logarithms.
@@ -416,7 +416,7 @@ mod tests {
     }
 
     #[test]
-    fn what_one_of_five_has_is_nobody_elses() {
+    fn a_feature_of_one_person_in_five_is_not_shared() {
         let layout = SkinLayout::new().unwrap();
         let folds = [0.0, 0.0, 0.4, 0.0, 0.0];
         let samples: Vec<SkinSample> = folds.iter().map(|&f| sample(&layout, 1.8, f)).collect();

@@ -320,6 +320,13 @@ mod tests {
         Target::from_fit("t", RgbImage::new(400, 400), fitted, bench)
     }
 
+    /// The target of the neutral face as it is, made once for all tests.
+    fn upright() -> &'static Target {
+        static TARGET: std::sync::LazyLock<Target> =
+            std::sync::LazyLock::new(|| target(neutral(&Similarity::identity()), &bench()).unwrap());
+        &TARGET
+    }
+
     /// A smile: the mouth corners go 0.4 px out and 1.5 px up, in a head that rolls.
     fn smile(bench: &Face) -> (SourceMotion, Vec<Point2<f64>>) {
         let start = neutral(&Similarity::identity());
@@ -340,7 +347,7 @@ mod tests {
     fn cloning_onto_the_same_face_is_the_motion_itself() {
         let bench = bench();
         let (motion, end) = smile(&bench);
-        let same = target(neutral(&Similarity::identity()), &bench).unwrap();
+        let same = upright();
         for rescale in [Rescale::Fapu, Rescale::Uniform, Rescale::None] {
             let nodes = same.nodes_at(&motion, &motion.at(1.0), rescale, 1.0, true, &bench);
             assert!(nodes.iter().zip(&end).all(|(a, b)| (a - b).norm() < 1e-6), "{rescale:?}");
@@ -382,7 +389,7 @@ mod tests {
         let mut offsets = vec![Vector2::zeros(); 113];
         ways.iter().for_each(|&(node, way)| offsets[node] = way);
         let moment = Moment { offsets, head: Similarity::identity(), nearest: 0 };
-        let nodes = target(start.clone(), &bench).unwrap().nodes_at(&motion, &moment, Rescale::None, 1.0, false, &bench);
+        let nodes = upright().nodes_at(&motion, &moment, Rescale::None, 1.0, false, &bench);
         (start, nodes)
     }
 

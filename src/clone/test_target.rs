@@ -1,5 +1,7 @@
 //! The face used by tests of clones.
 
+use std::sync::LazyLock;
+
 use image::RgbImage;
 
 use super::Target;
@@ -12,6 +14,12 @@ use crate::{
 /// The first shipped portrait.
 pub fn portrait() -> RgbImage {
     image::open("fixtures/portraits/P01.jpg").unwrap().into_rgb8()
+}
+
+/// The target of that portrait, made once for all tests.
+pub fn portrait_target() -> &'static Target {
+    static TARGET: LazyLock<Target> = LazyLock::new(|| target(portrait()));
+    &TARGET
 }
 
 /// A target with a picture and the marks of that portrait.

@@ -244,7 +244,7 @@ mod tests {
         assert_eq!(lengths.checked(64, 12), Ok(64));
         assert!(lengths.checked(63, 12).unwrap_err().contains("a page of 50 bytes where 63 are left"));
         assert!(lengths.checked(64, 11).unwrap_err().contains("12 values where 11 can be"));
-        assert_eq!(PageLengths::read(&PAGE[..9]), Ok(None), "it goes on behind these bytes");
+        assert_eq!(PageLengths::read(&PAGE[..9]), Ok(None), "it continues after these bytes");
         let swollen = PageLengths { uncompressed: 2_000_000_000, ..lengths };
         assert!(swollen.checked(64, 12).unwrap_err().contains("says to hold 2000000000"));
         assert!(PageLengths { compressed: -1, ..swollen }.checked(64, 12).is_err());

@@ -38,7 +38,7 @@ const SCHEMA_VERSION: &str = "1";
 /// Error when a columnar file cannot be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum ColumnarError {
-    /// The file cannot be opened or made.
+    /// The file cannot be opened or created.
     #[error("{}: {reason}", path.display())]
     Io {
         /// The file.
@@ -46,7 +46,7 @@ pub enum ColumnarError {
         /// Cause.
         reason: std::io::Error,
     },
-    /// Not Parquet, cut short, or of a kind that is not read.
+    /// The file is not Parquet, is truncated, or has an unsupported form.
     #[error("{}: this is not a readable Parquet file of models: {reason}", path.display())]
     Parquet {
         /// The file.
@@ -54,7 +54,7 @@ pub enum ColumnarError {
         /// Cause.
         reason: String,
     },
-    /// A column that must be there.
+    /// A required column is missing or has another type.
     #[error("{}: has no column `{column}` of type {expected}; models have subject, sequence, emotion, and x_M_K, y_M_K for frames M and nodes K from 0", path.display())]
     Column {
         /// The file.
@@ -64,7 +64,7 @@ pub enum ColumnarError {
         /// Expected type.
         expected: &'static str,
     },
-    /// A value that is missing.
+    /// A value is missing.
     #[error("{}: row {row} has no value in `{column}`", path.display())]
     Missing {
         /// The file.
@@ -74,13 +74,13 @@ pub enum ColumnarError {
         /// The column.
         column: String,
     },
-    /// No row.
+    /// The file has no rows.
     #[error("{}: no models", path.display())]
     Empty {
         /// The file.
         path: PathBuf,
     },
-    /// A sequence in two rows.
+    /// A sequence has two rows.
     #[error("{}: sequence {id} appears twice; keep one row", path.display())]
     Duplicate {
         /// The file.
@@ -88,7 +88,7 @@ pub enum ColumnarError {
         /// Subject and sequence.
         id: String,
     },
-    /// A row with another number of coordinates than the file's.
+    /// A row whose number of coordinates differs from that of the file.
     #[error("{id}: {found} coordinates where the file has {expected}")]
     Shape {
         /// Subject and sequence.
@@ -98,7 +98,7 @@ pub enum ColumnarError {
         /// Number of coordinates in the file.
         expected: usize,
     },
-    /// Rows that do not make models.
+    /// A row does not form a model.
     #[error("{}: {id}: {reason}", path.display())]
     Model {
         /// The file.

@@ -137,7 +137,7 @@ fn rows_and_pages_that_no_file_holds_are_refused() {
     assert!(error(&many).contains("8589934592 rows in"), "{}", error(&many));
     // A column named after a very high frame must not allocate memory for all lower frames.
     let far = String::from_utf8_lossy(&bytes).contains("x_1_0");
-    assert!(far, "names stand in the file as they are");
+    assert!(far, "names are stored unchanged");
     let renamed: Vec<u8> = {
         let mut bytes = bytes.clone();
         for at in 0..bytes.len() - 5 {

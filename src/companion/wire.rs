@@ -211,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_is_read() {
+    fn written_values_are_read() {
         let find = Request::Find { from: 1, to: 2, window: 9, levels: 4, points: vec![[0.1, 1e-7]], guesses: vec![[3.5, -2.0]] };
         let mut bytes = Vec::new();
         write_text(&mut bytes, &find).unwrap();

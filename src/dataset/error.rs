@@ -29,7 +29,7 @@ pub enum DatasetError {
         /// The given path.
         path: PathBuf,
     },
-    /// A recording that could not be cut into sequences.
+    /// A recording that was not divided into sequences.
     #[error("{}: {reason}", path.display())]
     Recording {
         /// The recording.
@@ -37,7 +37,7 @@ pub enum DatasetError {
         /// Why.
         reason: String,
     },
-    /// Folders of frames, but nothing that says which emotions they show.
+    /// Folders of frames without information about the emotions that they show.
     #[error(
         "{0}: the emotions are unknown; run `grimace init {0}`, which writes manifest.csv into this folder, and fill in one line per \
          sequence, such as\nsubject,sequence,emotion\n{subject},{sequence},happiness", root.display()
@@ -60,7 +60,7 @@ pub enum DatasetError {
         /// The folder.
         root: PathBuf,
     },
-    /// Pictures of several people lie together, and nothing else is there.
+    /// One folder with pictures of several people and nothing else.
     #[error("{}: no sequences found: {}", root.display(), found.join("; "))]
     PicturesOfPeople {
         /// The folder.
@@ -68,7 +68,7 @@ pub enum DatasetError {
         /// Kinds of content in the same folder.
         found: Vec<String>,
     },
-    /// Everything there is of a format that is not read.
+    /// All files have unsupported formats.
     #[error(
         "{}: no sequences found, but {} in unsupported formats: {}; convert them to a supported format (pictures: {}; videos: {})",
         root.display(), count(files.len(), "file", "files"), listed(files, 6), IMAGE_EXTENSIONS.join(" "), VIDEO_EXTENSIONS.join(" ")
@@ -79,7 +79,7 @@ pub enum DatasetError {
         /// The files, relative to it.
         files: Vec<String>,
     },
-    /// No sequences, but results of ours.
+    /// The folder has no sequences but results of grimace.
     #[error(
         "{}: no sequences found, only results of grimace, in {}; give the folder with the recordings",
         root.display(), listed(results, 6)
@@ -96,7 +96,7 @@ pub enum DatasetError {
         /// Folder of the subjects' images.
         images: PathBuf,
     },
-    /// A table of people without anybody of the dataset.
+    /// A table of people that lists nobody of the dataset.
     #[error("{}: none of its subjects is in the dataset, whose first subject is `{subject}`", path.display())]
     NobodyKnown {
         /// The table.
@@ -104,7 +104,7 @@ pub enum DatasetError {
         /// The first subject of the dataset.
         subject: String,
     },
-    /// A person who stands in a table of people twice, with other fields.
+    /// A person who appears twice in a table of people, with different fields.
     #[error("{}, line {line}: `{subject}` appears twice, with different values; keep one row", path.display())]
     Contradiction {
         /// The table.
@@ -114,7 +114,7 @@ pub enum DatasetError {
         /// The subject.
         subject: String,
     },
-    /// A manifest's column that would pass for something to group by, and is hardly meant so.
+    /// A column of the manifest that is probably a misspelt known column, but would count as a column to group by.
     #[error("{}: the column `{found}` is unknown; if it is the column `{meant}`, rename it to that, otherwise give it a less similar \
          name", path.display())]
     MisspeltColumn {
@@ -134,16 +134,16 @@ pub enum DatasetError {
         #[source]
         reason: io::Error,
     },
-    /// A manifest without a row.
+    /// A manifest without rows.
     #[error("{}: the manifest lists no sequence", path.display())]
     EmptyManifest {
         /// The manifest.
         path: PathBuf,
     },
-    /// A table that does not read.
+    /// A table cannot be read.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// A manifest row that is no sequence.
+    /// A row of the manifest that does not describe a sequence.
     #[error("{}, line {line}: {problem}", path.display())]
     Row {
         /// The manifest.
@@ -169,7 +169,7 @@ pub enum DatasetError {
         /// Files found.
         found: usize,
     },
-    /// An emotion file with something else than a code.
+    /// An emotion file without a valid code.
     #[error("{}: found `{found}`; an emotion code was expected: {}", path.display(), super::cohn_kanade::CODES_IN_WORDS)]
     EmotionCode {
         /// The file.
@@ -180,13 +180,13 @@ pub enum DatasetError {
     /// Frames that cannot be listed.
     #[error(transparent)]
     Frames(#[from] FramesError),
-    /// Landmarks that do not read.
+    /// Landmarks cannot be read.
     #[error(transparent)]
     Landmarks(#[from] LandmarksError),
-    /// Correspondences that do not read.
+    /// Correspondences cannot be read.
     #[error(transparent)]
     Correspondences(#[from] MarksFileError),
-    /// Neither correspondences nor landmarks.
+    /// The sequence has neither correspondences nor landmarks.
     #[error(
         "{id}: no correspondences and no landmarks; mark 5 to 8 points of the neutral frame in {} with the columns `node,x,y`, or \
          name such a file in the manifest's column `correspondences`, or 68-point landmarks in its column `landmarks`",
@@ -198,7 +198,7 @@ pub enum DatasetError {
         /// Default path of a correspondence file.
         default: PathBuf,
     },
-    /// A correspondence file named in the manifest that is not there.
+    /// The manifest names a correspondence file that does not exist.
     #[error("{id}: the correspondence file {} is not there", path.display())]
     CorrespondencesMissing {
         /// The sequence.
@@ -221,16 +221,16 @@ pub enum DatasetError {
 /// ```
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RowError {
-    /// An emotion that is still to be filled in.
+    /// The emotion is not filled in yet.
     #[error("the emotion is `?`; fill in the emotion of the sequence, or remove the row")]
     EmotionOpen,
-    /// A word by which programs write that there is none.
+    /// The emotion is a word that stands for a missing value.
     #[error("the emotion is `{value}`, a word for a missing value; fill in the emotion of the sequence, or remove the row")]
     EmotionMissing {
         /// The word.
         value: String,
     },
-    /// A required field without content.
+    /// A required field is empty.
     #[error("{column} is empty")]
     Empty {
         /// Column.
@@ -246,7 +246,7 @@ pub enum RowError {
         /// What is wrong with it.
         reason: &'static str,
     },
-    /// The same subject and sequence twice.
+    /// Two rows have the same subject and sequence.
     #[error("subject `{}`, sequence `{}` is already in line {first_line}; keep one row, or rename one", id.subject, id.sequence)]
     Duplicate {
         /// The sequence.

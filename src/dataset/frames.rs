@@ -131,7 +131,7 @@ pub enum FramesError {
         /// Existing path with the same number but other leading zeros.
         near: Option<PathBuf>,
     },
-    /// A file that is no video.
+    /// A file that is not a video.
     #[error(
         "{}: is neither a folder of images nor a video file (extensions of videos: {})",
         path.display(), VIDEO_EXTENSIONS.join(" ")
@@ -146,7 +146,7 @@ pub enum FramesError {
         /// The file.
         path: PathBuf,
     },
-    /// Something else than a picture in a list of pictures.
+    /// A list of pictures names a file that is not a picture.
     #[error(
         "{}: is not a picture that is read (extensions of images: {}); frames separated by `;` are pictures only",
         path.display(), IMAGE_EXTENSIONS.join(" ")
@@ -174,7 +174,7 @@ pub enum FramesError {
         /// The file.
         path: PathBuf,
     },
-    /// A first or last frame that is not in the list.
+    /// The first or last frame is not in the list.
     #[error("{}: {column} is {number}, but the list has {found} pictures, numbered from 1", path.display())]
     NotListed {
         /// The first picture of the list.
@@ -192,7 +192,7 @@ pub enum FramesError {
         /// The folder.
         folder: PathBuf,
     },
-    /// Pictures that would be frames, of formats that are not read.
+    /// Pictures in formats that cannot be read.
     #[error(
         "{}{}: this looks like a frame, but its format is not supported; convert it to PNG under the same name and number, or move it \
          out of the folder",
@@ -203,13 +203,13 @@ pub enum FramesError {
         /// The pictures, sorted by number.
         files: Vec<PathBuf>,
     },
-    /// An image that has no number.
+    /// An image without a frame number in its name.
     #[error("{}: the file name has no frame number such as in S005_001_00000001.png; rename the file or move it away", path.display())]
     NoNumber {
         /// The file.
         path: PathBuf,
     },
-    /// A frame number past 4294967295, which two files have.
+    /// A frame number above 4294967295, which two files share.
     #[error("{}: `{digits}` is too large for a frame number (at most {}), and another file has the same number; rename the files", path.display(), u32::MAX)]
     NumberTooLarge {
         /// The file.
@@ -217,7 +217,7 @@ pub enum FramesError {
         /// The number found.
         digits: String,
     },
-    /// Two images with one number.
+    /// Two images with the same number.
     #[error("{}: frame {number} appears twice, as {first} and {second}; keep one of the two", folder.display())]
     DuplicateNumber {
         /// The folder.
@@ -229,7 +229,7 @@ pub enum FramesError {
         /// The other.
         second: String,
     },
-    /// A first or last frame that is not there.
+    /// The first or last frame does not exist.
     #[error("{}: {column} is {number}, but the folder has no such frame; it has {found} frames from {first} to {last}", folder.display())]
     NoSuchFrame {
         /// The folder.
@@ -540,7 +540,7 @@ mod tests {
     }
 
     #[test]
-    fn ranges_that_are_not_there_show_what_is() {
+    fn missing_ranges_are_reported_with_the_existing_ones() {
         let folder = folder(&["f1.png", "f2.png", "f5.png"]);
         let error = numbers(&folder, Some(3), None).unwrap_err();
         assert!(error.ends_with("first_frame is 3, but the folder has no such frame; it has 3 frames from 1 to 5"), "{error}");
@@ -550,7 +550,7 @@ mod tests {
     }
 
     #[test]
-    fn folders_that_are_no_sequence_are_refused() {
+    fn folders_that_are_not_sequences_are_refused() {
         assert!(numbers(&folder(&["a.txt"]), None, None).unwrap_err().contains("no images in the folder"));
         assert!(numbers(&folder(&["f1.png"]), None, None).unwrap_err().contains("1 frame from"));
         assert!(

@@ -17,16 +17,16 @@ use crate::{
 /// Why marks cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum MarksFileError {
-    /// A table of nodes.
+    /// A table of nodes cannot be read.
     #[error(transparent)]
     Correspondences(#[from] CorrespondenceError),
-    /// A `.pts` file, or landmarks that lack a node that was asked for.
+    /// A `.pts` file cannot be read, or its landmarks lack a requested node.
     #[error(transparent)]
     Landmarks(#[from] LandmarksError),
-    /// A table of points.
+    /// A table of points cannot be read.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// Landmarks that are not 68.
+    /// The number of landmarks is not 68.
     #[error("{}: {found} landmarks; the points 0 to 67 were expected, each once", path.display())]
     Count {
         /// The file.

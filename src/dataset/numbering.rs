@@ -178,7 +178,7 @@ mod tests {
         assert_eq!(numbers(&["12\u{e9}7\u{fc}.v2.png"]), [2]);
         assert_eq!(numbers(&["b1.png", "a2.png"]), [1, 2], "nothing else varies");
         assert_eq!(numbers(&["cam1_7.png", "cam2_8.png"]), [7, 8], "both give the same order");
-        assert_eq!(numbers(&["f_-5.png", "f_-4.png"]), [5, 4], "a minus before all of them is a dash");
+        assert_eq!(numbers(&["f_-5.png", "f_-4.png"]), [5, 4], "if every number has a minus sign, it is a dash");
         assert_eq!(numbers(&["f1.png", "f01.jpg"]), [1, 1]);
         assert_eq!(numbers(&["left_1.png", "left_2.png", "right_1.png", "right_2.png"]), [1, 2, 1, 2], "two sets");
     }
@@ -186,7 +186,7 @@ mod tests {
     #[test]
     fn numbers_of_clocks_that_are_too_long_are_counted_in_their_order() {
         assert_eq!(numbers(&["IMG_20240501123100.png", "IMG_20240501123059.png", "IMG_20240501123102.png"]), [2, 1, 3]);
-        assert_eq!(numbers(&["1716900000123.png", "99.png"]), [2, 1], "by value, not by letters");
+        assert_eq!(numbers(&["1716900000123.png", "99.png"]), [2, 1], "in numerical, not in alphabetical order");
         // Numbers up to 4294967295 are kept; a number that two files share is kept, and reported as a duplicate.
         assert_eq!(numbers(&["4294967295.png", "4294967294.png"]), [u32::MAX, u32::MAX - 1]);
         assert!(matches!(numbered(&["a4294967296.png", "a04294967296.png"]), Numbering::Named(_)));
@@ -213,7 +213,7 @@ mod tests {
         assert_eq!(numbers(&["f_-1.png", "f_1.png", "f_0.png", "f_-10.png"]), [2, 4, 3, 1], "below zero");
         assert_eq!(numbers(&["f_-1.png", "f_1.png"]), [1, 2]);
         assert_eq!(numbers(&["take2_001.png", "take10_002.png", "take1_005.png"]), [2, 3, 1]);
-        assert_eq!(numbers(&["f_-1.png", "f_1.png", "f_1.jpg"]), [1, 1, 1], "the same twice");
+        assert_eq!(numbers(&["f_-1.png", "f_1.png", "f_1.jpg"]), [1, 1, 1], "the same number twice");
     }
 
     proptest! {

@@ -124,7 +124,7 @@ fn a_manifest_with_every_column_reads() {
 }
 
 #[test]
-fn a_bad_row_costs_that_sequence_only() {
+fn a_bad_row_fails_only_its_sequence() {
     let (folder, dataset) = manifest(
         b"subject,sequence,emotion,first_frame,last_frame,fps\n\
           S1,001,fear,,,\n\
@@ -318,7 +318,7 @@ fn a_large_manifest_opens_without_touching_the_frames() {
 fn the_real_sequences_read() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/sequences");
     if !root.is_dir() {
-        eprintln!("SKIPPED the_real_sequences_read: ../shared/data/sequences is not there");
+        eprintln!("SKIPPED the_real_sequences_read: ../shared/data/sequences does not exist");
         return;
     }
     let dataset = Dataset::open(&root).unwrap();

@@ -110,8 +110,11 @@ mod tests {
             said.contains("f_4.GIF: ") && said.contains("not supported") && said.contains("convert") && said.contains("move"),
             "{said}"
         );
-        assert!(listed(&apex, Some(2), Some(4)).unwrap_err().contains("f_4.GIF"), "it is named, not only missed");
-        assert_eq!(listed(&apex, None, Some(3)), Ok((3, None)), "behind what was asked for");
+        assert!(
+            listed(&apex, Some(2), Some(4)).unwrap_err().contains("f_4.GIF"),
+            "the unreadable file is named, not only reported missing"
+        );
+        assert_eq!(listed(&apex, None, Some(3)), Ok((3, None)), "after the requested frames");
         assert_eq!(listed(&apex, Some(3), Some(1)), Ok((3, None)));
         assert!(listed(&apex, Some(2), None).is_err());
         let within = ["f_1.png", "f_2.heic", "f_3.jp2", "f_4.png", "f_5.png"];

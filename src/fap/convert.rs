@@ -91,7 +91,7 @@ pub enum ConvertError {
         /// Number of nodes.
         count: usize,
     },
-    /// A unit that is not a positive length.
+    /// A FAPU that is not a positive length.
     #[error("{fapu}0 is {value}; it must be positive, because it is the unit of measurement")]
     Fapu {
         /// The unit.
@@ -99,7 +99,7 @@ pub enum ConvertError {
         /// Its length.
         value: f64,
     },
-    /// More frames in between than a file may have.
+    /// Too many frames between key frames.
     #[error(transparent)]
     Interpolate(#[from] InterpolateError),
 }

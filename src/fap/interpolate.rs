@@ -22,7 +22,7 @@ pub const MAX_FRAMES: usize = 360_000;
 /// ```
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum InterpolateError {
-    /// The result would be too long.
+    /// The result would have too many frames.
     #[error(
         "the result would have {frames} frames, more than {MAX_FRAMES}: choose fewer frames in between or a lower frame rate"
     )]

@@ -39,10 +39,10 @@ pub enum FapMask {
 /// ```
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ParseMaskError {
-    /// Not a number within 1 and 68.
+    /// A FAP number is not within 1 and 68.
     #[error("{0}; expected `all`, `set` or a list such as `3-13,31-38`")]
     Number(#[from] ParseFapNumberError),
-    /// A range that runs backwards.
+    /// A range ends before it begins.
     #[error("the range `{0}` runs backwards; write the smaller number first")]
     Backwards(String),
 }

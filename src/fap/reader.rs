@@ -54,7 +54,7 @@ pub enum FapReadError {
         /// The cause.
         source: io::Error,
     },
-    /// The content is no FAP file that a known tool writes.
+    /// The content is not a FAP file as any known tool writes it.
     #[error("{}:{}: {first}{}", path.display(), first.line, more(*errors))]
     Invalid {
         /// The file.

@@ -177,7 +177,7 @@ fn files_that_end_early_or_late_are_refused() {
 }
 
 #[test]
-fn one_bad_line_costs_its_frame_only() {
+fn one_bad_line_fails_only_its_frame() {
     let text = strict().replace("\n0 0 0\n", "\n0 0 zero\n");
     let parsed = parse_fap(text.as_bytes());
     assert_eq!(parsed.frames.len(), 1);

@@ -42,7 +42,7 @@ pub enum TidyError {
         /// The cause.
         source: io::Error,
     },
-    /// A row that is wrong.
+    /// An invalid row.
     #[error("{}:{line}: {reason}", path.display())]
     Row {
         /// The file.

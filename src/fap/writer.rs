@@ -55,7 +55,7 @@ pub enum FapWriteErrorKind {
         /// The name.
         name: String,
     },
-    /// The frame rate is not an integer within 1 and 32767, or not the one that the reader plays.
+    /// The frame rate is not an integer within 1 and 32767, or not the one that the profile's reader plays.
     #[error("cannot write {fps} frames per second: the {profile} profile needs {expected}; change the rate with --fps")]
     Fps {
         /// The frame rate.
@@ -65,7 +65,7 @@ pub enum FapWriteErrorKind {
         /// What the profile accepts.
         expected: &'static str,
     },
-    /// No frame to write.
+    /// There are no frames to write.
     #[error("there is no frame to write")]
     NoFrames,
     /// FAP 1 or 2 for a reader that may misread it, or not in the reader's form.
@@ -82,7 +82,7 @@ pub enum FapWriteErrorKind {
         /// What the profile accepts.
         expected: String,
     },
-    /// A value that is no integer although integers are asked for.
+    /// A value is not an integer, although integers are required.
     #[error("FAP {fap} of frame {frame} is {value}, which is not an integer: round it first")]
     NotInteger {
         /// Frame index, from 0.
@@ -102,7 +102,7 @@ pub enum FapWriteErrorKind {
         /// Its value.
         value: f64,
     },
-    /// Floats for a reader that stops at them.
+    /// Decimal numbers for a reader that cannot read them.
     #[error("the {profile} profile allows integers only: give --values integer")]
     Float {
         /// The profile of the file.
@@ -127,7 +127,7 @@ pub enum FapWriteError {
     /// The sequence does not fit the format.
     #[error("cannot write a FAP file: {0}")]
     Content(#[from] FapWriteErrorKind),
-    /// The disk said no.
+    /// The file cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
 }

@@ -125,8 +125,9 @@ const SHAPE_ERROR: f64 = 6.0;
 const PRESENT: f64 = 1.0;
 
 /// Smallest difference of log likelihoods of a motion and its opposite that gives an order. Chosen so that speech and faces that hardly
-/// move, which are equally likely either way, have no order (on 50 sequences of photographs and videos, speech differs by 5 to 14).
-const SURE: f64 = 15.0;
+/// move, which are equally likely either way, have no order against their motion: played forwards, the reverse is the likelier one by 9.5 at
+/// most among 90 smiles tracked in two photographs, and never among 50 sequences of photographs and videos.
+const SURE: f64 = 12.0;
 
 /// The intensity of one action unit in one frame.
 ///
@@ -265,7 +266,7 @@ impl ActionUnits {
     ///
     /// Muscles only pull: an expression is a non-negative sum of action units, and no such sum explains its opposite well. The best
     /// strengths `x` of either explain the log likelihood `x' N x / 2`; the order is the difference of the two over their sum. Differences
-    /// of less than 15 give 0.
+    /// of less than 12 give 0.
     ///
     /// ```
     /// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();

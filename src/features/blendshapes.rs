@@ -80,7 +80,7 @@ const NEUTRAL: &str = "_neutral";
 /// Blendshapes that do not read, or not beside a track.
 #[derive(Debug, thiserror::Error)]
 pub enum BlendshapesError {
-    /// The table does not read.
+    /// The table cannot be read.
     #[error(transparent)]
     Table(#[from] InputError),
     /// The file cannot be read.
@@ -91,7 +91,7 @@ pub enum BlendshapesError {
         /// Why.
         source: std::io::Error,
     },
-    /// No results of a face landmarker.
+    /// The JSON is not a result of a face landmarker.
     #[error(
         "{}: not MediaPipe's results in JSON (`faceBlendshapes` or `face_blendshapes` with names and scores): {reason}",
         path.display()
@@ -102,7 +102,7 @@ pub enum BlendshapesError {
         /// Why.
         reason: String,
     },
-    /// No blendshape among what was read.
+    /// The file has no blendshapes.
     #[error("{}: no blendshapes; expected {what}", path.display())]
     None {
         /// The file.
@@ -110,7 +110,7 @@ pub enum BlendshapesError {
         /// What was looked for.
         what: &'static str,
     },
-    /// A frame that is there twice.
+    /// A frame appears twice.
     #[error("{}: frame {frame} appears twice; keep one", path.display())]
     DuplicateFrame {
         /// The file.
@@ -118,7 +118,7 @@ pub enum BlendshapesError {
         /// Frame number.
         frame: u32,
     },
-    /// Results that are not numbered and do not go with the frames.
+    /// Results without frame numbers, whose count differs from that of the frames.
     #[error("{}: there are {found} results without frame numbers, but the track has {expected} frames", path.display())]
     Count {
         /// The file.
@@ -128,7 +128,7 @@ pub enum BlendshapesError {
         /// Frames of the track.
         expected: usize,
     },
-    /// Results whose frame numbers are not those of the track: as many, or none in common.
+    /// The frame numbers of the results do not match those of the track.
     #[error(
         "{}: the results have frames {} to {}, but the track has {} to {}: use the results of the same frames, with the frame numbers of \
          the track",
@@ -142,7 +142,7 @@ pub enum BlendshapesError {
         /// First and last frame of the track.
         expected: (u32, u32),
     },
-    /// A score that is none.
+    /// An invalid score.
     #[error("{}: {name} is {score} in {}; scores are 0 to 1", path.display(), frame.map_or_else(|| "a result".to_owned(), |f| format!("frame {f}")))]
     Score {
         /// The file.
@@ -382,7 +382,7 @@ mod tests {
     }
 
     #[test]
-    fn what_holds_no_blendshapes_is_refused_with_the_reason() {
+    fn files_without_blendshapes_are_refused_with_the_reason() {
         let said = |name: &str, text: &str| read(name, text).unwrap_err().to_string();
         assert!(said("a.csv", "frame,x0\n1,2\n").contains("columns such as jawOpen"));
         assert!(said("a.csv", "frame,jawOpen\n1,wide\n").contains("line 2"));

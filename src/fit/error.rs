@@ -20,7 +20,7 @@ pub enum FitError {
         /// Marks given.
         found: usize,
     },
-    /// The similarity is not determined.
+    /// The marks do not determine a similarity transform.
     #[error("the marks do not determine a placement: {0}")]
     Placement(#[from] SimilarityError),
     /// The springs have no equilibrium.
@@ -42,13 +42,13 @@ pub enum FitError {
         /// Nodes of the wireframe.
         count: usize,
     },
-    /// Options that name a prior file that was not read.
+    /// The options name a prior file that was not loaded.
     #[error("the shape prior with BLAKE3 {blake3} was not read from its file")]
     PriorNotRead {
         /// BLAKE3 of the file.
         blake3: String,
     },
-    /// Left and right were exchanged.
+    /// Left and right are exchanged.
     #[error(
         "the marks fit a mirrored face: left and right are swapped; they mean the subject's own sides (the subject's left is on the \
          right of the image){}{}",
@@ -73,13 +73,13 @@ pub enum FitError {
          from the bottom, write the image's height - 1 - y"
     )]
     YUpwards,
-    /// Marks of which two lie where the other should.
+    /// Two marks that are probably exchanged.
     #[error("{} swapped: each lies where the other is expected (left and right are the subject's own)", exchanged(pairs))]
     Exchanged {
         /// The nodes, in pairs.
         pairs: Vec<(NodeId, NodeId)>,
     },
-    /// A mark that no face has there.
+    /// A mark at an impossible position.
     #[error(
         "node {node} is marked at ({x}, {y}), but the other marks expect it near ({expected_x:.0}, {expected_y:.0}), {percent:.0} % of \
          the eye distance away{}; correct it or remove it",
@@ -165,7 +165,7 @@ pub enum FitWarning {
         /// How far off it is, percent of the eye distance.
         percent: f64,
     },
-    /// Triangles that the marks turn over.
+    /// The marks turn triangles over.
     #[error("the marks turn parts of the wireframe over; check them in a picture of the fit (--overlay)")]
     Turned,
 }

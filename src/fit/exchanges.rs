@@ -169,7 +169,7 @@ mod tests {
     const SIDES: [(u16, u16); 5] = [(20, 53), (23, 56), (31, 64), (15, 48), (17, 50)];
 
     #[test]
-    fn left_taken_for_right_is_said_with_the_pairs_of_both_sides() {
+    fn swapped_left_and_right_is_reported_with_the_pairs_of_both_sides() {
         for nodes in [&EYES[..], &[20, 23, 53, 56, 10], &SIX, &SEVEN, &BROWS, &[20, 53, 10], &[20, 53, 31, 64]] {
             let right: Pairs = SIDES.into_iter().filter(|(a, _)| nodes.contains(a)).collect();
             let Err(FitError::Mirrored { pairs: found, then }) = said(nodes, &SIDES) else { panic!("{nodes:?}") };
@@ -181,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn columns_that_are_exchanged_are_said_and_not_taken_for_left_and_right() {
+    fn exchanged_columns_are_reported_and_not_confused_with_left_and_right() {
         let wireframe = Wireframe::candide3();
         let fit = |marks: &[Correspondence]| Fitter::new(&wireframe, super::super::FitOptions::default()).fit(&wireframe, marks);
         for nodes in [&SEVEN[..], &BROWS] {
@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_exchanged_beside_left_and_right_is_said_too() {
+    fn other_exchanges_beside_left_and_right_are_reported_too() {
         // The name after left and right are corrected: the subject's right eye.
         let exchanged = [SIDES[0], SIDES[1], SIDES[2], (53, 56)];
         let error = said(&SEVEN, &exchanged).unwrap_err();
@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn neighbours_are_said_by_pairs_on_one_side_and_on_both() {
+    fn exchanged_neighbours_are_reported_in_pairs_on_one_side_and_on_both() {
         let exchanges: [(&[u16], Exchanged); 9] = [
             (&SEVEN, &[(20, 23)]),
             (&EYES, &[(20, 23), (53, 56)]),

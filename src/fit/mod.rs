@@ -368,8 +368,8 @@ impl FittedWireframe {
     pub fn expected_errors(&self) -> Option<Vec<f64>> {
         let eye_distance = self.image_from_face.scale * EYE_DISTANCE;
         let used = || self.correspondences.iter().chain(&self.read);
-        let told = used().filter(|m| m.expected_error.is_some()).count() as f64 / used().count().max(1) as f64;
-        Some(self.spreads.as_ref()?.iter().map(|&spread| placement::calibrated(spread, told) * eye_distance).collect())
+        let found_share = used().filter(|m| m.expected_error.is_some()).count() as f64 / used().count().max(1) as f64;
+        Some(self.spreads.as_ref()?.iter().map(|&spread| placement::calibrated(spread, found_share) * eye_distance).collect())
     }
 
     /// Moves the last `read` correspondences to [`FittedWireframe::read`].

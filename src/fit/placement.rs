@@ -28,10 +28,10 @@ const SET: [(f64, f64); 8] = [
 const MOST: f64 = 0.5;
 
 /// Returns the expected error of a node over the eye distance, from its spread and the share of marks with an expected error.
-pub fn calibrated(spread: f64, told: f64) -> f64 {
+pub fn calibrated(spread: f64, found_share: f64) -> f64 {
     let score = spread.max(f64::MIN_POSITIVE).ln();
     let set = between(&SET, score);
-    (set + told * (score - set)).exp().min(MOST)
+    (set + found_share * (score - set)).exp().min(MOST)
 }
 
 /// Evaluates the piecewise linear function through the knots, with slope 1 beyond the outermost.
@@ -60,9 +60,9 @@ mod tests {
 
     #[test]
     fn more_spread_is_never_less_error_whoever_set_the_marks() {
-        for told in [0.0, 0.5, 1.0] {
-            let errors: Vec<f64> = (1..400).map(|k| calibrated(f64::from(k) / 1000.0, told)).collect();
-            assert!(errors.windows(2).all(|e| e[0] <= e[1]), "{told}");
+        for found_share in [0.0, 0.5, 1.0] {
+            let errors: Vec<f64> = (1..400).map(|k| calibrated(f64::from(k) / 1000.0, found_share)).collect();
+            assert!(errors.windows(2).all(|e| e[0] <= e[1]), "{found_share}");
             assert!(errors.iter().all(|e| *e > 0.0 && *e <= MOST));
         }
         assert_relative_eq!(calibrated(0.02, 1.0), 0.02, epsilon = 1e-12);

@@ -106,7 +106,7 @@ pub(super) struct Strut {
 /// ```
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SpringError {
-    /// Nothing drives the wireframe.
+    /// There are no targets.
     #[error("no node drives the deformation")]
     NoTarget,
     /// A target at a node that does not exist or is in no triangle.

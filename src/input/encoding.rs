@@ -31,7 +31,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_of_western_europe_are_told_and_other_bytes_are_not() {
+    fn western_european_names_are_recognized_and_other_bytes_are_not() {
         for text in [&b"Ren\xE9,1\nZo\xEB,2\n"[..], b"\xC5sa,1", b"O\x92Brien", b"Stra\xDFe", b"\xC9mile"] {
             assert!(is_windows_1252(text), "{text:?}");
         }

@@ -10,10 +10,10 @@ pub enum InputErrorKind {
     /// The file cannot be read.
     #[error("cannot be read: {0}")]
     Io(#[from] io::Error),
-    /// No header line.
+    /// The file has no header line.
     #[error("is empty; a header line was expected")]
     Empty,
-    /// A file of another kind.
+    /// The file is not a text table.
     #[error("is a {what}; a table in CSV was expected")]
     NotText {
         /// Kind of file by its first bytes.
@@ -30,7 +30,7 @@ pub enum InputErrorKind {
     /// A quoted field without its closing quotation mark.
     #[error("a quotation mark is not closed")]
     UnclosedQuote,
-    /// Columns that must be there.
+    /// Required columns are missing.
     #[error(
         "has no column {}; found {}{}{}",
         quoted(missing),
@@ -44,13 +44,13 @@ pub enum InputErrorKind {
         /// Names in the header.
         found: Vec<String>,
     },
-    /// A column name that stands twice in the header.
+    /// A column name appears twice in the header.
     #[error("has the column `{name}` twice")]
     DuplicateColumn {
         /// The name.
         name: String,
     },
-    /// A row of another length than the header.
+    /// The number of fields of a row differs from that of the header.
     #[error("the row has {found} fields, but the header has {expected}")]
     FieldCount {
         /// Columns of the header.
@@ -58,7 +58,7 @@ pub enum InputErrorKind {
         /// Fields of the row.
         found: usize,
     },
-    /// A field that should be a number.
+    /// A field has an invalid value.
     #[error("{column} is `{found}`; {expected} was expected")]
     Field {
         /// Column name.

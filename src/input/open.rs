@@ -128,7 +128,7 @@ mod tests {
         // A sparse file needs no disk space.
         File::create(&path).unwrap().set_len(MAX_BYTES + 1).unwrap();
         assert_eq!(read(&path).unwrap_err().to_string(), "it has 1073741825 bytes, more than the limit of 1073741824");
-        assert!(open_file(&path).is_ok(), "what is read in parts may be long");
+        assert!(open_file(&path).is_ok(), "a file that is read in parts may be long");
     }
 
     #[cfg(unix)]

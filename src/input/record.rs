@@ -7,7 +7,7 @@ use serde::{Deserialize, de::DeserializeOwned};
 /// Why a record cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
-    /// Written by a later version, in another layout.
+    /// The record was written by a newer version in another layout.
     #[error("schema version {found}; this program reads {reads}; it comes from a newer version of grimace; use that version")]
     Newer {
         /// Its version.
@@ -15,7 +15,7 @@ pub enum RecordError {
         /// The newest supported version.
         reads: u32,
     },
-    /// No such record.
+    /// The record is not valid JSON of its kind.
     #[error(transparent)]
     Json(#[from] serde_json::Error),
 }

@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wanted_is_where_the_truth_is_on_the_lines_that_were_found() {
+    fn the_learning_target_is_the_position_of_the_truth_on_the_found_lines() {
         let (shape, mut truth) = (mouth(), mouth());
         let [_, upper, lower, _] = line_points()[1];
         (truth[upper], truth[lower]) = ([100.0, 58.0], [100.0, 68.0]);

@@ -118,7 +118,7 @@ struct SmileHeader {
 /// A model that does not read or cannot be written.
 #[derive(Debug, thiserror::Error)]
 pub enum ModelError {
-    /// The file.
+    /// The file cannot be read or written.
     #[error("{}: {source}", path.display())]
     Io {
         /// The file.
@@ -126,7 +126,7 @@ pub enum ModelError {
         /// Why.
         source: std::io::Error,
     },
-    /// No model in it.
+    /// The file is not a model.
     #[error("{}: this is not a model of the locator: {reason}; make one with `grimace learn locator`", path.display())]
     Format {
         /// The file.
@@ -425,7 +425,7 @@ mod tests {
     }
 
     #[test]
-    fn files_that_are_no_model_are_named() {
+    fn files_that_are_not_models_are_reported() {
         let bytes = include_bytes!("../../candide/locator.bin");
         let message = |bytes: &[u8]| Model::from_bytes(Path::new("m.bin"), bytes).unwrap_err().to_string();
         assert!(

@@ -61,7 +61,7 @@ mod tests {
             assert!((point.sources.iter().map(|s| s.1).sum::<f64>() - 1.0).abs() < 1e-9, "{}", point.description);
         }
         let nodes: BTreeSet<_> = points().iter().filter_map(|p| p.node).collect();
-        assert_eq!(nodes.len(), points().iter().filter(|p| p.node.is_some()).count(), "a node stands once");
+        assert_eq!(nodes.len(), points().iter().filter(|p| p.node.is_some()).count(), "a node appears once");
     }
 
     #[test]

@@ -29,7 +29,7 @@ pub use subdivide::Subdivision;
 /// ```
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MeshError {
-    /// Nothing to see.
+    /// The mesh has no triangles.
     #[error("the mesh has no triangles")]
     NoTriangles,
     /// A coordinate that is NaN or infinite.
@@ -40,7 +40,7 @@ pub enum MeshError {
         /// Its position.
         at: [f32; 3],
     },
-    /// An index past the vertices.
+    /// An index that exceeds the number of vertices.
     #[error("triangle {triangle} refers to vertex {vertex}, but there are {count} vertices (0 to {})", count.saturating_sub(1))]
     NoSuchVertex {
         /// Triangle index, from 0.
@@ -50,7 +50,7 @@ pub enum MeshError {
         /// Number of vertices.
         count: usize,
     },
-    /// More vertices than an index can number.
+    /// More vertices than an index can address.
     #[error("the mesh has {found} vertices; at most {} are supported", u32::MAX)]
     TooManyVertices {
         /// Number of vertices found.
@@ -79,7 +79,7 @@ pub enum MeshFileError {
         /// The cause.
         source: std::io::Error,
     },
-    /// Not what its format asks for.
+    /// The content does not follow the format.
     #[error("{}: {reason}", path.display())]
     Format {
         /// The file.
@@ -87,7 +87,7 @@ pub enum MeshFileError {
         /// What is wrong and where, and what was expected.
         reason: String,
     },
-    /// Reads, but is no mesh.
+    /// The file can be read, but is not a valid mesh.
     #[error("{}: {source}", path.display())]
     Mesh {
         /// The file.

@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_reads_back() {
+    fn written_files_read_back() {
         let mesh = TriangleMesh::new(vec![[0.1, 1e-9, -3.0], [1.0, 2.0, 3.5], [7.25, 0.3, 0.0]], vec![[2, 0, 1]]).unwrap();
         let mut bytes = Vec::new();
         write_obj(&mut bytes, mesh.positions(), mesh.triangles()).unwrap();

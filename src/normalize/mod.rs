@@ -178,16 +178,16 @@ impl Default for NormalizeOptions {
 /// ```
 #[derive(Debug, thiserror::Error)]
 pub enum NormalizeError {
-    /// The points that expressions do not move determine no similarity.
+    /// The points that expressions do not move do not determine a similarity transform.
     #[error("the head's motion is not determined: {0}")]
     Rigid(#[from] SimilarityError),
-    /// The neutral frame has no FAPUs.
+    /// The FAPUs of the neutral frame cannot be measured.
     #[error(transparent)]
     Fapus(#[from] FapusError),
-    /// The frames do not make a model.
+    /// The frames do not form a model.
     #[error(transparent)]
     Model(#[from] ModelError),
-    /// The track is of another wireframe.
+    /// The track has another wireframe.
     #[error("the track has {found} nodes, but the wireframe has {expected}")]
     NodeCount {
         /// Nodes of the track.

@@ -11,6 +11,7 @@ use super::{
     AmplitudeResults, Failure, RecognitionResults, Workbench,
     classes::{class, spelling_warnings, unique_stem, warnings},
     covariates::{CovariateResult, covariate_warnings, covariates},
+    looks::looked_said,
     parts::EmotionPart,
     recognition::{left_out_said, recognize_left_out},
     sequence_table::SequenceRow,
@@ -30,7 +31,7 @@ use crate::{
         compare::{Comparisons, Strata},
         group_models, is_missing, measures_said, missing_words_said, no_numbers_said, spelling_key,
     },
-    track::{TrackQuality, Verdict},
+    track::TrackQuality,
     units::SequenceId,
     wireframe::FapusError,
 };
@@ -50,16 +51,23 @@ pub struct AnalyzedModel {
     pub course: Option<Course>,
 }
 
+impl AnalyzedModel {
+    /// Whether a person has left it out of the statistics.
+    pub fn is_left_out(&self) -> bool {
+        self.quality.as_ref().is_some_and(TrackQuality::is_left_out)
+    }
+}
+
 /// Errors of the analysis.
 #[derive(Debug, thiserror::Error)]
 pub enum AnalysisError {
-    /// Statistics of a class.
+    /// The statistics of a class failed.
     #[error(transparent)]
     Statistics(#[from] StatisticsError),
-    /// The canonical neutral has no FAPUs.
+    /// The FAPUs of the canonical neutral cannot be measured.
     #[error(transparent)]
     Fapus(#[from] FapusError),
-    /// A model is not one.
+    /// A model is invalid.
     #[error(transparent)]
     Model(#[from] ModelError),
     /// A FAP file cannot be written.
@@ -68,23 +76,32 @@ pub enum AnalysisError {
     /// A file cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
-    /// The report does not render.
+    /// The report cannot be rendered.
     #[error("cannot render the report: {0}")]
     Report(#[from] minijinja::Error),
-    /// A column to group by that no sequence has.
+    /// Grouping by the requested columns is not possible.
     #[error(transparent)]
     Group(#[from] GroupError),
     /// The representatives cannot be shown on the report's face.
     #[error("the portrait of the report: {0}")]
     Face(#[from] CloneError),
-    /// A representative has no FAPs.
+    /// The FAPs of a representative cannot be computed.
     #[error(transparent)]
     Convert(#[from] ConvertError),
     /// A columnar file of models.
     #[cfg(feature = "columnar")]
     #[error(transparent)]
     Columnar(#[from] crate::columnar::ColumnarError),
-    /// Groups of models that do not fit into memory.
+    /// All tracked sequences were left out.
+    #[error(
+        "all {sequences} tracked sequences are left out in {}, so there are no statistics; take some rows out of it",
+        crate::track::LOOKED_AT
+    )]
+    AllLeftOut {
+        /// The sequences that were left out.
+        sequences: usize,
+    },
+    /// Grouping would need more models than fit into memory.
     #[error(
         "the models need about {needed} MB, more than the {allowed} MB of --memory, so groups cannot be compared and numeric columns \
          cannot be tested; raise --memory, or leave --by and --covariate out"
@@ -170,6 +187,11 @@ pub(super) fn analyze_with(
     let options = &bench.options;
     let mut tracks: Vec<TrackQuality> = models.iter().filter_map(|m| m.quality.clone()).collect();
     tracks.sort_by(|a, b| a.id.cmp(&b.id));
+    let sequences = models.len();
+    let models: Vec<AnalyzedModel> = models.into_iter().filter(|m| !m.is_left_out()).collect();
+    if models.is_empty() && sequences > 0 {
+        return Err(AnalysisError::AllLeftOut { sequences });
+    }
     let courses = models.iter().filter_map(|m| Some((m.model.id.clone(), m.course.clone()?))).collect();
     let fapus = bench.normalizer()?.canonical().fapus;
     let sequences = models.par_iter().map(|model| SequenceRow::of(model, &fapus)).collect();
@@ -201,6 +223,7 @@ pub(super) fn analyze_with(
     }
     let mut warnings: Vec<String> =
         marks_beside(&tracks).into_iter().chain(look_again(&tracks)).chain(warnings(&classes, &options.statistics)).collect();
+    warnings.extend(looked_said(&tracks));
     warnings.extend(too_short(lengths_of(&tracks), options.normalize.resample));
     let comparisons = (!options.by.is_empty()).then(|| Comparisons::together(comparisons));
     warnings.extend(comparisons.iter().flat_map(|c| c.warnings(options.groups.compare.significance)));
@@ -257,7 +280,7 @@ const NAMED_BESIDE: usize = 3;
 
 /// Warning about marks that miss the face in the picture, if there are any.
 fn marks_beside(tracks: &[TrackQuality]) -> Option<String> {
-    let found: Vec<&TrackQuality> = tracks.iter().filter(|t| !t.summary.beside.is_empty()).collect();
+    let found: Vec<&TrackQuality> = tracks.iter().filter(|t| !t.summary.beside.is_empty() && t.is_to_look_at()).collect();
     let said = found.iter().take(NAMED_BESIDE).map(|t| format!("{}: {}", t.id, t.summary.beside.join("; ")));
     let said = said.collect::<Vec<_>>().join("; ");
     let more = found.len().checked_sub(NAMED_BESIDE + 1).map(|more| format!("; and {} more", more + 1)).unwrap_or_default();
@@ -267,7 +290,7 @@ fn marks_beside(tracks: &[TrackQuality]) -> Option<String> {
 
 /// Warning with the sequences to review, if there are any.
 fn look_again(tracks: &[TrackQuality]) -> Option<String> {
-    let ids: Vec<String> = tracks.iter().filter(|t| t.summary.verdict == Verdict::LookAgain).map(|t| t.id.to_string()).collect();
+    let ids: Vec<String> = tracks.iter().filter(|t| t.is_to_look_at()).map(|t| t.id.to_string()).collect();
     let more = ids.len().checked_sub(NAMED_SEQUENCES + 1).map(|more| format!(" and {} more", more + 1)).unwrap_or_default();
     let named = ids.iter().take(NAMED_SEQUENCES).cloned().collect::<Vec<_>>().join(", ");
     let (count, all) = (ids.len(), tracks.len());
@@ -291,9 +314,10 @@ pub(super) fn too_short<'a>(lengths: impl Iterator<Item = (&'a SequenceId, usize
     })
 }
 
-/// Converts models for grouping.
+/// Converts models for grouping, without those that a person left out.
 pub(super) fn labelled(models: Vec<AnalyzedModel>) -> Vec<LabelledModel> {
-    models.into_iter().map(|m| LabelledModel { model: m.model, emotion: m.emotion, metadata: m.metadata }).collect()
+    let counted = models.into_iter().filter(|m| !m.is_left_out());
+    counted.map(|m| LabelledModel { model: m.model, emotion: m.emotion, metadata: m.metadata }).collect()
 }
 
 /// Classes by emotion.

@@ -405,14 +405,14 @@ mod tests {
     const ELEVEN: [u16; 11] = [20, 23, 53, 56, 31, 64, 10, 15, 17, 48, 50];
 
     #[test]
-    fn of_marks_on_their_places_nothing_is_said() {
+    fn correct_marks_are_not_reported() {
         assert_eq!(said(&ELEVEN, |_, p| p), Vec::<String>::new());
         // 6 px of 100 are within the limits.
         assert_eq!(said(&ELEVEN, |_, p| p + Vector2::new(6.0, 0.0)), Vec::<String>::new());
     }
 
     #[test]
-    fn marks_of_another_place_or_size_are_said_in_px_and_eye_distances() {
+    fn misplaced_or_scaled_marks_are_reported_in_px_and_eye_distances() {
         let question = "from the face found in the picture; check that they belong to this frame and this person";
         assert_eq!(
             said(&ELEVEN, |_, p| p + Vector2::new(18.0, 24.0)),
@@ -427,7 +427,7 @@ mod tests {
     }
 
     #[test]
-    fn a_part_that_lies_beside_is_named() {
+    fn a_misplaced_part_is_reported() {
         let cheek = |n: u16, p: Point2<f64>| if n == 31 { p + Vector2::new(18.0, -24.0) } else { p };
         let named = |what: &str| format!("some marks do not lie on their features in the picture: {what}; check them");
         assert_eq!(said(&ELEVEN, cheek), [named("left mouth corner 30 px (0.30 of the eye distance)")]);

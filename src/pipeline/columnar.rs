@@ -19,10 +19,11 @@ use crate::{
 /// # Errors
 /// [`ColumnarError`] when the file cannot be written.
 pub fn write_columnar(path: &Path, models: &[AnalyzedModel]) -> Result<blake3::Hash, ColumnarError> {
+    let models: Vec<&AnalyzedModel> = models.iter().filter(|m| !m.is_left_out()).collect();
     let columns: BTreeSet<&String> = models.iter().flat_map(|m| m.metadata.keys()).collect();
     let columns: Vec<String> = columns.into_iter().cloned().collect();
     let (frames, nodes) = models.first().map_or((2, 1), |m| (m.model.model.frame_count(), m.model.model.node_count()));
-    let mut sorted: Vec<&AnalyzedModel> = models.iter().collect();
+    let mut sorted = models;
     sorted.sort_by(|a, b| a.model.id.cmp(&b.model.id));
     let mut writer = ColumnarWriter::create(path, &columns, frames, nodes)?;
     for m in sorted {

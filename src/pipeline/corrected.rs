@@ -154,7 +154,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn corrections_of_no_sequence_are_named() {
+    fn corrections_without_a_sequence_are_reported() {
         let folder = tempfile::tempdir().unwrap();
         let ids = BTreeSet::from(["P1_2".to_owned()]);
         assert_eq!(unused_corrections(folder.path(), &ids), None);

@@ -10,6 +10,7 @@ use super::{
     analysis::{by_emotion, labelled, strata_of},
     folder::{RUN_JSON, new_record, open},
     ledger::Ledger,
+    looks::looks_in,
     parts::{EmotionPart, part_name},
     work::{Collected, Planned, Worked, collect, plan_all, process_all, sequence_files},
 };
@@ -79,7 +80,8 @@ pub fn run_part(
     let bounds = |k: usize| (k as u128 * count as u128 / of as u128) as usize;
     let chosen: Vec<&SequenceEntry> =
         opened.sequences[bounds(part.saturating_sub(1).min(of))..bounds(part.min(of))].iter().collect();
-    Ok(work(&chosen, &earlier, &Worked { out, ledger: &ledger, bench, overlay: None, stop }, &event)?.1)
+    let looks = looks_in(out, false)?;
+    Ok(work(&chosen, &earlier, &Worked { out, ledger: &ledger, bench, overlay: None, looks: &looks, stop }, &event)?.1)
 }
 
 /// Tracks and normalizes the remaining sequences of one emotion, and computes its statistics for the run to use.
@@ -100,7 +102,9 @@ pub fn run_emotion(
     if chosen.is_empty() {
         return Err(RunError::NoSuchEmotion { emotion: emotion.to_owned() });
     }
-    let (models, failures) = work(&chosen, &earlier, &Worked { out, ledger: &ledger, bench, overlay: None, stop }, &event)?;
+    let looks = looks_in(out, false)?;
+    let worked = Worked { out, ledger: &ledger, bench, overlay: None, looks: &looks, stop };
+    let (models, failures) = work(&chosen, &earlier, &worked, &event)?;
     event(Event::Analyzing);
     let grouped = labelled(models);
     // A column that is empty in this emotion may have values in others; the last step checks it.

@@ -67,6 +67,12 @@ pub struct RunJson {
     pub representatives: Vec<(String, usize)>,
     /// Warnings to the user.
     pub warnings: Vec<String>,
+    /// Sequences that a person should look at.
+    #[serde(default)]
+    pub to_look_at: usize,
+    /// BLAKE3 of the looks that the results take into account.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub looks_blake3: Option<String>,
     /// BLAKE3 of every file written, by path relative to the output folder with `/` between folders.
     pub outputs: BTreeMap<String, String>,
     /// Files of earlier runs that were kept because they were changed since, with their original BLAKE3.
@@ -85,7 +91,7 @@ pub enum RunJsonError {
         /// Why.
         source: io::Error,
     },
-    /// It is not whole, or none.
+    /// The file is damaged or of another kind.
     #[error("{}: damaged ({source}); it lists the files that runs wrote into this folder: restore it, or run again with --force", path.display())]
     Damaged {
         /// The file.
@@ -93,7 +99,7 @@ pub enum RunJsonError {
         /// Why.
         source: serde_json::Error,
     },
-    /// Of a later layout.
+    /// The file has a newer layout.
     #[error("{}: schema version {found}; this program reads {SCHEMA_VERSION}; it comes from a newer version of grimace; use that version", path.display())]
     Newer {
         /// The file.

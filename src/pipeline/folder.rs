@@ -13,7 +13,7 @@ use crate::{
     dataset::{Dataset, MANIFEST_NAME, SequenceEntry},
     output::{OutputError, create_folders, sweep_once},
     statistics::{check_columns, check_groups, check_numbers},
-    track::CORRECTIONS_FOLDER,
+    track::{CORRECTIONS_FOLDER, LOOKED_AT},
 };
 
 /// Name of the provenance file.
@@ -68,6 +68,8 @@ pub(super) fn new_record(dataset: String, skipped: Vec<(String, String)>, bench:
         kept: BTreeMap::new(),
         representatives: Vec::new(),
         warnings: Vec::new(),
+        to_look_at: 0,
+        looks_blake3: None,
     }
 }
 
@@ -109,6 +111,7 @@ fn check_output(out: &Path, dataset: &str, bench: &Workbench, force: bool) -> Re
         let is_left = |name: &std::ffi::OsStr| {
             name == JOURNAL
                 || name == SEGMENTS_FOLDER
+                || name == LOOKED_AT
                 || name.to_str().is_some_and(|n| n.starts_with(".grimace-") && Path::new(n).extension() == Some("tmp".as_ref()))
         };
         let empty = entries.all(|e| e.is_ok_and(|e| is_left(&e.file_name())));

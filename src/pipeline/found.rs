@@ -25,12 +25,12 @@ const FEWEST: [u16; 13] = [20, 23, 53, 56, 31, 64, 10, 15, 16, 17, 48, 49, 50];
 /// Why no marks were found.
 #[derive(Debug, thiserror::Error)]
 pub enum FoundMarksError {
-    /// No face.
+    /// No face was found.
     #[error(
         "there are no hand-set marks, and no face was found in the neutral frame; if it shows a face, mark it with `grimace annotate`"
     )]
     NoFace,
-    /// A face that is read with large errors.
+    /// A face whose points have large expected errors.
     #[error(
         "there are no hand-set marks, and the found marks are not trusted: their median expected error is {percent:.1} % of the eye \
          distance, above the limit of {:.1} %{}; view them with `grimace locate --overlay`, and mark the face with `grimace annotate`", 100.0 * TRUSTED, covered_too(.covered)
@@ -41,7 +41,7 @@ pub enum FoundMarksError {
         /// Covered parts.
         covered: Vec<FacePart>,
     },
-    /// A face that stands on its head.
+    /// A face that is upside down.
     #[error(
         "there are no hand-set marks, and the found face is upside down (turned by {degrees:.0} degrees): turn the picture upright"
     )]
@@ -49,10 +49,10 @@ pub enum FoundMarksError {
         /// Angle between the face's down and the picture's, up to 180 degrees.
         degrees: f64,
     },
-    /// The pixels.
+    /// The pixels cannot be read.
     #[error(transparent)]
     Frame(#[from] SequenceError),
-    /// The model.
+    /// The model of the locator cannot be read.
     #[error(transparent)]
     Model(#[from] ModelError),
 }
@@ -261,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn a_portrait_on_its_head_is_said_to_be() {
+    fn an_upside_down_portrait_is_reported() {
         let portrait = crate::sequence::read_frame("fixtures/portraits/P01.jpg".as_ref()).unwrap();
         let bench = Workbench::new(None, crate::pipeline::PipelineOptions::default()).unwrap();
         let turned = Frame::new(0, image::imageops::rotate180(portrait.image()));

@@ -96,6 +96,11 @@ impl LandmarkSource {
         part(self.id.to_string().as_bytes());
         part(format!("{:?} {:?}", self.first_frame, self.last_frame).as_bytes());
         images.iter().for_each(|number| part(&number.to_le_bytes()));
+        // The two that the report shows. One that cannot be read is not shown.
+        let shown = self.shown_images(bench);
+        let files = shown.iter().flat_map(|images| images.files());
+        let ends = files.clone().next().into_iter().chain(files.last());
+        ends.filter_map(|file| crate::input::read(file).ok()).for_each(|bytes| part(&bytes));
         self.face.iter().for_each(|face| part(face.as_bytes()));
         for mark in self.marks.iter().flatten() {
             part(&mark.node.0.to_le_bytes());
@@ -117,6 +122,12 @@ impl LandmarkSource {
     pub(super) fn own_clock(&self, inputs: &Inputs, bench: &Workbench) -> Result<Clock, SequenceFailure> {
         let (read, sequence) = self.read(bench)?;
         if self.inputs(bench)? == *inputs { Ok(clock(&read, &sequence)) } else { Err(SequenceFailure::changed(&self.path)) }
+    }
+
+    /// Its images from the neutral to the apex frame, if they may be shown: the report has small pictures of two of them.
+    pub(super) fn shown_images(&self, bench: &Workbench) -> Option<FrameSource> {
+        let images = self.entry.frames().ok().filter(|frames| matches!(frames, FrameSource::Images(_)));
+        images.filter(|_| bench.options.shows(&self.metadata))
     }
 
     /// Numbers of the images from the neutral to the apex frame; empty for a video or without images.
@@ -226,7 +237,7 @@ mod tests {
     };
 
     #[test]
-    fn landmarks_that_end_before_the_images_are_said_in_the_track() {
+    fn landmarks_that_end_before_the_images_are_reported_in_the_track() {
         let landmarks = LandmarkOptions { prefer: true, ..LandmarkOptions::default() };
         let bench = Workbench::new(None, PipelineOptions { landmarks, ..PipelineOptions::default() }).unwrap();
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/simulated");

@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_ours_is_not_replaced_without_force() {
+    fn foreign_files_are_not_replaced_without_force() {
         let folder = tempfile::tempdir().unwrap();
         write_bytes(&folder.path().join("fap/joy.fap"), b"mine").unwrap();
         let names = ["fap/joy.fap".to_owned(), "statistics.csv".to_owned()];

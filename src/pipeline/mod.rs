@@ -19,6 +19,7 @@ mod groups;
 mod inputs;
 mod landmarks;
 mod ledger;
+mod looks;
 mod measured;
 mod method;
 mod model_file;
@@ -209,13 +210,13 @@ impl Default for FapOptions {
 /// ```
 #[derive(Debug, thiserror::Error)]
 pub enum WorkbenchError {
-    /// The file does not read.
+    /// The file cannot be read.
     #[error(transparent)]
     Wfm(#[from] WfmError),
     /// The file cannot be read.
     #[error("cannot read the wireframe: {0}")]
     Io(#[from] std::io::Error),
-    /// The wireframe lacks what FAPUs are measured on.
+    /// The wireframe lacks nodes on which FAPUs are measured.
     #[error("the wireframe cannot be used: {0}")]
     Fapus(#[from] FapusError),
 }

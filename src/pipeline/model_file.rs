@@ -50,7 +50,7 @@ pub fn write_model(path: &Path, model: &DynamicExpressionModel<FaceUnit>) -> Res
 /// ```
 #[derive(Debug, thiserror::Error)]
 pub enum ModelFileError {
-    /// It does not read as a table of `frame,node,x,y` with whole frames.
+    /// The file is not a table of `frame,node,x,y` with complete frames.
     #[error(transparent)]
     Positions(#[from] PositionsError),
     /// A model whose neutral face is not in face units.
@@ -61,7 +61,7 @@ pub enum ModelFileError {
         /// The unit it has instead.
         source: NotFaceUnits,
     },
-    /// It moves as no face does.
+    /// The motion is impossible for a face.
     #[error("{}, {source}", path.display())]
     Implausible {
         /// The file.

@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_read_where_marks_are_not_set_by_hand_or_nobody_wants_it() {
+    fn no_point_is_read_without_hand_set_marks_or_when_switched_off() {
         let plain = bench(PipelineOptions::default());
         let (grey, places) = photograph(&plain);
         let marks = at(&ELEVEN, &places);
@@ -216,8 +216,8 @@ mod tests {
         let alone = bench(PipelineOptions { fit, ..PipelineOptions::default() });
         assert_eq!(alone.fit_in(&grey, &marks).unwrap().fitted, plain.fit(&marks).unwrap());
         // Marks with expected errors were detected or measured; no point is read beside them.
-        let told: Vec<_> = marks.iter().map(|m| Correspondence::found(m.node, m.position, 1.0)).collect();
-        assert_eq!(plain.fit_in(&grey, &told).unwrap().fitted, plain.fit(&told).unwrap());
+        let found_marks: Vec<_> = marks.iter().map(|m| Correspondence::found(m.node, m.position, 1.0)).collect();
+        assert_eq!(plain.fit_in(&grey, &found_marks).unwrap().fitted, plain.fit(&found_marks).unwrap());
         // Marks that miss the face are reported, and no point is read.
         let aside: Vec<_> =
             marks.iter().map(|m| Correspondence { position: m.position + nalgebra::Vector2::new(40.0, 0.0), ..*m }).collect();

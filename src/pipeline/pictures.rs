@@ -59,13 +59,13 @@ pub enum BatchError {
         /// Why.
         source: std::io::Error,
     },
-    /// No picture at all.
+    /// There are no pictures.
     #[error("{}: this folder has no pictures (extensions: {}) and no {MANIFEST_NAME}", path.display(), IMAGE_EXTENSIONS.join(" "))]
     Empty {
         /// The folder.
         path: PathBuf,
     },
-    /// A dataset.
+    /// The dataset cannot be read.
     #[error(transparent)]
     Dataset(#[from] DatasetError),
 }
@@ -232,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_there_is_named() {
+    fn missing_inputs_are_reported() {
         assert!(
             pictures_of(Path::new("nowhere.jpg")).unwrap_err().to_string().starts_with("nowhere.jpg: there is no such picture")
         );

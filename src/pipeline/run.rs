@@ -21,6 +21,7 @@ use super::{
     file_blake3 as hash_of,
     folder::{RUN_JSON, new_record, open},
     ledger::{Ledger, remove_journal},
+    looks::{fill_in_new, looks_in, unused_looks},
     overlays::{AmongFrames, OverlayFolder, overlays_of},
     parts::PARTS_FOLDER,
     skins::{collect_skins, picture_sources},
@@ -128,6 +129,8 @@ pub struct RunSummary {
     pub representatives: Vec<(String, usize)>,
     /// Warnings to the user.
     pub warnings: Vec<String>,
+    /// Sequences that a person should look at and nobody has looked at yet.
+    pub to_look_at: usize,
     /// Whether nothing had changed, so that nothing was written.
     pub unchanged: bool,
 }
@@ -148,10 +151,10 @@ pub struct RunSummary {
 /// ```
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
-    /// The dataset does not open.
+    /// The dataset cannot be opened.
     #[error(transparent)]
     Dataset(#[from] crate::dataset::DatasetError),
-    /// The output folder holds something else.
+    /// The output folder has other files.
     #[error("{} is not empty and is not the output folder of a run; choose another folder, or give --force to write into it", path.display())]
     ForeignFolder {
         /// The folder.
@@ -165,7 +168,7 @@ pub enum RunError {
         /// What differs.
         what: String,
     },
-    /// The record of the earlier runs does not read.
+    /// The record of earlier runs cannot be read.
     #[error(
         "{}: damaged ({source}); it lists the files that runs wrote into this folder: restore it, choose another folder, or give --force \
          to write into this one",
@@ -177,7 +180,7 @@ pub enum RunError {
         /// Why.
         source: serde_json::Error,
     },
-    /// The record of the earlier runs is of a later version.
+    /// The record of earlier runs was written by a newer version.
     #[error(
         "{}: schema version {found}; this program reads {}: it comes from a newer version of grimace; use that version, choose another \
          folder, or give --force to write into this one", path.display(), super::SCHEMA_VERSION
@@ -188,10 +191,13 @@ pub enum RunError {
         /// Its version.
         found: u64,
     },
+    /// The file with the looks of a person at the tracks.
+    #[error(transparent)]
+    Looks(#[from] crate::track::LooksError),
     /// A folder for overlay pictures that holds frames.
     #[error(transparent)]
     OverlayAmongFrames(#[from] AmongFrames),
-    /// Something that no run made stands where a result must go.
+    /// A file that no run wrote is in the place of a result.
     #[error(
         "{}{more}: a result has this name, but no run wrote this file, or it was changed since; move it away, choose another folder, or \
          give --force to replace it",
@@ -206,7 +212,7 @@ pub enum RunError {
     /// A file cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
-    /// Writing in the middle of a sequence failed.
+    /// The results of a sequence cannot be written.
     #[error("{id}: {reason}")]
     Write {
         /// The sequence.
@@ -224,7 +230,7 @@ pub enum RunError {
         /// Why.
         reason: String,
     },
-    /// A part of a run in a folder in which none was begun.
+    /// A part of a run is requested in a folder without a run.
     #[error("{}: no run was started in this folder; start one with `grimace run DATASET -o OUT --plan`", path.display())]
     NotBegun {
         /// The folder.
@@ -287,6 +293,7 @@ pub fn run(
     event: impl Fn(Event) + Sync,
 ) -> Result<RunSummary, RunError> {
     let (opened, name, earlier) = open(dataset, out, bench, force, (stop, &event))?;
+    let mut looks = looks_in(out, true)?;
     let sequences = opened.sequences.len() + opened.failures.len();
     event(Event::Started { sequences });
     if let Some(folder) = overlay {
@@ -313,6 +320,7 @@ pub fn run(
     let skipped: Vec<(String, String)> = opened.skipped.iter().map(|s| (s.id.to_string(), s.reason.clone())).collect();
     if let Some(earlier) = &earlier
         && overlay.is_none()
+        && earlier.looks_blake3 == looks.blake3()
         && is_unchanged(earlier, &planned, &skipped, out)
     {
         // A run that was killed after writing its record leaves the journal.
@@ -330,23 +338,14 @@ pub fn run(
     output::write_json_durably(&out.join(RUN_JSON), &record)?;
 
     let pictures = overlay.map(|folder| OverlayFolder::open(folder, force)).transpose()?;
-    let results = process_all(&planned, &Worked { out, ledger: &ledger, bench, overlay: pictures.as_ref(), stop }, &event)?;
+    let worked = Worked { out, ledger: &ledger, bench, overlay: pictures.as_ref(), looks: &looks, stop };
+    let results = process_all(&planned, &worked, &event)?;
     if let Some(pictures) = pictures {
         said.extend(pictures.close(|id| planned.iter().any(|p| p.id.to_string() == id))?);
     }
-    // This run has already removed its own earlier pictures.
-    let hidden = planned.iter().filter(|p| !bench.options.shows(&p.metadata())).map(|p| p.id.to_string()).collect();
-    for folder in [overlay.map(Path::to_owned), Some(out.join("overlays"))].into_iter().flatten().collect::<BTreeSet<_>>() {
-        let left = overlays_of(&folder, &hidden);
-        if left > 0 {
-            let pictures = count(left, "picture", "pictures");
-            let folder = folder.display();
-            said.push(format!(
-                "{folder}: {pictures} of people who may not be shown, from an earlier run; remove them if nobody may see them"
-            ));
-        }
-    }
-    said.extend(unused_corrections(out, &planned.iter().map(|p| p.id.to_string()).collect()));
+    said.extend(hidden_left(&planned, bench, overlay, out));
+    let ids = planned.iter().map(|p| p.id.to_string()).collect();
+    said.extend(unused_corrections(out, &ids).into_iter().chain(unused_looks(&looks, &ids)));
     event(Event::Analyzing);
 
     let pictures = picture_sources(&planned, bench);
@@ -368,6 +367,7 @@ pub fn run(
         outputs.insert("models.parquet".to_owned(), hash.to_hex().to_string());
     }
     let mut analysis = Analysis { tracked_here: true, ..analyze_with(models, failures, bench, Some(out))? };
+    fill_in_new(out, &mut looks, &analysis.tracks)?;
     let flat = collect_skins(&mut analysis, &pictures, out, stop);
     analysis.warnings.extend(flat);
     if stop.load(Ordering::Relaxed) {
@@ -390,12 +390,30 @@ pub fn run(
     (record.outputs, record.kept) = (outputs, kept);
     record.representatives = analysis.counts();
     record.warnings = analysis.warnings.iter().cloned().chain(said).collect();
+    record.to_look_at = analysis.tracks.iter().filter(|t| t.is_to_look_at()).count();
+    record.looks_blake3 = looks.blake3();
     record.complete = true;
     output::write_json_durably(&out.join(RUN_JSON), &record)?;
     ledger.close();
     // The results now contain the separately computed parts. The folder is removed if it is empty.
     let _ = fs::remove_dir(out.join(PARTS_FOLDER));
     Ok(RunSummary { tracked, reused, unchanged: false, ..summary_of(&record) })
+}
+
+/// Notes about overlay pictures of people who may not be shown, from earlier runs: this run has already removed its own.
+fn hidden_left(planned: &[Planned<'_>], bench: &Workbench, overlay: Option<&Path>, out: &Path) -> Vec<String> {
+    let hidden = planned.iter().filter(|p| !bench.options.shows(&p.metadata())).map(|p| p.id.to_string()).collect();
+    let folders: BTreeSet<PathBuf> = [overlay.map(Path::to_owned), Some(out.join("overlays"))].into_iter().flatten().collect();
+    let note = |folder: PathBuf| {
+        let left = overlays_of(&folder, &hidden);
+        let (pictures, folder) = (count(left, "picture", "pictures"), folder.display());
+        (left > 0).then(|| {
+            format!(
+                "{folder}: {pictures} of people who may not be shown, from an earlier run; remove them if nobody may see them"
+            )
+        })
+    };
+    folders.into_iter().filter_map(note).collect()
 }
 
 /// Whether an earlier run had the same sequences, and all its files are unchanged.
@@ -434,6 +452,7 @@ fn summary_of(record: &RunJson) -> RunSummary {
         skipped: record.skipped.clone(),
         representatives: record.representatives.clone(),
         warnings: record.warnings.clone(),
+        to_look_at: record.to_look_at,
         unchanged: true,
     }
 }

@@ -5,19 +5,21 @@ use std::path::{Path, PathBuf};
 use image::{RgbImage, codecs::jpeg::JpegEncoder};
 use serde::{Deserialize, Serialize};
 
-use super::{AnalyzedClass, SequenceFailure, SequenceSource, Workbench, file_blake3, found_marks_and_remark};
+use super::{AnalyzedClass, SequenceFailure, Workbench, file_blake3, found_marks_and_remark};
 use crate::{
     clone::{CloneError, Skin, SourceMotion, Target},
     correspondence::{Correspondence, correspondences_of},
-    dataset::{LandmarkSelection, read_marks},
+    dataset::{FrameSource, LandmarkSelection, read_marks},
     input::CsvFile,
     overlay::thumbnail,
     player::{PlayerError, PlayerFace, Shown, payload},
     report::Stage,
-    sequence::{Frame, Portrait, read_colour_frames},
+    sequence::{Frame, Portrait, read_colour_frames, read_first_frame},
     statistics::Representative,
     track::TrackedFrame,
+    units::NodeId,
     warp::NODE_COUNT,
+    wireframe::Region,
 };
 
 /// Face on which the report shows the representatives.
@@ -147,6 +149,18 @@ pub(super) fn face_name(bench: &Workbench) -> String {
     }
 }
 
+/// As [`thumbnails`] for a sequence that landmarks drive, whose images are not needed: `None` if one cannot be read, or if the landmarks
+/// are not in its pixels.
+pub(super) fn thumbnails_beside(images: &FrameSource, frames: &[TrackedFrame], bench: &Workbench) -> Option<[Vec<u8>; 2]> {
+    let size = read_first_frame(images).ok()?.size();
+    let ends = [frames.first()?, frames.last()?];
+    let is_inside = |frame: &TrackedFrame| {
+        let of_eyes = frame.nodes.iter().enumerate().filter(|(k, _)| bench.tables.region(NodeId(*k as u16)) == Region::Eye);
+        of_eyes.into_iter().all(|(_, node)| size.contains(&node.position))
+    };
+    ends.into_iter().all(is_inside).then(|| thumbnails(images, frames, bench).ok().flatten())?
+}
+
 /// Returns JPEG files of the wireframe on the neutral and on the apex frame, at most [`MOST_BYTES`] each; `None` for a picture that cannot
 /// be made so small.
 ///
@@ -154,13 +168,13 @@ pub(super) fn face_name(bench: &Workbench) -> String {
 /// [`SequenceFailure`] when a frame cannot be read that was readable for tracking. Without its pictures the report would not be
 /// reproducible.
 pub(super) fn thumbnails(
-    source: &SequenceSource,
+    source: &FrameSource,
     frames: &[TrackedFrame],
     bench: &Workbench,
 ) -> Result<Option<[Vec<u8>; 2]>, SequenceFailure> {
     let (Some(first), Some(last)) = (frames.first(), frames.last()) else { return Ok(None) };
     let wanted = [first.number, last.number];
-    let pictures = read_colour_frames(&source.frames, &wanted).map_err(SequenceFailure::at(Stage::Track))?;
+    let pictures = read_colour_frames(source, &wanted).map_err(SequenceFailure::at(Stage::Track))?;
     let small = |frame: &TrackedFrame| {
         let (_, picture) = pictures.iter().find(|(number, _)| *number == frame.number)?;
         let thumbnail = thumbnail(picture, &bench.wireframe, &frame.nodes, THUMBNAIL_HEIGHT);

@@ -127,7 +127,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn why_there_are_no_pictures_is_said() {
+    fn the_reason_for_missing_pictures_is_given() {
         let id = |k: u32| SequenceId { subject: format!("S{k:03}"), sequence: "1".to_owned() };
         let sequences: Vec<SequenceId> = (0..5).map(id).collect();
         let hidden = [id(3), id(9)].into();

@@ -8,14 +8,14 @@ use std::{
 use rayon::prelude::*;
 
 use super::{
-    AnalyzedModel, Failure, SequenceFailure, Stage, Workbench,
+    AnalyzedModel, Failure, SequenceFailure, Stage, Workbench, file_blake3,
     measured::{measure, normalized},
 };
 use crate::{
     dataset::Dataset,
     features::Course,
     statistics::SequenceModel,
-    track::{TrackInfo, TrackQuality, neutral_first, read_track, read_track_info, summarize},
+    track::{LOOKED_AT, Looks, TrackInfo, TrackQuality, content_of, neutral_first, read_track, read_track_info, summarize},
     units::SequenceId,
 };
 
@@ -46,7 +46,8 @@ pub fn track_files(paths: &[PathBuf]) -> std::io::Result<Vec<PathBuf>> {
             let folder = tracks_folder(path);
             for entry in std::fs::read_dir(&folder).map_err(with_path(&folder))? {
                 let file = entry.map_err(with_path(path))?.path();
-                if file.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv")) {
+                let is_track = file.file_name().is_some_and(|name| name != LOOKED_AT);
+                if is_track && file.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv")) {
                     files.push(file);
                 }
             }
@@ -76,7 +77,18 @@ fn load_all(
     bench: &Workbench,
     may_be_unlabelled: bool,
 ) -> (Vec<AnalyzedModel>, Vec<Failure>) {
-    let loaded: Vec<_> = files.par_iter().map(|path| (path, load(path, dataset, bench, may_be_unlabelled))).collect();
+    let folders: BTreeSet<PathBuf> = files.iter().map(|path| looks_folder(path)).collect();
+    let looks: BTreeMap<PathBuf, Result<Looks, SequenceFailure>> =
+        folders.into_iter().map(|out| (out.clone(), Looks::read(&out).map_err(SequenceFailure::at(Stage::Dataset)))).collect();
+    let with_look = |path: &PathBuf| {
+        let mut model = load(path, dataset, bench, may_be_unlabelled)?;
+        if let (Some(looks), Some(quality)) = (looks.get(&looks_folder(path)), &mut model.quality) {
+            quality.look = looks.as_ref().map_err(Clone::clone)?.of(&quality.id, &quality.content);
+        }
+        Ok(model)
+    };
+    let loaded: Vec<(&PathBuf, Result<AnalyzedModel, SequenceFailure>)> =
+        files.par_iter().map(|path| (path, with_look(path))).collect();
     let (mut models, mut failures): (Vec<AnalyzedModel>, Vec<Failure>) = (Vec::new(), Vec::new());
     let mut seen = BTreeSet::new();
     for (path, result) in loaded {
@@ -107,6 +119,11 @@ fn load_all(
         }
     }
     (models, failures)
+}
+
+/// The folder with the looks at a track: that of the results, or its own for a track that is not in a folder `tracks`.
+fn looks_folder(track: &Path) -> PathBuf {
+    results_folder(track.parent().unwrap_or(Path::new("")))
 }
 
 /// Subject and sequence from a file name such as `S005_001.csv`: the sequence follows the last underscore.
@@ -149,6 +166,7 @@ fn load(
     let marks = info.as_ref().map(TrackInfo::mark_places).unwrap_or_default();
     let times = info.as_ref().and_then(|info| info.times.clone());
     let earlier = info.as_ref().map(|info| info.summary.clone());
+    let content = file_blake3(path).map(|csv| content_of(info.as_ref(), &csv)).unwrap_or_default();
     let (emotion, metadata) = match (listed, info) {
         (Some(entry), _) => (entry.emotion.clone(), entry.metadata.clone()),
         (None, Some(info)) => (info.emotion.trim().to_lowercase(), info.metadata),
@@ -176,7 +194,8 @@ fn load(
     normalized.judge(&mut summary, &frames, bench);
     let course = measure(&normalized, &frames, bench)?.as_deref().and_then(Course::of);
     let model = normalized.model;
-    let quality = TrackQuality::new(id.clone(), emotion.clone(), summary, &frames, &bench.wireframe);
+    let mut quality = TrackQuality::new(id.clone(), emotion.clone(), summary, &frames, &bench.wireframe);
+    quality.content = content;
     Ok(AnalyzedModel { model: SequenceModel { id, model }, emotion, metadata, quality: Some(quality), course })
 }
 

@@ -38,7 +38,7 @@ pub struct Unseen {
 /// Why the given paths contain nothing to recognize.
 #[derive(Debug, thiserror::Error)]
 pub enum UnseenError {
-    /// One picture.
+    /// The input is a single picture.
     #[error(
         "{}: recognition needs the motion from a neutral frame to the expression, so a single picture is not enough; give the folder of \
          the frames, neutral first, or a video", path.display()
@@ -47,7 +47,7 @@ pub enum UnseenError {
         /// The picture.
         path: PathBuf,
     },
-    /// A folder of none of the kinds.
+    /// A folder of an unknown kind.
     #[error("{}: this is neither a track (.csv), nor the frames of a sequence, nor a dataset: {source}", path.display())]
     Neither {
         /// The folder.
@@ -55,10 +55,10 @@ pub enum UnseenError {
         /// Why it is not a dataset.
         source: Box<DatasetError>,
     },
-    /// A dataset that does not read.
+    /// A dataset cannot be read.
     #[error(transparent)]
     Dataset(Box<DatasetError>),
-    /// A file that is not there, or a folder that cannot be listed.
+    /// A file does not exist, or a folder cannot be listed.
     #[error(transparent)]
     Io(#[from] io::Error),
 }
@@ -279,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_given_is_told_by_what_is_in_it() {
+    fn inputs_are_recognized_by_their_content() {
         let folder = tempfile::tempdir().unwrap();
         let at = folder.path();
         // A results folder inside a dataset's folder, together with a picture and tables.
@@ -307,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_is_taken_once_and_the_same_name_of_another_is_refused() {
+    fn equal_inputs_count_once_and_an_equal_name_of_another_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let at = folder.path();
         // Recordings are stored by name, so doubles are found before segmentation.

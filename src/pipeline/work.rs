@@ -20,7 +20,7 @@ use super::{
     model_file::write_model,
     overlays::{OverlayFolder, overlay_pictures},
     sequence::{FOUND, Labels, MACHINE, RunTrack, track_or_reuse, track_recorded},
-    showcase::thumbnails,
+    showcase::{thumbnails, thumbnails_beside},
 };
 use crate::{
     dataset::{CorrespondenceSource, FailedEntry, FrameSource, LandmarkSelection, SequenceEntry},
@@ -28,7 +28,7 @@ use crate::{
     overlay::png_bytes,
     sequence::read_first_frame,
     statistics::SequenceModel,
-    track::{Corrections, TrackInfo, TrackQuality, TrackedFrame, corrections_path},
+    track::{Corrections, Looks, TrackInfo, TrackQuality, TrackedFrame, content_of, corrections_path},
     units::SequenceId,
 };
 
@@ -97,6 +97,7 @@ pub(super) struct Worked<'a> {
     pub ledger: &'a Ledger,
     pub bench: &'a Workbench,
     pub overlay: Option<&'a OverlayFolder>,
+    pub looks: &'a Looks,
     pub stop: &'a AtomicBool,
 }
 
@@ -325,7 +326,7 @@ fn process(
     halt: &(impl Fn() -> bool + Sync),
     event: &(impl Fn(Event) + Sync),
 ) -> Result<Done, SequenceFailure> {
-    let &Worked { out, ledger, bench, overlay, .. } = worked;
+    let &Worked { out, ledger, bench, overlay, looks, .. } = worked;
     let driven = item.source.as_ref().map_err(Clone::clone)?;
     let Driven { source, inputs: known, remark, .. } = driven;
     if halt() {
@@ -367,6 +368,7 @@ fn process(
     }
     let mut summary = info.summary.clone();
     normalized.judge(&mut summary, &frames, bench);
+    let content = content_of(Some(&info), &hashes.csv);
     let mut outputs = BTreeMap::from([(csv_name, hashes.csv), (json_name, hashes.json)]);
     let features = measure(&normalized, &frames, bench)?;
     if let Some(features) = &features {
@@ -377,9 +379,12 @@ fn process(
     outputs.insert(model_name, model_hash.to_hex().to_string());
     ledger.wrote(&outputs).map_err(SequenceFailure::at(Stage::Write))?;
     let mut quality = TrackQuality::new(id.clone(), item.emotion.clone(), summary, &frames, &bench.wireframe);
+    quality.look = looks.of(id, &content);
+    quality.content = content;
     quality.pictures = match source {
-        Source::Images(source) if bench.options.shows(&source.metadata) => thumbnails(source, &frames, bench)?,
-        _ => None,
+        Source::Images(source) if bench.options.shows(&source.metadata) => thumbnails(&source.frames, &frames, bench)?,
+        Source::Images(_) => None,
+        Source::Landmarks(source) => source.shown_images(bench).and_then(|images| thumbnails_beside(&images, &frames, bench)),
     };
     let model = SequenceModel { id: id.clone(), model };
     let course = features.as_deref().and_then(Course::of);

@@ -335,6 +335,8 @@ fn write_verdicts(path: &Path, tracks: &[TrackQuality]) -> Result<blake3::Hash, 
             t.id.to_string(),
             number(s.placement_error_px),
             number(percent(s.placement_error_px)),
+            t.look.map(|look| look.name().to_owned()).unwrap_or_default(),
+            t.content.clone(),
         ]
     });
     let header = [
@@ -348,6 +350,8 @@ fn write_verdicts(path: &Path, tracks: &[TrackQuality]) -> Result<blake3::Hash, 
         "id",
         "placement_error_px",
         "placement_error_percent_es",
+        "look",
+        "content",
     ];
     write_table(path, &header, &[], rows)
 }
@@ -418,7 +422,7 @@ fn option_rows(bench: &Workbench, tracked_here: bool) -> Vec<(String, String)> {
         ("Spring force on marks (over stiffness)", o.fit.force.to_string()),
         ("Forces on tracked nodes", json(serde_json::to_value(o.track.forces))),
         (
-            "Inner lips searched within their lip, eyes rigid, light made even, lids read, lost faces located, re-deformed",
+            "Lip probes, rigid eyes, even light, lids read, lost faces located, deformed after every step",
             format!(
                 "{}, {}, {}, {}, {}, {}",
                 o.track.lip_probes,
@@ -434,30 +438,30 @@ fn option_rows(bench: &Workbench, tracked_here: bool) -> Vec<(String, String)> {
         ("Forward-backward limit (over eye distance)", o.track.forward_backward.to_string()),
         ("Extreme displacement (robust standard deviations)", o.track.extreme.to_string()),
         ("Spring force on tracked nodes (over stiffness)", o.track.force.to_string()),
-        ("Weight of the mismatch against gradients", o.track.mismatch.to_string()),
+        ("Weight of the mismatch relative to gradients", o.track.mismatch.to_string()),
         ("Gain of the alignment with the neutral frame", o.track.align.gain.to_string()),
-        ("Stiffness that holds inner to outer corners of the mouth", o.track.align.corners.to_string()),
+        ("Stiffness between inner and outer corners of the mouth", o.track.align.corners.to_string()),
         ("Landmarks used as marks", json(serde_json::to_value(&o.marks))),
-        ("Marks held against the face of the picture", (!o.unchecked_marks).to_string()),
-        ("Nodes without a mark read in the picture", o.fit.read_unmarked.to_string()),
-        ("Landmarks before images", o.landmarks.prefer.to_string()),
-        ("Confidence of landmarks at least", o.landmarks.least_confidence.to_string()),
+        ("Marks checked against the face found in the picture", (!o.unchecked_marks).to_string()),
+        ("Nodes without a mark found in the picture", o.fit.read_unmarked.to_string()),
+        ("Landmarks preferred to images", o.landmarks.prefer.to_string()),
+        ("Smallest confidence of landmarks", o.landmarks.least_confidence.to_string()),
     ];
     let tests = [
-        ("Permutations of a test", o.groups.compare.permutations.to_string()),
-        ("People of a group in a test, at most", o.groups.compare.people.to_string()),
-        ("Bootstrap replicates", o.groups.bootstrap.to_string()),
-        ("Significance of tests, over all of them", o.groups.compare.significance.to_string()),
-        ("Amplitudes taken for equivalent within (of the median)", o.groups.amplitude.equivalence.to_string()),
-        ("Power for which numbers of people are given", o.groups.amplitude.power.to_string()),
+        ("Permutations per test", o.groups.compare.permutations.to_string()),
+        ("Most people of a group in a test", o.groups.compare.people.to_string()),
+        ("Draws for the interval of a dispersion", o.groups.bootstrap.to_string()),
+        ("Significance level after correction for all tests", o.groups.compare.significance.to_string()),
+        ("Equivalence margin of amplitudes (times the median)", o.groups.amplitude.equivalence.to_string()),
+        ("Power for the number of people needed", o.groups.amplitude.power.to_string()),
         ("Seed", o.groups.compare.seed.to_string()),
     ];
     let analysis = [
         ("Program", MADE_BY.to_owned()),
-        ("Motion of the head taken out", json(serde_json::to_value(o.normalize.pose))),
+        ("Head motion removed", json(serde_json::to_value(o.normalize.pose))),
         ("Resampling to 5 frames", json(serde_json::to_value(o.normalize.resample))),
         ("Size normalization", json(serde_json::to_value(o.normalize.size))),
-        ("IRISD0 measured at", json(serde_json::to_value(o.normalize.irisd))),
+        ("IRISD0 measured from", json(serde_json::to_value(o.normalize.irisd))),
         ("Trimming alpha", o.statistics.alpha.to_string()),
         ("Trimmed", format!("at {} level", json(serde_json::to_value(o.statistics.trim)))),
         ("Generalized median", json(serde_json::to_value(o.statistics.median))),
@@ -465,10 +469,7 @@ fn option_rows(bench: &Workbench, tracked_here: bool) -> Vec<(String, String)> {
         ("FAP frames between key frames", o.fap.between.to_string()),
         ("FAP frame rate (Hz)", o.fap.fps.to_string()),
         ("Labels exchanged within", if o.strata.is_empty() { "all people".to_owned() } else { o.strata.join(", ") }),
-        (
-            "Numbers that expressions may go with",
-            if o.covariates.is_empty() { "none".to_owned() } else { o.covariates.join(", ") },
-        ),
+        ("Covariates", if o.covariates.is_empty() { "none".to_owned() } else { o.covariates.join(", ") }),
         ("Grouped by", if o.by.is_empty() { "emotion".to_owned() } else { format!("emotion, {}", o.by.join(", ")) }),
     ];
     let rows = tracking

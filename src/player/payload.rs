@@ -39,10 +39,10 @@ const MOST_ANGLE: i32 = 40_000;
 /// Why a player cannot be made.
 #[derive(Debug, thiserror::Error)]
 pub enum PlayerError {
-    /// A motion or a face.
+    /// A motion or a face cannot be prepared.
     #[error(transparent)]
     Clone(#[from] CloneError),
-    /// A motion has no FAPs.
+    /// The FAPs of a motion cannot be computed.
     #[error("{name}: {reason}")]
     Faps {
         /// The motion.
@@ -58,7 +58,7 @@ pub enum PlayerError {
         /// Why.
         reason: String,
     },
-    /// A dense head.
+    /// A dense head cannot be shown.
     #[error("{name}: {reason}")]
     Head {
         /// The head.
@@ -66,7 +66,7 @@ pub enum PlayerError {
         /// Why.
         reason: String,
     },
-    /// The page does not render (a programmer's error).
+    /// The page cannot be rendered (a programming error).
     #[error("cannot create the page: {0}")]
     Page(String),
 }
@@ -383,11 +383,11 @@ mod tests {
     use base64::{Engine, prelude::BASE64_STANDARD};
 
     use super::*;
-    use crate::clone::test_target::{portrait, target};
+    use crate::clone::test_target::portrait_target;
 
     #[test]
     fn the_skin_of_lids_is_that_of_the_library() {
-        let target = target(portrait());
+        let target = portrait_target();
         let (left, top, _, height) = target.surroundings();
         let numbers = |packed: &Value| -> Vec<f64> {
             let bytes = BASE64_STANDARD.decode(packed.as_str().unwrap()).unwrap();
@@ -395,7 +395,7 @@ mod tests {
         };
         // At its own size, and at half of it.
         for (most, scale) in [(height, 1.0), (height / 2, f64::from(height / 2) / f64::from(height))] {
-            let shown = face(&Face { label: "P01", target: &target, height: most }).unwrap();
+            let shown = face(&Face { label: "P01", target, height: most }).unwrap();
             assert!(shown["openings"][0]["lid"].is_null(), "a mouth has no lid");
             for k in [1, 2] {
                 let lid = target.warp().rig(target.texture()).openings[k].lid.clone().unwrap();

@@ -54,10 +54,10 @@ struct HeadFile {
 /// A head model file that does not make a head.
 #[derive(Debug, thiserror::Error)]
 pub enum HeadFileError {
-    /// Not the JSON of a head model.
+    /// The file is not the JSON of a head model.
     #[error("the head model cannot be read: {0}")]
     Json(#[from] serde_json::Error),
-    /// Content that makes no head.
+    /// The content is not a valid head model.
     #[error("the head model cannot be read: {0}")]
     Content(String),
 }

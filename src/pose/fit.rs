@@ -62,7 +62,7 @@ const UNEXPLAINED: f64 = 0.1;
 /// ```
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PoseError {
-    /// The points that expressions do not move determine no placement.
+    /// The points that expressions do not move do not determine a placement.
     #[error("the head's pose is not determined: {0}")]
     Placement(#[from] SimilarityError),
     /// Too few nodes.
@@ -73,7 +73,7 @@ pub enum PoseError {
         /// Nodes tracked.
         found: usize,
     },
-    /// No head explains the nodes.
+    /// No head fits the nodes.
     #[error("frame {frame}: no pose of a head explains the nodes; check that the marks are those of a face")]
     NoHead {
         /// Frame number.
@@ -82,10 +82,10 @@ pub enum PoseError {
     /// The springs have no equilibrium.
     #[error(transparent)]
     Springs(#[from] SpringError),
-    /// The frames do not make a model.
+    /// The frames do not form a model.
     #[error(transparent)]
     Model(#[from] ModelError),
-    /// The track is of another wireframe.
+    /// The track has another wireframe.
     #[error("frame {frame} has {found} nodes, but the head model has {expected}")]
     NodeCount {
         /// Frame number.

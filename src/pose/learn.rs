@@ -48,13 +48,13 @@ pub struct DenseFaces {
 /// Why no head is learned.
 #[derive(Debug, thiserror::Error)]
 pub enum LearnHeadError {
-    /// The 68 landmarks make no face.
+    /// The 68 landmarks do not form a face.
     #[error("the landmarks of the face model: {reason}")]
     Landmarks {
         /// What is wrong.
         reason: String,
     },
-    /// A shape of another mesh.
+    /// A shape with another number of vertices.
     #[error("{name} has {found} vertices, but the neutral mesh has {expected}")]
     Vertices {
         /// The shape.
@@ -72,7 +72,7 @@ pub enum LearnHeadError {
         /// Modes asked for.
         modes: usize,
     },
-    /// The mean head has no eye distance.
+    /// The eye distance of the mean head cannot be measured.
     #[error(transparent)]
     Fapus(#[from] FapusError),
 }

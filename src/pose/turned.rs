@@ -61,8 +61,8 @@ struct Turned {
 
 /// Returns how clearly marks show a head turned to one side: 0 (possibly frontal, or too few marks) to 1.
 pub fn turned_share(model: &HeadModel, marks: &[Correspondence]) -> f64 {
-    let told = marks.len() >= FEWEST_MARKS && marks.iter().all(|m| m.node.index() < model.node_count());
-    let solved = if told { solved(model, marks) } else { None };
+    let determined = marks.len() >= FEWEST_MARKS && marks.iter().all(|m| m.node.index() < model.node_count());
+    let solved = if determined { solved(model, marks) } else { None };
     solved.map_or(0.0, |solved| share_of(solved.pose.degrees()[0]))
 }
 

@@ -1,4 +1,4 @@
-//! Conclusions about groups and about numbers of the people, for the top of the report: in words, with their numbers.
+//! Conclusions about groups and covariates for the top of the report: in words, with the figures that support them.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -58,7 +58,7 @@ struct Kind {
     otherwise: Option<String>,
 }
 
-/// The lists for groups and for numbers of the people, if these were requested.
+/// The lists for groups and for covariates, if these were requested.
 pub(super) fn of(data: &ReportData<'_>) -> Vec<Conclusions> {
     let groups = data.groups.as_ref().map(|groups| {
         let columns: BTreeSet<&str> =
@@ -69,7 +69,7 @@ pub(super) fn of(data: &ReportData<'_>) -> Vec<Conclusions> {
     let numbers = (!data.covariates.is_empty()).then(|| {
         let columns: BTreeSet<&str> = data.covariates.iter().map(|c| c.column).collect();
         let significance = data.compare.significance;
-        list(("numbers", "Numbers of the people"), columns, significance, of_numbers(&data.covariates, significance))
+        list(("numbers", "Covariates"), columns, significance, of_numbers(&data.covariates, significance))
     });
     groups.into_iter().chain(numbers).collect()
 }
@@ -154,14 +154,14 @@ fn of_groups(groups: &GroupsData<'_>, significance: f64) -> Vec<Kind> {
         found: stronger(amplitudes().filter(|(_, t)| t.p_adjusted <= significance)),
         otherwise: not_shown("not shown to differ", amplitudes().map(|(_, t)| t.p_adjusted), None, significance).map(|text| {
             let within = nine_digits(groups.options.amplitude.equivalence);
-            if alike > 0 { format!("{text}; {alike} of them shown to be equal within {within}") } else { text }
+            if alike > 0 { format!("{text}; {alike} shown to be equally strong within {within}") } else { text }
         }),
     };
     let omnibus = || groups.comparisons.omnibus.iter().filter_map(|c| Some((c, c.outcome.as_ref().ok()?)));
     // Of two groups the first line says the same.
     let several = || omnibus().filter(|(c, _)| c.groups.len() > 2);
     let location = Kind {
-        topic: "Location of all groups at once",
+        topic: "Location (all groups at once)",
         anchor: "omnibus-c",
         found: found(
             several().map(|(c, t)| {
@@ -174,7 +174,7 @@ fn of_groups(groups: &GroupsData<'_>, significance: f64) -> Vec<Kind> {
         otherwise: not_shown("not shown to differ", several().map(|(_, t)| t.location_p_adjusted), None, significance),
     };
     let scatter = Kind {
-        topic: "How varied the people of a group are",
+        topic: "Scatter (how much the people of a group vary)",
         anchor: "omnibus-c",
         found: found(
             omnibus().map(|(c, t)| {
@@ -211,15 +211,15 @@ fn stronger_in(mut tests: Vec<Amplitude<'_>>) -> Option<(f64, String)> {
     let (more, less) = if test.difference > 0.0 { (0, 1) } else { (1, 0) };
     let (stronger, weaker) = (group_values(&first.groups[more]), group_values(&first.groups[less]));
     let texts = tests.iter().enumerate().map(|(k, (c, t))| {
-        let part = if is_part(c) { format!(" of the {}", c.region) } else { String::new() };
-        let lead = if k == 0 {
-            format!("{}{part} is stronger in {stronger} than in {weaker}", words(&c.emotion))
-        } else {
-            format!("that{part}")
+        let part = if is_part(c) { format!("at the {}", c.region) } else { "in the whole face".to_owned() };
+        let lead = match (k, is_part(c)) {
+            (0, false) => format!("{} is stronger in {stronger} than in {weaker}", words(&c.emotion)),
+            (0, true) => format!("{} is stronger {part} in {stronger} than in {weaker}", words(&c.emotion)),
+            _ => part,
         };
         let (effect, p) = (fixed(t.effect.abs(), 2), p_value(t.p_adjusted));
         let (high, low) = (fixed(t.means[more], 2), fixed(t.means[less], 2));
-        format!("{lead}: {high} against {low} times the median ({} {effect}, corrected p {p})", t.effect_name())
+        format!("{lead}: {high} and {low} times the median ({} {effect}, corrected p {p})", t.effect_name())
     });
     let text = texts.collect::<Vec<_>>().join("; ");
     Some((tests.iter().map(|(_, t)| t.p_adjusted).fold(1.0, f64::min), text))
@@ -234,8 +234,8 @@ fn of_numbers(covariates: &[CovariateData<'_>], significance: f64) -> Vec<Kind> 
         found: found(
             tested().map(|(c, t)| {
                 let (share, p) = (percent(t.share), p_value(t.p_either_adjusted));
-                let text =
-                    format!("{} changes with {} ({share} of how people differ, corrected p {p})", words(c.emotion), c.column);
+                let explained = format!("explains {share} of the squared distances between people");
+                let text = format!("{} changes with {1} ({1} {explained}, corrected p {p})", words(c.emotion), c.column);
                 (t.p_either_adjusted, text)
             }),
             significance,
@@ -252,18 +252,18 @@ fn of_numbers(covariates: &[CovariateData<'_>], significance: f64) -> Vec<Kind> 
     vec![expression, amplitude]
 }
 
-/// Sentence about an amplitude that changes with a number.
+/// Sentence about an amplitude that changes with a covariate.
 fn sloping(c: &CovariateData<'_>, region: &str, slope: &AmplitudeSlope) -> String {
-    let part = if region == WHOLE_FACE { String::new() } else { format!(" of the {region}") };
+    let part = if region == WHOLE_FACE { String::new() } else { format!(" at the {region}") };
     let direction = if slope.slope > 0.0 { "stronger" } else { "weaker" };
     let change = c.outcome.as_ref().ok().map_or_else(String::new, |t| {
         let [from, to] = t.shown.map(|value| nine_digits(round(value)));
         let change = |per_unit: f64| fixed(per_unit * (t.shown[1] - t.shown[0]), 2);
         let [low, high] = slope.interval.map(change);
-        format!("{} times the median from {from} to {to}, 95 % interval {low} to {high}, ", change(slope.slope))
+        format!("change from {from} to {to}: {} times the median, 95 % interval {low} to {high}; ", change(slope.slope))
     });
     let (r, p) = (fixed(slope.correlation, 2), p_value(slope.p_adjusted));
-    format!("{}{part} is {direction} at higher {} ({change}r {r}, corrected p {p})", words(c.emotion), c.column)
+    format!("{} is {direction}{part} at higher {} ({change}r {r}, corrected p {p})", words(c.emotion), c.column)
 }
 
 #[cfg(test)]
@@ -291,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_difference_the_smallest_p_is_told() {
+    fn without_a_difference_the_smallest_p_is_given() {
         let said = |p: &[f64], least| not_shown("not shown to differ", p.iter().copied(), least, 0.05);
         assert_eq!(said(&[0.4, 0.077], Some(0.001)).unwrap(), "not shown to differ (smallest corrected p of 2 tests 0.077)");
         let hopeless = "not shown to differ (corrected p 0.5; with so few people or permutations no p below 0.333 is possible)";
@@ -323,9 +323,9 @@ mod tests {
             }),
         };
         let all = [comparison("mouth", [0.8, 1.32], -0.81, 0.001), comparison("face", [0.82, 1.29], -0.76, 0.002)];
-        let told = stronger(all.iter().map(|c| (c, c.outcome.as_ref().unwrap())));
-        let text = "big smile is stronger in m than in f: 1.29 against 0.82 times the median (Hedges' g 0.76, corrected p 0.002); \
-                    that of the mouth: 1.32 against 0.80 times the median (Hedges' g 0.81, corrected p 0.001)";
-        assert_eq!(told, [(0.001, text.to_owned())]);
+        let sentences = stronger(all.iter().map(|c| (c, c.outcome.as_ref().unwrap())));
+        let text = "big smile is stronger in m than in f: 1.29 and 0.82 times the median (Hedges' g 0.76, corrected p 0.002); \
+                    at the mouth: 1.32 and 0.80 times the median (Hedges' g 0.81, corrected p 0.001)";
+        assert_eq!(sentences, [(0.001, text.to_owned())]);
     }
 }

@@ -88,7 +88,8 @@ pub(super) fn view(data: &ReportData<'_>) -> Option<CoursesView> {
         let (sequences, people) = (count(of.len(), "sequence", "sequences"), count(people, "person", "people"));
         classes.push(ClassView { label, emotion, group, sequences, people, picture, members });
     }
-    let more = (hidden > 0).then(|| format!("{hidden} more sequences are not drawn here; features/ has the table of every one."));
+    let more =
+        (hidden > 0).then(|| format!("{hidden} more sequences are not drawn here. features/ has a table for every sequence."));
     (!classes.is_empty()).then_some(CoursesView { classes, more })
 }
 

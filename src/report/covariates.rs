@@ -1,4 +1,4 @@
-//! Report section on associations of expressions with a number of the people.
+//! Report section on covariates: numbers of the people, such as age, with which expressions may change.
 
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -62,7 +62,7 @@ struct Row {
     f: String,
     p: String,
     p_either: String,
-    goes_along: bool,
+    changes: bool,
     /// Smallest possible p, if it exceeds the significance level.
     hopeless: Option<String>,
     place: String,
@@ -72,14 +72,14 @@ struct Row {
 }
 
 impl CovariatesView {
-    /// `None` without a number to test.
+    /// `None` without a covariate.
     pub(super) fn new(data: &ReportData<'_>) -> Option<Self> {
         let significance = data.compare.significance;
         let row = |c: &CovariateData<'_>, t: &Covariate| {
-            let goes_along = t.p_either_adjusted <= significance;
+            let changes = t.p_either_adjusted <= significance;
             let live = data.wireframe.live_nodes();
             let clear: Vec<NodeId> = live.iter().zip(&t.node_p).filter(|(_, p)| **p <= significance).map(|(n, _)| *n).collect();
-            let told = if clear.is_empty() { live } else { &clear };
+            let described = if clear.is_empty() { live } else { &clear };
             let [low, high] = &t.models;
             // Change of the amplitude between the two numbers for which the expression is shown.
             let reach = t.shown[1] - t.shown[0];
@@ -93,10 +93,14 @@ impl CovariatesView {
                 f: t.f.map_or_else(|| MISSING.to_owned(), |f| fixed(f, 2)),
                 p: p_value(t.p),
                 p_either: p_value(t.p_either_adjusted),
-                goes_along,
+                changes,
                 hopeless: (t.least_either_adjusted > significance).then(|| p_value(t.least_either_adjusted)),
-                place: if goes_along { places((&t.node_p, &t.node_share), data, significance) } else { String::new() },
-                direction: if goes_along { figures::directions(high, low, told, data.tables).join("; ") } else { String::new() },
+                place: if changes { places((&t.node_p, &t.node_share), data, significance) } else { String::new() },
+                direction: if changes {
+                    figures::directions(high, low, described, data.tables).join("; ")
+                } else {
+                    String::new()
+                },
                 slope: c.face().map_or_else(String::new, |s| {
                     let [a, b] = s.interval.map(|v| fixed(v * reach, 2));
                     format!("{} ({a} to {b})", fixed(s.slope * reach, 2))
@@ -134,9 +138,9 @@ pub(super) fn of_emotion<'a>(data: &'a ReportData<'_>, emotion: &str) -> Vec<(&'
     data.covariates.iter().filter(|c| c.emotion == emotion).filter_map(tested).collect()
 }
 
-/// Label of a number in the menu of the figure.
+/// Label of a covariate in the menu of the figure.
 pub(super) fn label(column: &str, test: &Covariate) -> String {
-    format!("{column}: {} of how people differ", percent(test.share))
+    format!("{column}: explains {} of the squared distances", percent(test.share))
 }
 
 /// Data for the page's script: offsets of the expression at a low and at a high number from the middle of both, and the numbers.
@@ -161,7 +165,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_are_told_with_four_digits() {
+    fn numbers_are_shown_with_four_digits() {
         assert_eq!(
             [27.123_456, 0.000_123_456, 123_456.0, 0.0, -3.5].map(|v| nine_digits(round(v))),
             ["27.12", "0.0001235", "123500", "0", "-3.5"]

@@ -78,7 +78,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_failed_has_a_name() {
+    fn failures_have_a_name() {
         assert_eq!(failed_name("S001", "5", "m.csv, line 3: no frames"), "S001_5");
         assert_eq!(failed_name("", "", "m.csv, line 3: a quotation mark is not closed"), "m.csv, line 3");
         // A folder's name may contain anything.

@@ -211,8 +211,8 @@ fn directions_of(c: &Comparison, t: &Tested, data: &ReportData<'_>, significance
     let (Some(a), Some(b)) = (model(&c.groups[0]), model(&c.groups[1])) else { return String::new() };
     let live = data.wireframe.live_nodes();
     let differing: Vec<NodeId> = live.iter().zip(&t.node_p).filter(|(_, p)| **p <= significance).map(|(n, _)| *n).collect();
-    let told = if differing.is_empty() { live } else { &differing };
-    figures::directions(a, b, told, data.tables).join("; ")
+    let described = if differing.is_empty() { live } else { &differing };
+    figures::directions(a, b, described, data.tables).join("; ")
 }
 
 /// Map of the differences between two groups on the neutral of the first; empty if its representative is missing.

@@ -16,7 +16,7 @@ use super::{
 };
 use crate::{
     statistics::Representative,
-    track::{FrameQuality, Verdict},
+    track::FrameQuality,
     units::{NodeId, SequenceId},
     wireframe::{Tables, Wireframe},
 };
@@ -228,7 +228,7 @@ fn trimming(r: &Representative) -> (Value, Value) {
 
 /// A row of a track: sequence, emotion, frames, eye distance px, tracked %, residual px, reasons with counts, nodes with counts, expected
 /// error px, whether to review it, why, percent of lost nodes per frame, expected error px per frame, pictures of the neutral and the apex
-/// frame, stem of its files, expected error of the placement px.
+/// frame, stem of its files, expected error of the placement px, what a person found when looking at it.
 fn track(t: &TrackQuality, index: &Index<'_>, has_files: bool) -> Value {
     let reasons = t.summary.recovered.iter().filter(|&(_, &n)| n > 0);
     json!([
@@ -241,7 +241,7 @@ fn track(t: &TrackQuality, index: &Index<'_>, has_files: bool) -> Value {
         reasons.flat_map(|(reason, &n)| [index.reasons.get(reason.as_str()).copied().unwrap_or(0), n]).collect::<Vec<_>>(),
         t.summary.worst_nodes.iter().flat_map(|&(node, n)| [usize::from(node.0), n]).collect::<Vec<_>>(),
         t.summary.expected_error_px.map_or(Value::Null, |px| rounded(px, 3)),
-        t.summary.verdict == Verdict::LookAgain,
+        t.is_to_look_at(),
         t.summary.reasons,
         steps(&t.course)
             .map(|frames| rounded(100.0 * worst(frames.iter().map(|f| f.lost)).unwrap_or(0.0), 0))
@@ -252,6 +252,7 @@ fn track(t: &TrackQuality, index: &Index<'_>, has_files: bool) -> Value {
         t.pictures.as_ref().map(|pictures| pictures.each_ref().map(|p| BASE64_STANDARD.encode(p))),
         has_files.then(|| t.id.to_string()),
         t.summary.placement_error_px.map_or(Value::Null, |px| rounded(px, 3)),
+        t.look,
     ])
 }
 

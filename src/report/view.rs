@@ -17,7 +17,7 @@ use super::{
 use crate::{
     output::count,
     statistics::{ClassLabel, Representative, variation::Component},
-    track::{TrackQuality, Verdict},
+    track::{Look, TrackQuality},
     units::NodeId,
     wireframe::Fapu,
 };
@@ -34,27 +34,27 @@ const PUBLISHED_DISPERSIONS: [(&str, f64); 6] =
 const FILES: [(&str, &str); 21] = [
     ("statistics.csv", "dispersion of every emotion and group"),
     ("intervals.csv", "dispersion of every emotion and group with its 95 % interval"),
-    ("comparisons.csv", "groups: whether two of them differ, a row per pair"),
-    ("comparison_nodes.csv", "groups: the same at every node"),
-    ("group_tests.csv", "groups: location and scatter of all of them at once"),
-    ("amplitude_comparisons.csv", "groups: which one makes the expression more strongly, a row per pair and region"),
-    ("covariates.csv", "numbers of the people: whether expressions change with them"),
-    ("covariate_nodes.csv", "numbers of the people: the same at every node"),
-    ("covariate_amplitudes.csv", "numbers of the people: how amplitudes change with them, a row per region"),
-    ("covariates/", "numbers of the people: every expression at a low and at a high number"),
-    ("amplitudes.csv", "how strongly everybody makes each expression"),
+    ("comparisons.csv", "groups: whether two of them differ, one row per pair"),
+    ("comparison_nodes.csv", "groups: the same test at every node"),
+    ("group_tests.csv", "groups: location and scatter of all groups at once"),
+    ("amplitude_comparisons.csv", "groups: which one makes the expression more strongly, one row per pair and region"),
+    ("covariates.csv", "covariates: whether expressions change with them"),
+    ("covariate_nodes.csv", "covariates: the same test at every node"),
+    ("covariate_amplitudes.csv", "covariates: how amplitudes change with them, one row per region"),
+    ("covariates/", "covariates: every expression at a low and at a high value"),
+    ("amplitudes.csv", "how strongly each person makes each expression"),
     (
         "sequences.csv",
-        "a row for every sequence: what the manifest says of it, and action units, FAPs, pose and amplitudes at its apex",
+        "one row per sequence: its fields of the manifest, and action units, FAPs, pose and amplitudes at its apex",
     ),
     ("trimming.csv", "what was trimmed, and why"),
-    ("verdicts.csv", "every sequence: good, or look again"),
+    ("verdicts.csv", "verdict on every sequence: good or look again"),
     ("failures.csv", "sequences that failed, with the reason"),
-    ("variation.csv", "in which ways people differ: shares of the principal components"),
-    ("variation_scores.csv", "the scores of every sequence on them"),
-    ("variation/", "expressions two standard deviations along them"),
-    ("bands.csv", "every node and FAP over the key frames: where half and nine tenths of the people lie"),
-    ("recognition.csv", "which expression each sequence shows, judged by other people's"),
+    ("variation.csv", "how people differ: shares of the principal components"),
+    ("variation_scores.csv", "scores of every sequence on the principal components"),
+    ("variation/", "expressions at two standard deviations along the principal components"),
+    ("bands.csv", "every node and FAP over the key frames: ranges of half and nine tenths of the people"),
+    ("recognition.csv", "which expression each sequence shows, judged by the sequences of other people"),
     ("units.json", "units of all columns"),
 ];
 
@@ -75,6 +75,9 @@ pub(super) struct View<'a> {
     failure_count: String,
     look_again: Vec<LookAgain<'a>>,
     look_again_count: String,
+    /// Sequences left out of the statistics.
+    left_out: Vec<LookAgain<'a>>,
+    left_out_count: String,
     too_short: Option<&'a str>,
     table: DispersionTable<'a>,
     cards: Vec<Card>,
@@ -170,7 +173,7 @@ struct Card {
     dropped_per_field: String,
     has_faps: bool,
     fap_rows: usize,
-    /// Entries of the variation figure: components, and tested numbers.
+    /// Entries of the variation figure: components, and tested covariates.
     components: Vec<String>,
     has_bands: bool,
     /// Stem of its files, as part of a link.
@@ -230,7 +233,7 @@ impl<'a> View<'a> {
     pub(super) fn new(data: &'a ReportData<'_>) -> Self {
         let emotions: BTreeSet<&str> = data.representatives.iter().map(|r| r.label.emotion.as_str()).collect();
         let failures = count(data.failures.len(), "failure", "failures");
-        let doubtful = data.tracks.iter().filter(|t| t.summary.verdict == Verdict::LookAgain);
+        let doubtful = data.tracks.iter().filter(|t| t.is_to_look_at());
         let look_again: Vec<LookAgain<'_>> = doubtful.map(LookAgain::of).collect();
         let look_again_count = count(look_again.len(), "sequence to look at again", "sequences to look at again");
         let mut summary = vec![
@@ -241,6 +244,14 @@ impl<'a> View<'a> {
         ];
         if !look_again.is_empty() {
             summary.push(format!("{} to look at again", look_again.len()));
+        }
+        let left_out: Vec<LookAgain<'_>> = data.tracks.iter().filter(|t| t.is_left_out()).map(LookAgain::of).collect();
+        let right = data.tracks.iter().filter(|t| t.look == Some(Look::Right)).count();
+        if right > 0 {
+            summary.push(format!("{right} looked at: right"));
+        }
+        if !left_out.is_empty() {
+            summary.push(format!("{} left out", left_out.len()));
         }
         let fields = Fields::new(data);
         let fapus = Fapu::LENGTHS.iter().filter_map(|&u| Some((format!("{u}0"), fixed(data.fapus.length(u)?, 1))));
@@ -253,6 +264,8 @@ impl<'a> View<'a> {
             failure_count: failures,
             look_again,
             look_again_count,
+            left_out_count: count(left_out.len(), "sequence left out after a look", "sequences left out after a look"),
+            left_out,
             too_short: data.too_short.as_deref(),
             table: DispersionTable::new(data.representatives),
             cards: data.representatives.iter().enumerate().map(|(k, r)| Card::new(k, r, data, &fields)).collect(),

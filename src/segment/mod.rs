@@ -240,7 +240,7 @@ pub struct Segmentation {
 /// ```
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SegmentError {
-    /// Nothing but motion.
+    /// The recording has no rest.
     #[error(
         "found no neutral rest: the face keeps no expression for {seconds:.1} s between frames {first} and {last}; name a neutral \
          frame and mark it, or cut the recording where the person rests"
@@ -253,7 +253,7 @@ pub enum SegmentError {
         /// Last frame number.
         last: u32,
     },
-    /// Too few frames to speak of a rest.
+    /// Too few frames for a rest.
     #[error("only {found} of {frames} frames are usable, too few for a rest and an expression")]
     TooFew {
         /// Usable frames.

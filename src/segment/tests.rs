@@ -91,7 +91,7 @@ fn a_rest_that_is_not_quite_neutral_is_a_rest_all_the_same() {
 }
 
 #[test]
-fn without_a_rest_it_is_said() {
+fn a_missing_rest_is_reported() {
     let restless = frames(120, |unit, t| match unit {
         12 => 2.5 + 2.5 * (t / 3.0).sin(),
         26 => 2.5 + 2.5 * (t / 4.1).cos(),

@@ -351,7 +351,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_image_is_named() {
+    fn files_that_are_not_images_are_reported() {
         assert!(decode_colour(b"hello", &mut None).unwrap_err().to_string().contains("the text \"hello\""));
     }
 }

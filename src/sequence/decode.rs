@@ -31,7 +31,7 @@ pub enum DecodeError {
     /// The file cannot be read.
     #[error("cannot be read: {0}")]
     Io(#[from] std::io::Error),
-    /// No bytes.
+    /// The file is empty.
     #[error("the file is empty")]
     Empty,
     /// The file ends before the image does.
@@ -42,13 +42,13 @@ pub enum DecodeError {
         /// What is missing, or the share that is present.
         reason: String,
     },
-    /// No decoder understands the bytes.
+    /// The bytes are not a known image format.
     #[error("not an image in a known format (PNG, JPEG, TIFF, BMP, PGM, PPM, WebP), or damaged; it starts with {start}")]
     NotAnImage {
         /// The first bytes in readable form.
         start: String,
     },
-    /// A known format with something wrong inside.
+    /// A damaged file of a known format.
     #[error("the {format} image is damaged: {reason}")]
     Damaged {
         /// Format of the file.
@@ -56,7 +56,7 @@ pub enum DecodeError {
         /// Message of the decoder.
         reason: String,
     },
-    /// A known format in a form that is not decoded.
+    /// A known format in an unsupported form.
     #[error("the {format} image has {found}; {supported} are supported")]
     Unsupported {
         /// Format of the file.
@@ -262,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn damaged_files_are_named_for_what_they_are() {
+    fn damaged_files_are_reported_with_their_format() {
         let message = |bytes: &[u8]| GrayDecoder::default().decode(bytes).unwrap_err().to_string();
         assert_eq!(message(b""), "the file is empty");
         let png = png_8(64, 64);

@@ -31,7 +31,7 @@ pub enum FilmError {
         /// Codecs tried, as four-character codes.
         tried: String,
     },
-    /// Frames that would be shown for longer than films can say.
+    /// The frame rate is so low that a film cannot store the duration of a frame.
     #[error("{}: a frame would last {seconds:.0} s, but a film can show a frame for at most {LONGEST_FRAME_S} s", path.display())]
     TooSlow {
         /// The file.
@@ -39,7 +39,7 @@ pub enum FilmError {
         /// Seconds per frame.
         seconds: f64,
     },
-    /// The encoder gave no file.
+    /// The encoder wrote no file.
     #[error("{}: the encoder wrote nothing", path.display())]
     Empty {
         /// The file.
@@ -48,7 +48,7 @@ pub enum FilmError {
     /// The file cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
-    /// The program that encodes videos is not there, or ended in the middle.
+    /// The program that encodes videos is missing or ended early.
     #[error(
         "{}: {source}{}",
         path.display(),

@@ -118,7 +118,7 @@ impl Frame {
 /// ```
 #[derive(Debug, thiserror::Error)]
 pub enum SequenceError {
-    /// A frame does not decode.
+    /// A frame cannot be decoded.
     #[error("{}: {source}", path.display())]
     Decode {
         /// The file.
@@ -147,7 +147,7 @@ pub enum SequenceError {
         /// Frames found.
         found: usize,
     },
-    /// A video that does not open or breaks off before its last frame.
+    /// A video that cannot be opened or ends before its last frame.
     #[error("{}: {reason}", path.display())]
     Video {
         /// The file.
@@ -155,7 +155,7 @@ pub enum SequenceError {
         /// What happened.
         reason: String,
     },
-    /// A video that is damaged in its middle: frames are missing, and those behind them would get wrong numbers.
+    /// A damaged video with missing frames; the frames after these would get wrong numbers.
     #[error(
         "{}: damaged after frame {last}: the frames there cannot be decoded, and later frames would get wrong numbers; use frames 1 to \
          {last}, or an undamaged copy",
@@ -167,7 +167,7 @@ pub enum SequenceError {
         /// The last frame before the damage.
         last: u32,
     },
-    /// The program that decodes videos is not there, or ended in the middle.
+    /// The program that decodes videos is missing or ended early.
     #[error("{}: {source}", path.display())]
     Decoder {
         /// The file.

@@ -271,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_there_is_said() {
+    fn the_decoded_part_is_reported() {
         let reason = |bytes: &[u8]| decode(bytes, Wanted::Grey).unwrap_err().to_string();
         // Uncompressed rows would be exact; random ones compress to about their share.
         let noise: Vec<u8> = (0..64 * 64_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();

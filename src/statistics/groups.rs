@@ -144,19 +144,19 @@ pub enum GroupError {
         /// `subject`, `sequence`, and the metadata columns that at least one sequence has, sorted.
         known: Vec<String>,
     },
-    /// The emotion, by which everything is told apart in any case.
+    /// The emotion, which divides the sequences in any case.
     #[error("cannot group by `{column}`: every emotion always has its own representative, and groups divide each emotion")]
     Emotion {
         /// Requested column.
         column: String,
     },
-    /// A column that tells sequences apart, given as one of numbers.
+    /// A column that identifies sequences, given as a covariate.
     #[error("`{column}` identifies sequences; --covariate needs another column of the manifest, with a number for every person")]
     NoNumbersOfPeople {
         /// Requested column.
         column: String,
     },
-    /// A column of numbers without a number.
+    /// A covariate without any number.
     #[error("the column `{column}` has no numbers (a value is {example}), but --covariate needs numbers; use --by for words")]
     NoNumber {
         /// Requested column.
@@ -164,7 +164,7 @@ pub enum GroupError {
         /// One of its values.
         example: String,
     },
-    /// A column that is there and empty in every sequence.
+    /// A column that is empty in every sequence.
     #[error("the column `{column}` is empty in all {sequences} sequences")]
     EmptyColumn {
         /// Requested column.
@@ -172,7 +172,7 @@ pub enum GroupError {
         /// Number of sequences.
         sequences: usize,
     },
-    /// More groups than anybody reads; each makes a representative, a FAP file and a part of the report.
+    /// Too many groups; each has a representative, a FAP file and a part of the report.
     #[error("grouping by {} makes {found} classes of emotion and group, more than {limit}; group by fewer columns, or by a column with fewer values", columns.join(", "))]
     TooManyGroups {
         /// The columns grouped by.
@@ -415,7 +415,7 @@ mod tests {
     }
 
     #[test]
-    fn words_for_missing_values_are_unknown_and_said() {
+    fn words_for_missing_values_become_unknown_and_are_reported() {
         let values = ["NA", "n/a", " nan", "NULL", "null", "", "Nauru", "native", "none", "na"];
         let models: Vec<LabelledModel> =
             values.iter().zip('a'..).map(|(v, s)| labelled(&s.to_string(), "anger", &[("land", v)])).collect();
@@ -436,7 +436,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_that_measure_are_told_from_those_that_name_groups() {
+    fn measures_are_distinguished_from_numbers_that_name_groups() {
         let said = |values: &[&str], columns: &[&str]| {
             let models: Vec<LabelledModel> =
                 (0..).zip(values).map(|(k, v)| labelled(&k.to_string(), "fear", &[("Age", v)])).collect();

@@ -349,7 +349,7 @@ pub struct Representative {
 /// ```
 #[derive(Debug, thiserror::Error)]
 pub enum StatisticsError {
-    /// No model.
+    /// There are no models.
     #[error("there is no model of `{emotion}` to compute a median from")]
     Empty {
         /// Emotion of the class.
@@ -361,7 +361,7 @@ pub enum StatisticsError {
         /// Value of alpha.
         alpha: f64,
     },
-    /// Whole models trimmed of too many.
+    /// Too many models for trimming whole models.
     #[error(
         "trimming whole models supports at most {limit} sequences, but there are {found}; trim at frame level, or do not trim (alpha 0)"
     )]
@@ -371,13 +371,13 @@ pub enum StatisticsError {
         /// Largest number of models allowed.
         limit: usize,
     },
-    /// Two models of one sequence.
+    /// A sequence has two models.
     #[error("there are two models of sequence {id}; remove or rename one")]
     DuplicateSequence {
         /// The sequence.
         id: SequenceId,
     },
-    /// Models of different shape.
+    /// Models with different numbers of frames or nodes.
     #[error("{id}: it has {found} {what}, but the others have {expected}; normalize all sequences with the same options")]
     Shape {
         /// Sequence of the differing model.
@@ -389,7 +389,7 @@ pub enum StatisticsError {
         /// Number of frames or nodes of the others.
         expected: usize,
     },
-    /// A neutral frame that is not the canonical one that normalized models share.
+    /// A neutral frame that differs from the canonical one of normalized models.
     #[error(
         "{id}: node {node} of the neutral frame is {distance} face units from its place in the other models, more than rounding explains \
          ({tolerance}); normalize all sequences with the same wireframe and options"
@@ -404,7 +404,7 @@ pub enum StatisticsError {
         /// Largest distance allowed.
         tolerance: f64,
     },
-    /// A displacement that no face makes.
+    /// A displacement that is impossible for a face.
     #[error(
         "{id}: node {node} moves by {found} face units from frame {field} to {}; no face moves further than {limit:e}, so the model is wrong",
         field + 1
@@ -424,7 +424,7 @@ pub enum StatisticsError {
     /// Displacement vectors that cannot be read.
     #[error(transparent)]
     Source(#[from] scale::SourceError),
-    /// The result is not a model.
+    /// The result is not a valid model.
     #[error(transparent)]
     Model(#[from] crate::model::ModelError),
 }

@@ -57,19 +57,19 @@ pub const QUANTILES: [f64; 5] = [0.05, 0.25, 0.5, 0.75, 0.95];
 /// ```
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum VariationError {
-    /// Too few to vary.
+    /// Too few people for principal components.
     #[error("found {found} {}; principal components need at least {LEAST_PEOPLE} people", if *found == 1 { "person" } else { "people" })]
     TooFewPeople {
         /// Number of people.
         found: usize,
     },
-    /// More than memory is planned for.
+    /// Too many sequences for the planned memory.
     #[error("there are {found} sequences; principal components are computed for at most {MOST_SEQUENCES}")]
     TooMany {
         /// Number of sequences.
         found: usize,
     },
-    /// Everybody moves alike.
+    /// All people move in the same way.
     #[error("all sequences are equal; principal components need sequences that differ")]
     Equal,
     /// Positions that are not finite.
@@ -402,7 +402,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_vary_says_so() {
+    fn data_without_variation_is_an_error() {
         assert_eq!(variation(&[("a", 1.0, 0.0), ("b", 2.0, 0.0)]).unwrap_err(), VariationError::TooFewPeople { found: 2 });
         assert_eq!(
             variation(&[("a", 1.0, 0.0), ("a", 2.0, 0.0), ("a", 3.0, 0.0)]).unwrap_err().to_string(),

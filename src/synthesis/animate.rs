@@ -28,8 +28,8 @@ use super::{
 pub const SMOOTHING_FRAMES: f64 = 2.0;
 /// Smallest emphasis; the largest is its reciprocal. Beyond these limits, squared motions are lost in rounding.
 const LEAST_EMPHASIS: f64 = 1e-6;
-/// Range of the smoothing width, in frames. Below it the smoother's equations cannot be told from no smoothing, above it from an
-/// average over all frames.
+/// Range of the smoothing width, in frames. Below it the smoother's equations equal no smoothing, above it an average over
+/// all frames, up to rounding.
 const LEAST_SMOOTHING: f64 = 1e-6;
 const MOST_SMOOTHING: f64 = 1e5;
 /// Default number of starts of the search for the bound.

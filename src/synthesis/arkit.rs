@@ -278,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_limited_or_has_no_name_is_said() {
+    fn clamped_and_unnamed_values_are_reported() {
         let mut frames = [[0.0; 52]; 3];
         (frames[0][17], frames[1][17], frames[2][0]) = (1.5, 1.25, -0.5);
         let limited = |coefficient, frames, farthest| Limited { coefficient, frames, farthest };

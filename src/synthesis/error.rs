@@ -36,19 +36,19 @@ use crate::{
 /// ```
 #[derive(Debug, thiserror::Error)]
 pub enum BankError {
-    /// A mesh or array file that does not read.
+    /// A mesh or array file cannot be read.
     #[error(transparent)]
     File(#[from] MeshFileError),
-    /// A CSV file that does not read.
+    /// A CSV file cannot be read.
     #[error(transparent)]
     Input(#[from] InputError),
     /// A file that cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
-    /// No mesh.
+    /// The neutral mesh is invalid.
     #[error("the neutral mesh: {0}")]
     Mesh(#[from] MeshError),
-    /// A folder or file that holds no bank source.
+    /// A folder or file without a source for a bank.
     #[error("{}: {reason}", path.display())]
     Source {
         /// Folder or file.
@@ -64,22 +64,22 @@ pub enum BankError {
         /// What is wrong.
         reason: String,
     },
-    /// A bank that would be written over what it is built from.
+    /// The bank would overwrite a file from which it is built.
     #[error("{}: the bank would overwrite a file that it is built from; give it another name", path.display())]
     OverSource {
         /// The bank file to be written.
         path: PathBuf,
     },
-    /// Not a single member.
+    /// The bank has no members.
     #[error("the bank has no members; it needs at least one expression in addition to the neutral mesh")]
     NoMembers,
-    /// Two members of one name.
+    /// Two members have the same name.
     #[error("two members are named `{name}`; names must differ")]
     DuplicateMember {
         /// The name.
         name: String,
     },
-    /// A member over another number of vertices.
+    /// A member with another number of vertices.
     #[error("member `{name}` has {found} vertices, but the neutral mesh has {expected}; all meshes must share one topology")]
     VertexCount {
         /// The member.
@@ -105,7 +105,7 @@ pub enum BankError {
         /// The vertex.
         vertex: usize,
     },
-    /// A displacement that no face makes.
+    /// A displacement that is impossible for a face.
     #[error(
         "member `{name}`: vertex {vertex} is displaced by {length:.3e}, further than ten times the neutral mesh's diagonal ({limit:.3e}); \
          check that it has the same units as the neutral mesh"
@@ -120,7 +120,7 @@ pub enum BankError {
         /// Largest allowed length.
         limit: f64,
     },
-    /// A feature point past the mesh.
+    /// A feature point at a vertex that the mesh does not have.
     #[error("feature point {fp} is at vertex {vertex}, but the mesh has {count} vertices (0 to {})", count.saturating_sub(1))]
     NoSuchVertex {
         /// The feature point.
@@ -149,7 +149,7 @@ pub enum BankError {
     /// No feature points.
     #[error("the bank has no feature points; give them as a CSV file `fp,vertex` (--feature-points)")]
     NoFeaturePoints,
-    /// A member or shape that is not there.
+    /// A member or shape that does not exist.
     #[error("there is no `{name}`; choose from {}", found.join(", "))]
     NoSuchMember {
         /// The requested name.
@@ -157,7 +157,7 @@ pub enum BankError {
         /// The names that exist.
         found: Vec<String>,
     },
-    /// A part of the surface that the source does not name.
+    /// A part of the surface that the source does not have.
     #[error(
         "the source has no part `{name}` of its surface: {}",
         if found.is_empty() {
@@ -172,7 +172,7 @@ pub enum BankError {
         /// The parts that exist.
         found: Vec<String>,
     },
-    /// A number that does not fit.
+    /// A number that does not match what was expected.
     #[error("{what} is {found}; {expected} was expected")]
     Number {
         /// Name of the quantity.
@@ -204,10 +204,10 @@ pub enum BankError {
 /// ```
 #[derive(Debug, thiserror::Error)]
 pub enum SynthesisError {
-    /// The bank.
+    /// The bank cannot be read or built.
     #[error(transparent)]
     Bank(#[from] BankError),
-    /// A head and a portrait that cannot be put on each other.
+    /// A head with too few feature points to show a portrait.
     #[error("the bank has only {found} of the feature points of a portrait; it needs {needed} to show a portrait")]
     Portrait {
         /// Number of shared feature points.
@@ -215,13 +215,13 @@ pub enum SynthesisError {
         /// Number required.
         needed: usize,
     },
-    /// A CSV file that does not read.
+    /// A CSV file cannot be read.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// A track that does not read.
+    /// A track cannot be read.
     #[error(transparent)]
     Track(#[from] TrackFileError),
-    /// A model that does not read.
+    /// A model cannot be read.
     #[error(transparent)]
     Positions(#[from] PositionsError),
     /// A track that cannot be normalized.
@@ -232,22 +232,22 @@ pub enum SynthesisError {
         /// The reason.
         source: NormalizeError,
     },
-    /// Frames that make no model.
+    /// The frames do not form a model.
     #[error(transparent)]
     Model(#[from] ModelError),
-    /// A wireframe without facial animation units.
+    /// The FAPUs of the wireframe cannot be measured.
     #[error(transparent)]
     Fapus(#[from] FapusError),
-    /// A FAP file that does not read.
+    /// A FAP file cannot be read.
     #[error(transparent)]
     Fap(#[from] FapReadError),
-    /// FAP values that become no motion.
+    /// FAP values that cannot be converted to a motion.
     #[error(transparent)]
     Convert(#[from] ConvertError),
     /// A file that cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
-    /// A motion file that is none of those that are read.
+    /// A motion file of an unknown kind.
     #[error("{}: {reason}", path.display())]
     Motion {
         /// The file.
@@ -263,7 +263,7 @@ pub enum SynthesisError {
         /// The unit found instead.
         source: NotFaceUnits,
     },
-    /// A motion that no face makes.
+    /// A motion that is impossible for a face.
     #[error("{}, {source}", path.display())]
     Implausible {
         /// The file.
@@ -271,7 +271,7 @@ pub enum SynthesisError {
         /// Frame, feature point and offset.
         source: Implausible,
     },
-    /// The bank's feature points do not say how large the face is.
+    /// The feature points of the bank do not determine the size of the face.
     #[error("the bank's facial animation units cannot be measured: {reason}")]
     Scale {
         /// What is missing.

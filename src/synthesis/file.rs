@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn what_another_writer_of_the_format_wrote_is_read() {
+    fn files_of_another_writer_of_the_format_are_read() {
         // Written by Python's safetensors: the tensors are in another order.
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("p.bank");

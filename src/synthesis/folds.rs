@@ -81,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn an_emphasis_that_folds_the_surface_is_said_from_its_first_frame_on() {
+    fn an_emphasis_that_folds_the_surface_is_reported_with_its_first_frame() {
         let square = testing::bank().mesh().clone();
         // One member, which moves vertex 3, at (0, 1), 0.4 of the way to (1, 0): beyond half of the way a triangle is flipped.
         let member = vec![[0.0; 3], [0.0; 3], [0.0; 3], [0.4, -0.4, 0.0]];

@@ -292,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_reads_back_to_a_step() {
+    fn written_values_read_back_within_a_step() {
         let origin = HeadMeshOrigin { credit: "nobody".to_owned(), ..HeadMeshOrigin::default() };
         let bytes = small().to_bytes(&origin).unwrap();
         let (read, from) = HeadMesh::from_bytes(&bytes).unwrap();

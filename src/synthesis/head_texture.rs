@@ -454,7 +454,7 @@ mod tests {
             assert_eq!(row.nodes[0], NodeId(node), "{fp}");
             let (worn, there) = (texture.colours[vertex], nodes[usize::from(node)]);
             let off = (f64::from(worn[0]) - there.x).hypot(f64::from(worn[1]) - there.y);
-            assert!(off < 4.0, "{fp} wears {worn:?}, the portrait has its point at {there:?}");
+            assert!(off < 4.0, "{fp} has the texture of {worn:?}, but in the portrait it is at {there:?}");
         }
         // Textured and untextured skin together are all of the skin.
         let skin = FaceScene::new(&bank).skin().len();

@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn a_video_is_one_file_that_is_no_picture() {
+    fn a_video_is_one_file_that_is_not_a_picture() {
         let mut info = info_of_landmarks(25.0);
         assert!(!info.is_of_video() && !info.has_pictures());
         info.image_size = ImageSize { width: 64, height: 48 };

@@ -245,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_named_and_the_rest_is_taken() {
+    fn invalid_corrections_are_reported_and_the_rest_is_applied() {
         let wireframe = Wireframe::candide3();
         let node = TrackedNode::new(Point2::new(1.0, 1.0), NodeState::Tracked, None);
         let frames: Vec<_> = [1, 3].map(|number| TrackedFrame { number, nodes: vec![node; 113] }).to_vec();
@@ -285,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn corrections_far_off_the_face_are_named_and_bold_ones_are_not() {
+    fn corrections_far_from_the_face_are_reported_and_large_ones_are_not() {
         type Set = Vec<(NodeId, Point2<f64>)>;
         let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
         let frames = lost_track(&wireframe);
@@ -303,7 +303,7 @@ mod tests {
         let whole = [10, 20, 31, 53, 64].map(|node| at(node, 3.0, 4.0)).to_vec();
         assert!(said(vec![(3, whole.clone())]).is_empty());
         assert_eq!(said(vec![(3, whole[..2].to_vec())]).len(), 2);
-        assert!(said(vec![(2, whole[..2].to_vec()), (3, whole[..2].to_vec())]).is_empty(), "where it was before");
+        assert!(said(vec![(2, whole[..2].to_vec()), (3, whole[..2].to_vec())]).is_empty(), "at its earlier position");
         // In a face that was not lost all five are reported, even if they agree.
         let beside = [10, 20, 31, 53, 64].map(|node| at(node, 3.0, 240.0)).to_vec();
         assert_eq!(said(vec![(2, beside)]).len(), 5);

@@ -203,13 +203,13 @@ pub enum TrackFileError {
         /// Why.
         source: std::io::Error,
     },
-    /// A table that does not read.
+    /// A table cannot be read.
     #[error(transparent)]
     Table(#[from] InputError),
-    /// Positions that make no track.
+    /// The positions do not form a track.
     #[error(transparent)]
     Positions(#[from] PositionsError),
-    /// A node's state that is none.
+    /// An invalid state of a node.
     #[error("{}, line {line}: {reason}", path.display())]
     State {
         /// The file.
@@ -219,13 +219,13 @@ pub enum TrackFileError {
         /// What stands there, and what states there are.
         reason: String,
     },
-    /// What a run made of many tracks.
+    /// The file is a representative, not a track.
     #[error("{}: this is a representative, not a track; tracks are in the folder tracks of a run", path.display())]
     Representative {
         /// The table.
         path: PathBuf,
     },
-    /// A normalized model.
+    /// The file is a normalized model, not a track.
     #[error(
         "{}: this is a normalized model in face units, not a track; tracks are in the folder tracks of a run",
         path.display()
@@ -234,7 +234,7 @@ pub enum TrackFileError {
         /// The table.
         path: PathBuf,
     },
-    /// A `.csv` that is not whole by the `.json` beside it.
+    /// A `.csv` that is incomplete according to the `.json` beside it.
     #[error("{}: {reason}: the file is truncated or was changed; track the sequence again", path.display())]
     Cut {
         /// The file.
@@ -242,7 +242,7 @@ pub enum TrackFileError {
         /// What is missing.
         reason: String,
     },
-    /// Nodes of a mirrored face.
+    /// The nodes form a mirrored face.
     #[error("{}: {source}", path.display())]
     NotInPicture {
         /// The file.
@@ -250,7 +250,7 @@ pub enum TrackFileError {
         /// How.
         source: NotInPicture,
     },
-    /// A `.json` of a later layout.
+    /// The `.json` has a newer layout.
     #[error("{}: schema version {found}; this program reads {TRACK_SCHEMA}; it comes from a newer version of grimace; use that version", path.display())]
     Newer {
         /// The file.
@@ -258,7 +258,7 @@ pub enum TrackFileError {
         /// Its version.
         found: u64,
     },
-    /// A `.json` whose times cannot be those of the track.
+    /// The times in the `.json` do not match the track.
     #[error("{}: {reason}; correct the file, or track the sequence again", path.display())]
     Times {
         /// The file.
@@ -266,7 +266,7 @@ pub enum TrackFileError {
         /// What is wrong, with the value.
         reason: String,
     },
-    /// The `.json` does not read.
+    /// The `.json` cannot be read.
     #[error("{}: {source}", path.display())]
     Json {
         /// The file.
@@ -566,7 +566,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_left_of_a_track_that_was_cut_is_refused() {
+    fn a_truncated_track_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("t.csv");
         let mut all = frames();

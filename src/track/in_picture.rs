@@ -15,7 +15,7 @@ pub enum NotInPicture {
          from the bottom, write the image's height - 1 - y"
     )]
     YUpwards,
-    /// Left and right were exchanged.
+    /// Left and right are exchanged.
     #[error(
         "its nodes form a mirrored face: left and right are swapped; they mean the subject's own sides (the subject's left is on the \
          right of the image); if the pictures were mirrored, write the image's width - 1 - x"
@@ -62,7 +62,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_mirrored_face_in_pixels_is_told_from_one_that_is_turned() {
+    fn a_mirrored_face_in_pixels_is_distinguished_from_a_rotated_one() {
         let track = crate::positions::PositionTable::open("fixtures/simulated/truth/S001_005.csv".as_ref()).unwrap();
         let model = track.model::<crate::units::Px>().unwrap();
         let neutral = model.neutral().nodes();

@@ -631,9 +631,9 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_found_is_lost() {
+    fn points_that_cannot_be_found_are_lost() {
         let mut tracker = Klt::new(4, 9);
-        assert!(tracker.patch(Slot::Neutral, &[], 1.0, 0.0).is_err(), "no frame yet");
+        assert!(tracker.patch(Slot::Neutral, &[], 1.0, 0.0).is_err(), "no frame was read yet");
         tracker.advance(&Frame::new(1, GrayImage::from_pixel(80, 60, Luma([90])))).unwrap();
         let far = Point2::new(500.0, 20.0);
         let nowhere = Point2::new(f64::NAN, 0.0);

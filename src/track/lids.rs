@@ -410,14 +410,17 @@ mod tests {
     }
 
     #[test]
-    fn a_lid_that_the_tracker_left_behind_goes_down() {
+    fn a_lid_that_the_tracker_lost_closes() {
         for shut in [0.5, 0.8, 1.0] {
             // The tracker lost the lid after a fifth of its way.
             let mut found = nodes(0.2);
             found[21].state = NodeState::Recovered(super::super::LossReason::Klt);
             lids().place(&eye(2, shut, 0.0), &mut found);
             let left = opening(&found);
-            assert!((left - (1.0 - shut).max(MEETING)).abs() < 0.12, "{left} is left open where {shut} is gone");
+            assert!(
+                (left - (1.0 - shut).max(MEETING)).abs() < 0.12,
+                "{left} of the opening remains where {shut} should be closed"
+            );
             assert_eq!(found[21].state, NodeState::Tracked);
             // Corners do not move, and neither do nodes that are not on a lid.
             assert!(found[20] == nodes(0.0)[20] && found[23] == nodes(0.0)[23] && found[30] == nodes(0.0)[30]);
@@ -425,7 +428,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_tracked_well_stays() {
+    fn well_tracked_lids_are_unchanged() {
         for (shut, gaze) in [(0.0, 0.0), (0.0, 8.0), (0.0, -12.0), (0.3, 0.0), (0.6, 3.0)] {
             let mut found = nodes(shut);
             lids().place(&eye(2, shut, gaze), &mut found);

@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_light_and_what_cannot_be_told_are_left_as_they_are() {
+    fn equal_and_unmeasurable_light_is_left_unchanged() {
         let (live, places) = nodes();
         let light = Light::new(&frame(1, 1.0), &live, &places, 9);
         assert!(light.undone(&frame(2, 1.01), &live, &places).is_none());

@@ -17,6 +17,7 @@ mod landmarks;
 mod leap;
 mod lids;
 mod light;
+mod looked;
 mod options;
 mod quality;
 mod recover;
@@ -51,6 +52,8 @@ pub use file::{
 pub(crate) use klt::smoothed;
 pub use klt::{Klt, KltKind, OpenCvKlt};
 pub use landmarks::LandmarkPlan;
+pub(crate) use looked::{LOOKED_AT, Looks, content_of};
+pub use looked::{Look, LooksError};
 pub use options::{Forces, MIN_WINDOW_PX, TrackOptions};
 pub use quality::{FrameQuality, TrackQuality, TrackSummary, Verdict, summarize};
 pub(crate) use quality::{missing_said, two_pictures_said};
@@ -169,7 +172,7 @@ pub struct Track {
 /// ```
 #[derive(Debug, thiserror::Error)]
 pub enum TrackError {
-    /// A frame does not read.
+    /// A frame cannot be read.
     #[error(transparent)]
     Sequence(#[from] SequenceError),
     /// Fewer than two frames.
@@ -178,7 +181,7 @@ pub enum TrackError {
         /// Frames found.
         found: usize,
     },
-    /// So few nodes are left that the springs have nothing to hold on.
+    /// Too few nodes are tracked for the springs: the face is lost.
     #[error("frame {frame}: only {found} of {live} nodes could be tracked; the face is lost")]
     FaceLost {
         /// Frame number.
@@ -188,7 +191,7 @@ pub enum TrackError {
         /// Live nodes.
         live: usize,
     },
-    /// A frame whose landmarks do not place the face.
+    /// The landmarks of a frame do not determine the position of the face.
     #[error("frame {frame}: {reason}")]
     Landmarks {
         /// Frame number.
@@ -205,7 +208,7 @@ pub enum TrackError {
         /// What it says.
         reason: String,
     },
-    /// The program that the point tracker runs in is not there, or ended in the middle.
+    /// The program of the point tracker is missing or ended early.
     #[error("{0}")]
     Program(#[from] CompanionError),
     /// The caller asked to stop.

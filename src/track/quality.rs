@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
-use super::{LossReason, NodeState, TrackedFrame, TrackedNode, eye_distance_px};
+use super::{Look, LossReason, NodeState, TrackedFrame, TrackedNode, eye_distance_px};
 use crate::{
     geometry::Similarity,
     robust::median,
@@ -159,12 +159,28 @@ pub struct TrackQuality {
     /// Small JPEG files of the wireframe on the neutral and the apex frame; `None` where there are no pictures or they may not be shown.
     #[serde(skip)]
     pub pictures: Option<[Vec<u8>; 2]>,
+    /// Identifies its pictures and its nodes, for looks at it; empty if unknown.
+    #[serde(default)]
+    pub content: String,
+    /// What a person found when looking at it.
+    #[serde(default)]
+    pub look: Option<Look>,
 }
 
 impl TrackQuality {
     /// Creates the quality of a track, without pictures.
     pub fn new(id: SequenceId, emotion: String, summary: TrackSummary, frames: &[TrackedFrame], wireframe: &Wireframe) -> Self {
-        Self { id, emotion, summary, course: course(frames, wireframe), pictures: None }
+        Self { id, emotion, summary, course: course(frames, wireframe), pictures: None, content: String::new(), look: None }
+    }
+
+    /// Whether a person should look at it: there is a reason, and nobody has looked at it as it is.
+    pub fn is_to_look_at(&self) -> bool {
+        self.summary.verdict == Verdict::LookAgain && !matches!(self.look, Some(Look::Right | Look::LeaveOut))
+    }
+
+    /// Whether a person has looked at it and left it out of the statistics.
+    pub fn is_left_out(&self) -> bool {
+        self.look == Some(Look::LeaveOut)
     }
 }
 
@@ -423,7 +439,7 @@ mod tests {
     }
 
     #[test]
-    fn missing_frames_are_said_where_they_matter() {
+    fn missing_frames_are_reported_where_they_matter() {
         let gap = |numbers: &[u32]| missing_frames(numbers.to_vec());
         let without = |from: u32, to: u32| (1..=24).filter(|n| !(from..=to).contains(n)).collect::<Vec<u32>>();
         assert_eq!(gap(&without(14, 23)), Some((14, 23)));
@@ -441,7 +457,7 @@ mod tests {
     }
 
     #[test]
-    fn where_nothing_moves_is_to_be_looked_at() {
+    fn a_still_face_has_the_verdict_look_again() {
         let (w, t) = (Wireframe::candide3(), Tables::candide3());
         // The head shifts and rotates; relative to it only the first `count` live nodes move, by 1 px of 61.3.
         let frame = |number: u32, count: usize| TrackedFrame {
@@ -466,7 +482,7 @@ mod tests {
     }
 
     #[test]
-    fn two_pictures_that_lie_far_apart_are_said_where_nodes_were_lost() {
+    fn two_distant_pictures_are_reported_if_nodes_were_lost() {
         let (w, t) = (Wireframe::candide3(), Tables::candide3());
         let frame = |number: u32, lost: usize, reason| TrackedFrame {
             number,
@@ -491,7 +507,7 @@ mod tests {
     }
 
     #[test]
-    fn a_region_that_may_sit_elsewhere_is_to_be_looked_at() {
+    fn a_region_with_large_placement_errors_has_the_verdict_look_again() {
         let (w, t) = (Wireframe::candide3(), Tables::candide3());
         // 61.3 px between the pupils; the limit is 3.065 px.
         let frame = |number: u32, brow: f64| TrackedFrame {

@@ -247,8 +247,8 @@ mod tests {
                 let at = from + (to - from) * share;
                 frame.get_pixel(at.x.round() as u32, at.y.round() as u32).0[0] < 120
             };
-            assert!((1..=6).all(|k| !dark(f64::from(k) / 10.0)), "lashes over the lid");
-            assert!(dark(1.0), "no line of lashes");
+            assert!((1..=6).all(|k| !dark(f64::from(k) / 10.0)), "lashes are left on the lid");
+            assert!(dark(1.0), "the line of lashes is missing");
         }
         // The lid is brightest above its middle, darker towards the margin, and above the lid the photograph.
         for eye in &OPENINGS[1..] {

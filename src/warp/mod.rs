@@ -92,7 +92,7 @@ const BESIDE_CORNER: f64 = 0.07;
 /// Why a face cannot be warped.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum WarpError {
-    /// Another wireframe.
+    /// The model has another wireframe.
     #[error("the model has {found} nodes, but warping a face needs the {NODE_COUNT} nodes of Candide-3")]
     NodeCount {
         /// Nodes given.
@@ -101,10 +101,10 @@ pub enum WarpError {
     /// A position that is NaN or infinite.
     #[error("a node is not at a finite position")]
     NotFinite,
-    /// No face: the eyes coincide.
+    /// Both eyes are at the same position.
     #[error("both eyes of the face are at the same position")]
     NoEyes,
-    /// The nodes do not lie like a face seen from the front.
+    /// The nodes do not form a face seen from the front.
     #[error(
         "the edges of mouth and eyes cross: the nodes do not form a face seen from the front; check the fit with `grimace fit --overlay` \
          and mark more points"

@@ -65,7 +65,7 @@ fn a_blink_covers_the_eye_and_does_not_squeeze_it() {
     }
     let warp = warp();
     let frame = warp.render(&Texture::new(&picture), &warp.deform(&shut).unwrap(), &MouthInside::Dark);
-    assert!(frame.pixels().all(|p| p.0[0] > 200), "black shows through shut lids");
+    assert!(frame.pixels().all(|p| p.0[0] > 200), "black shows through closed lids");
 }
 
 #[test]
@@ -160,7 +160,7 @@ fn lips_open_onto_the_dark() {
 }
 
 #[test]
-fn what_is_no_face_is_refused() {
+fn inputs_that_are_not_faces_are_refused() {
     assert_eq!(Warp::new(&face()[..50]).unwrap_err(), WarpError::NodeCount { found: 50 });
     let mut nan = face();
     nan[3].x = f64::NAN;

@@ -124,7 +124,7 @@ pub struct Wireframe {
 /// ```
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum WireframeError {
-    /// No triangle at all: there are no springs.
+    /// There are no triangles and therefore no springs.
     #[error("the wireframe has no triangles")]
     NoTriangles,
     /// More nodes than a [`NodeId`] can number.
@@ -133,7 +133,7 @@ pub enum WireframeError {
         /// Number of nodes given.
         found: usize,
     },
-    /// An index past the vertex list.
+    /// An index that exceeds the number of vertices.
     #[error("{place} refers to node {node}, but there are {count} nodes (0 to {})", count.saturating_sub(1))]
     NoSuchNode {
         /// The triangle or unit that refers to it.

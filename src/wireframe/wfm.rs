@@ -66,7 +66,7 @@ pub enum WfmErrorKind {
     /// The file cannot be read.
     #[error("cannot be read: {0}")]
     Io(#[from] io::Error),
-    /// More bytes than a wireframe has.
+    /// The file is larger than any wireframe.
     #[error("has more than {MAX_BYTES} bytes; this is not a wireframe")]
     TooLarge,
     /// The file ends before section 4 does.
@@ -79,7 +79,7 @@ pub enum WfmErrorKind {
         /// What was expected next.
         expected: String,
     },
-    /// A line that does not fit.
+    /// A line with unexpected content.
     #[error("line {line}, {section}: found `{found}` where {expected} was expected")]
     Line {
         /// Line number, from 1.
@@ -91,7 +91,7 @@ pub enum WfmErrorKind {
         /// The line, shortened.
         found: String,
     },
-    /// The parts read do not make a wireframe.
+    /// The content does not form a wireframe.
     #[error(transparent)]
     Wireframe(#[from] WireframeError),
 }

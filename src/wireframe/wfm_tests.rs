@@ -207,7 +207,7 @@ proptest! {
     }
 
     #[test]
-    fn what_is_written_reads_back_the_same(
+    fn written_files_read_back_unchanged(
         coordinates in proptest::collection::vec((-2_000_000_i32..2_000_000, -9_i32..9), 3..40),
     ) {
         // Millionths are written exactly.

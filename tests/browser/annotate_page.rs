@@ -92,7 +92,7 @@ fn no_proposals(browser: &Browser) {
 #[test]
 fn a_whole_session_by_clicks_and_keys() {
     let work = unmarked(&["S001_005", "S002_007"]);
-    // Its port is not the usual one, which another test's server might take while this one is down.
+    // An unusual port, so that the server of another test cannot take it while this one is down.
     let server = Server::start(&work, "faces --port 0");
     let browser = Browser::start();
     open(&browser, &server, (1280, 720));
@@ -100,7 +100,7 @@ fn a_whole_session_by_clicks_and_keys() {
     assert_eq!((text(&browser, "sequence"), text(&browser, "left")), ("S001_005".into(), "2 of 2 left".into()));
     assert_eq!((text(&browser, "step"), text(&browser, "target")), ("Mark 1 of 11".into(), "Left eye: outer corner".into()));
 
-    // Eleven marks by clicks; from the third on the wireframe is there and moves.
+    // Eleven marks by clicks. From the third mark on, the wireframe is shown and moves.
     let mut wires = Vec::new();
     for count in 1..=11 {
         let node = asked(&browser).unwrap();
@@ -125,12 +125,12 @@ fn a_whole_session_by_clicks_and_keys() {
     assert_eq!(file.len(), 11);
     for (node, x, y, kind) in &file {
         let (tx, ty) = truth("S001_005", *node);
-        // A click meets a pixel of the window, which is less than half a pixel of the image.
+        // A click hits a pixel of the window, which is less than half a pixel of the image.
         assert!((x - tx).abs() < 0.5 && (y - ty).abs() < 0.5 && kind == "mark", "node {node}: {x} {y}, true {tx} {ty}");
     }
     browser.screenshot("annotate-marked", false);
 
-    // A mark is dragged: the wireframe follows before it is let go.
+    // Dragging a mark moves the wireframe before the mark is released.
     let before = wire(&browser);
     let (x, y) = mark(&browser, "mark", 10);
     let start = place(&browser, (x, y));
@@ -138,7 +138,7 @@ fn a_whole_session_by_clicks_and_keys() {
     wait(&browser, &format!("document.querySelector('#wire .contour').getAttribute('d') !== {}", json!(before)));
     assert!(
         browser.run("return document.getElementById('loupe').classList.contains('shown')") == json!(true),
-        "the magnifier helps"
+        "the magnifier is shown"
     );
     browser.screenshot("annotate-dragging", false);
     let during = wire(&browser);
@@ -149,7 +149,7 @@ fn a_whole_session_by_clicks_and_keys() {
     wait(&browser, &format!("document.querySelector('#wire .contour').getAttribute('d') !== {}", json!(before)));
     assert!(!during.is_empty());
 
-    // Nudged by keys, undone, done again.
+    // Move by keys, undo, redo.
     browser.press(&RIGHT.to_string());
     assert_eq!(mark(&browser, "mark", 10), ((moved.0 + 1.0) * 100.0 / 100.0, moved.1));
     browser.chord(&[SHIFT], LEFT);
@@ -168,9 +168,9 @@ fn a_whole_session_by_clicks_and_keys() {
     assert_eq!(mark(&browser, "mark", 10), moved);
     browser.chord(&[CONTROL], 'z');
     saved(&browser);
-    assert_eq!(rows(&work, "S001/005"), file, "undone is as it was, byte for byte");
+    assert_eq!(rows(&work, "S001/005"), file, "after undo the file is the same, byte for byte");
 
-    // A fitted node is dragged to its place: a hard position, which can be released.
+    // Dragging a fitted node sets a hard position, which can be released.
     let nose = browser.run(
         "const far = ([x, y]) => Math.hypot(x - 100, y - 80);
          const dots = [...document.querySelectorAll('#dots .dot.fitted')].pop().getAttribute('d').match(/M[^h]+/g);
@@ -188,13 +188,13 @@ fn a_whole_session_by_clicks_and_keys() {
     saved(&browser);
     assert_eq!(rows(&work, "S001/005"), file);
 
-    // Everything came from this server.
+    // Everything was loaded from this server.
     let foreign =
         "return performance.getEntriesByType('resource').map((e) => e.name).filter((n) => !n.startsWith(location.origin))";
     assert_eq!(browser.run(foreign), json!([]));
     browser.no_errors();
 
-    // The next sequence, by keys alone: Space places, arrows move.
+    // The next sequence with keys only: Space places marks, arrows move them.
     browser.press(&ENTER.to_string());
     wait(&browser, "document.getElementById('sequence').textContent === 'S002_007'");
     assert_eq!(text(&browser, "left"), "1 of 2 left");
@@ -220,14 +220,14 @@ fn a_whole_session_by_clicks_and_keys() {
     assert_eq!(text(&browser, "ask-title"), "Nothing left to mark");
     browser.press(&ESCAPE.to_string());
 
-    // Reloaded, it is there again.
+    // After a reload the marks are still there.
     let shown = wire(&browser);
     browser.post("/refresh", &json!({}));
     wait(&browser, "document.querySelectorAll('.pin.mark').length === 11");
     wait(&browser, &format!("document.querySelector('#wire .contour').getAttribute('d') === {}", json!(shown)));
     browser.no_errors();
 
-    // The server is killed; a mark that is moved now waits in the browser and says so.
+    // After the server is killed, a moved mark is kept in the browser, which says so.
     let port = server.port();
     server.kill();
     browser.run("document.querySelector('[data-pick=\"10\"]').click()");
@@ -238,7 +238,7 @@ fn a_whole_session_by_clicks_and_keys() {
     let waiting = mark(&browser, "mark", 10);
     browser.screenshot("annotate-no-server", false);
     let server = Server::start(&work, &format!("faces --all --port {port}"));
-    // The old address is worth nothing; the new one finds the change.
+    // The old address is no longer valid; the page at the new one finds the change.
     browser.run("window.onbeforeunload = null");
     browser.go("about:blank");
     let _ = browser.try_post("/alert/accept", &json!({}));
@@ -259,7 +259,7 @@ fn a_whole_session_by_clicks_and_keys() {
 fn proposals_count_only_once_accepted() {
     let work = unmarked(&["S001_005"]);
     let header: String = (0..68).map(|k| format!(",x{k},y{k}")).collect();
-    // Of the landmarks only those count that are proposed: eye corners, mouth corners, chin, ends of the brows, by their node.
+    // Only some landmarks are proposed, as their nodes: eye corners, mouth corners, chin, ends of the brows.
     let nodes = [(45, 20), (42, 23), (36, 53), (39, 56), (54, 31), (48, 64), (8, 10), (26, 15), (22, 17), (17, 48), (21, 50)];
     let point = |k: u64| nodes.iter().find(|(l, _)| *l == k).map_or((1.0, 1.0), |&(_, node)| truth("S001_005", node));
     let points: String = (0..68).map(|k| format!(",{},{}", point(k).0, point(k).1)).collect();
@@ -274,7 +274,7 @@ fn proposals_count_only_once_accepted() {
     assert_eq!(text(&browser, "left"), "1 of 1 left");
     browser.screenshot("annotate-proposed", false);
     assert!(!work.path("faces/S001/005/correspondences.csv").exists());
-    // One alone by a click on it, all others with a key.
+    // A click accepts one of them, a key all others.
     browser.click(place(&browser, mark(&browser, "proposal", 10)));
     wait(&browser, "document.querySelectorAll('.pin.proposal').length === 10");
     saved(&browser);
@@ -288,7 +288,7 @@ fn proposals_count_only_once_accepted() {
 }
 
 #[test]
-fn a_tab_that_is_looked_at_again_shows_what_another_one_saved() {
+fn a_tab_shows_the_changes_of_another_tab_when_the_user_returns() {
     let work = unmarked(&["S001_005"]);
     let server = Server::start(&work, "faces");
     let browser = Browser::start();
@@ -304,7 +304,7 @@ fn a_tab_that_is_looked_at_again_shows_what_another_one_saved() {
     browser.run("window.dispatchEvent(new Event('focus'))");
     wait(&browser, "document.querySelectorAll('.pin.mark').length === 1");
     assert!(text(&browser, "notice").contains("Another tab has changed this sequence"));
-    // It saves on what it has now read: no question, and nothing of the other tab is lost.
+    // It saves on top of the new state: no question appears, and no change of the other tab is lost.
     let other = asked(&browser).unwrap();
     browser.click(place(&browser, truth("S001_005", other)));
     wait(&browser, "document.querySelectorAll('.pin.mark').length === 2");
@@ -328,7 +328,7 @@ fn a_conflict_is_decided_by_the_user() {
         wait(&browser, "document.querySelector('#stage').dataset.frame > 0");
         no_proposals(&browser);
         let mine = browser.run("return document.querySelectorAll('.pin.mark').length").as_u64().unwrap();
-        // Another program writes the file behind the page's back.
+        // Another program changes the file while the page is open.
         work.write("faces/S001/005/correspondences.csv", format!("node,x,y,kind\n10,100.{mine},120,mark\n64,80,100,mark\n"));
         let node = asked(&browser).unwrap();
         browser.click(place(&browser, truth("S001_005", node)));
@@ -343,7 +343,7 @@ fn a_conflict_is_decided_by_the_user() {
 }
 
 #[test]
-fn no_key_of_the_work_answers_a_conflict_and_what_is_dropped_can_be_had_back() {
+fn no_editing_key_answers_a_conflict_and_discarded_marks_can_be_restored() {
     let work = unmarked(&["S001_005"]);
     let server = Server::start(&work, "faces");
     let browser = Browser::start();
@@ -360,7 +360,7 @@ fn no_key_of_the_work_answers_a_conflict_and_what_is_dropped_can_be_had_back() {
     }
     assert_eq!(browser.run("return document.getElementById('ask').open"), json!(true));
     assert_eq!(rows(&work, "S001/005").len(), 1, "nothing was overwritten before the answer");
-    // Closed without an answer, it is open still: the next change asks again.
+    // Closed without an answer, the conflict remains: the next change asks again.
     browser.press(&ESCAPE.to_string());
     wait(&browser, "!document.getElementById('ask').open && document.getElementById('saved').className === 'failed'");
     assert_eq!(rows(&work, "S001/005").len(), 1);
@@ -375,7 +375,7 @@ fn no_key_of_the_work_answers_a_conflict_and_what_is_dropped_can_be_had_back() {
 }
 
 #[test]
-fn a_sequence_that_does_not_open_takes_no_marks() {
+fn a_sequence_that_cannot_be_opened_accepts_no_marks() {
     let work = unmarked(&["S001_005", "S002_007"]);
     for name in crate::common::files_in(&work.path("faces/S002/007")).keys().filter(|name| name.ends_with(".png")) {
         work.write(&format!("faces/S002/007/{name}"), "no picture");
@@ -401,7 +401,7 @@ fn a_sequence_that_does_not_open_takes_no_marks() {
     browser.press(" ");
     saved(&browser);
     assert_eq!(rows(&work, "S001/005").len(), 1);
-    // The frames themselves are said not to load; nothing else goes wrong.
+    // The page reports that the frames cannot be loaded; there are no other errors.
 }
 
 #[test]
@@ -413,7 +413,7 @@ fn frames_are_stepped_through_and_chosen() {
     no_proposals(&browser);
     browser.press("..");
     wait(&browser, "document.getElementById('frame-text').textContent.startsWith('Frame 3')");
-    // A tap on another frame marks nothing and says why.
+    // A tap on another frame sets no mark and gives the reason.
     browser.click(place(&browser, (100.0, 80.0)));
     wait(&browser, "!document.getElementById('notice').hidden");
     assert!(text(&browser, "notice").contains("Marks belong to the neutral frame, 1"));
@@ -443,18 +443,18 @@ fn tracks_are_stepped_corrected_and_tracked_again() {
     };
     let server = Server::start(&work, "--tracks results");
     let browser = Browser::start();
-    // What the points of the neutral frame are that nobody marked is said.
+    // The legend names the source of points in the neutral frame that were not marked by hand.
     for (from, said) in [("found", "found"), ("landmarks", "from landmarks"), ("file", "marked")] {
         marks_from(from);
         open(&browser, &server, (1280, 720));
         wait(&browser, &format!("document.querySelector('#legend dt').textContent === '{said}'"));
     }
     assert_eq!(text(&browser, "track-title"), "Neutral frame");
-    // The whole image: the nodes at the top of the skull may lie outside the face that is shown at first.
+    // Show the whole image: nodes at the top of the skull may be outside the part shown first.
     browser.press("0..");
     wait(&browser, "document.getElementById('track-step').textContent === 'Frame 3 of 6'");
     wait(&browser, "document.querySelector('#legend dt').textContent === 'tracked'");
-    // The colours of the states are drawn.
+    // The dots have the colours of the states.
     let colour = browser.text("return getComputedStyle(document.querySelector('#dots .dot.tracked:not(.casing)')).stroke");
     assert_eq!(colour, "rgb(0, 178, 130)");
     let point = browser
@@ -475,7 +475,7 @@ fn tracks_are_stepped_corrected_and_tracked_again() {
     wait(&browser, "document.getElementById('saved').textContent === 'Tracked again and saved'");
     assert_ne!(behind(&work), before);
     assert_eq!(corrected(&work), 1);
-    // Undone, released, and again.
+    // Undo, release, and again.
     browser.chord(&[CONTROL], 'z');
     wait(&browser, "document.querySelectorAll('.pin.hard').length === 0");
     browser.chord(&[CONTROL, SHIFT], 'z');
@@ -488,7 +488,39 @@ fn tracks_are_stepped_corrected_and_tracked_again() {
 }
 
 #[test]
-fn names_are_shown_as_they_are_and_run_nothing() {
+fn a_track_is_found_right_or_left_out_with_one_key() {
+    let work = Work::with_sequences(&["S001_005", "S002_005"]);
+    work.write(
+        "faces/manifest.csv",
+        "subject,sequence,emotion,first_frame,last_frame\nS001,005,happiness,6,1\nS002,005,happiness,1,6\n",
+    );
+    work.grimace("run faces -o results -q").exit(0);
+    let server = Server::start(&work, "--tracks results");
+    let browser = Browser::start();
+    // The first to be shown is the one to look at, with the reason.
+    open(&browser, &server, (1280, 720));
+    wait(&browser, "document.getElementById('sequence').textContent === 'S001_005'");
+    assert!(text(&browser, "left").ends_with(" of 2 tracks, 1 to look at"), "{}", text(&browser, "left"));
+    let reasons = text(&browser, "track-reasons");
+    assert!(reasons.starts_with("To look at: the marks lie"), "{reasons}");
+    browser.screenshot("tracks-look", false);
+    browser.press("y");
+    wait(&browser, "document.getElementById('saved').textContent === 'Saved: looks right'");
+    wait(&browser, "document.getElementById('look-right').getAttribute('aria-pressed') === 'true'");
+    assert!(!text(&browser, "left").contains("to look at") && text(&browser, "track-reasons").is_empty());
+    assert!(work.read("results/looked_at.csv").contains("\nS001_005,right,b3-"));
+    // The other button changes it, the same one takes it back.
+    browser.run("document.getElementById('look-out').click()");
+    wait(&browser, "document.getElementById('saved').textContent === 'Saved: left out'");
+    assert!(work.read("results/looked_at.csv").contains("\nS001_005,leave out,b3-"));
+    browser.press("x");
+    wait(&browser, "document.getElementById('saved').textContent === 'Taken back'");
+    assert!(text(&browser, "left").ends_with("1 to look at"));
+    browser.no_errors();
+}
+
+#[test]
+fn names_are_shown_unchanged_and_execute_nothing() {
     let work = unmarked(&["S001_005"]);
     let name = "<img src=x onerror=\"document.title='run'\">";
     work.write(
@@ -540,7 +572,7 @@ fn it_fits_desks_tablets_and_phones_in_light_and_dark() {
             sleep(Duration::from_millis(100));
             browser.screenshot(&format!("annotate-{name}-{scheme}"), false);
         }
-        // Nothing sticks out or is covered, and every control can be pressed.
+        // No control overflows the window or is covered; every control can be pressed.
         assert_eq!(
             browser.run("return [document.documentElement.scrollWidth, document.documentElement.scrollHeight]"),
             json!([width, height])
@@ -558,13 +590,13 @@ fn it_fits_desks_tablets_and_phones_in_light_and_dark() {
         assert_eq!(browser.run(outside), json!([]), "{name}");
     }
     browser.size(768, 1024);
-    // Every control has a name, and focus is seen.
+    // Every control has a name, and the focus is visible.
     let nameless = "return [...document.querySelectorAll('button, select, input, [role=button], progress')].filter((e) =>
         e.getBoundingClientRect().width && !(e.getAttribute('aria-label') || e.textContent.trim() || e.closest('label') || e.title)).map((e) => e.outerHTML)";
     assert_eq!(browser.run(nameless), json!([]));
     browser.press("\u{e004}");
     assert_ne!(browser.text("return getComputedStyle(document.activeElement).outlineStyle"), "none");
-    // A finger marks, and drags the mark.
+    // A finger sets a mark and drags it.
     browser.devtools("Emulation.setTouchEmulationEnabled", &json!({"enabled": true}));
     let node = asked(&browser).unwrap();
     browser.drag("touch", &[place(&browser, truth("S001_005", node))]);
@@ -572,13 +604,13 @@ fn it_fits_desks_tablets_and_phones_in_light_and_dark() {
     saved(&browser);
     let start = place(&browser, mark(&browser, "mark", node));
     let before = mark(&browser, "mark", node);
-    // Ten pixels beside the mark is near enough for a finger, and the mark does not jump there.
+    // A touch ten pixels beside the mark takes it, and the mark does not jump to the finger.
     browser.drag("touch", &[(start.0 + 10.0, start.1), (start.0 + 30.0, start.1), (start.0 + 50.0, start.1)]);
     saved(&browser);
     let zoom = browser.run("return document.getElementById('world').getScreenCTM().a").as_f64().unwrap();
     let moved = mark(&browser, "mark", node).0 - before.0;
     assert!((moved - 40.0 / zoom).abs() < 1.0 / zoom, "moved by {moved} px at zoom {zoom}");
-    // Two fingers that go apart from 80 to 240 px zoom in by three, and what lies between them stays there.
+    // Two fingers that move from 80 to 240 px apart zoom in by three; the point between them stays in place.
     let zoom_now = || browser.run("return document.getElementById('world').getScreenCTM().a").as_f64().unwrap();
     let middle = browser.run(
         "const r = document.getElementById('stage').getBoundingClientRect(); return [r.x + r.width / 2, r.y + r.height / 2]",
@@ -593,10 +625,10 @@ fn it_fits_desks_tablets_and_phones_in_light_and_dark() {
     let after = browser.run(&script);
     for axis in 0..2 {
         let off = (before[axis].as_f64().unwrap() - after[axis].as_f64().unwrap()).abs() * zoom_now();
-        assert!(off < 6.0, "the middle of the fingers moved by {off} px");
+        assert!(off < 6.0, "the point between the fingers moved by {off} px");
     }
-    assert_eq!(browser.run("return document.querySelectorAll('.pin.mark').length"), marks, "a pinch marked something");
-    // The help shows every key, from the first one on.
+    assert_eq!(browser.run("return document.querySelectorAll('.pin.mark').length"), marks, "a pinch set a mark");
+    // The help shows all keys, scrolled to the first.
     browser.press("?");
     wait(&browser, "document.getElementById('help').open");
     assert_eq!(browser.run("return document.getElementById('help').scrollTop"), json!(0));
@@ -609,7 +641,7 @@ fn it_fits_desks_tablets_and_phones_in_light_and_dark() {
 fn a_new_user_marks_three_real_sequences_in_two_minutes() {
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/sequences");
     if !data.is_dir() {
-        eprintln!("SKIPPED: {} is not there", data.display());
+        eprintln!("SKIPPED: {} does not exist", data.display());
         return;
     }
     let work = Work::new();
@@ -621,7 +653,7 @@ fn a_new_user_marks_three_real_sequences_in_two_minutes() {
     }
     let manifest = fs::read_to_string(data.join("manifest.csv")).unwrap();
     let wanted = |line: &&str| ids.iter().any(|id| line.starts_with(&id.replace('/', ",")));
-    // Without landmarks: the hard way, every point by hand.
+    // Without landmarks every point must be marked by hand.
     let header = manifest.lines().next().unwrap().replace(",landmarks", ",landmark_file");
     let lines: Vec<&str> = manifest.lines().filter(wanted).collect();
     work.write("real/manifest.csv", format!("{header}\n{}\n", lines.join("\n")));
@@ -631,18 +663,19 @@ fn a_new_user_marks_three_real_sequences_in_two_minutes() {
     open(&browser, &server, (1280, 720));
     for id in ids {
         wait(&browser, &format!("document.getElementById('sequence').textContent === '{}'", id.replace('/', "_")));
-        // What a person sees: the proposals, that they lie about right, and the key.
+        // A person sees the proposals, checks that they are about right, and presses the key.
         sleep(Duration::from_millis(2500));
         let proposed = browser.run("return document.querySelectorAll('.pin.proposal').length").as_u64().unwrap();
         browser.screenshot(&format!("real-{}", id.replace('/', "_")), false);
-        // The whole face is found, with discs of doubt; one point taken by a key keeps the error to expect, as all do.
+        // The whole face is found, with discs of uncertainty. A point accepted by a key keeps its expected error, as do all.
         assert!(proposed > 40, "{id}: {proposed}");
         assert_eq!(browser.run("return document.querySelectorAll('.pin.proposal .doubt').length"), json!(proposed));
         browser.press(" ");
         wait(&browser, "document.querySelectorAll('.pin.mark .doubt').length === 1");
         browser.press("a");
         wait(&browser, "document.querySelectorAll('.pin.proposal').length === 0");
-        // What is left is marked by hand: a look, a click, where the wireframe expects it or in the middle of the face.
+        // The remaining points are marked by hand: look, then click where the wireframe expects the point, or in the middle of
+        // the face.
         while let Some(node) = asked(&browser) {
             sleep(Duration::from_millis(2500));
             browser.press(" ");

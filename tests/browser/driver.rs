@@ -1,6 +1,6 @@
 //! Drives headless Chromium through chromedriver (WebDriver). `GRIMACE_SCREENSHOTS=DIR` saves screenshots.
 
-// Every test program uses only a part of this module.
+// Each test program uses only a part of this module.
 #![allow(dead_code)]
 
 use std::{
@@ -35,7 +35,7 @@ fn start_driver(install: &str) -> Option<(Child, u16)> {
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
         .spawn()
-        .unwrap_or_else(|error| panic!("chromedriver does not start ({error}); {install}"));
+        .unwrap_or_else(|error| panic!("chromedriver cannot be started ({error}); {install}"));
     let lines = driver.stdout.take().map(|out| BufReader::new(out).lines());
     let port = lines.into_iter().flatten().map_while(Result::ok).find_map(|line| {
         let (_, port) = line.split_once("started successfully on port ")?;
@@ -59,9 +59,10 @@ impl Browser {
     pub fn start() -> Self {
         const INSTALL: &str =
             "this test needs Chromium and chromedriver: `apt-get install chromium chromium-driver` (Debian), or run scripts/test";
-        // It takes a port that is free for IPv4 and ends where another has it for IPv6, or took it meanwhile: once more, then.
+        // Chromedriver takes a port that is free for IPv4 and ends if another process has it for IPv6 or took it meanwhile;
+        // then try again.
         let started = (0..5).find_map(|_| start_driver(INSTALL));
-        let (driver, port) = started.unwrap_or_else(|| panic!("chromedriver named no port, five times; {INSTALL}"));
+        let (driver, port) = started.unwrap_or_else(|| panic!("chromedriver printed no port in five attempts; {INSTALL}"));
         let folder = tempfile::tempdir().unwrap();
         let profile = format!("--user-data-dir={}", folder.path().join("profile").display());
         let arguments = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"];
@@ -240,7 +241,7 @@ impl Browser {
 impl Drop for Browser {
     fn drop(&mut self) {
         let agent = ureq::Agent::config_builder().timeout_global(Some(Duration::from_secs(10))).build();
-        // The session may never have begun; what is left to end is the driver, and with it the browser.
+        // The session may not have been created; killing the driver also ends the browser.
         let _ = ureq::Agent::from(agent).delete(&self.session).call();
         let _ = self.driver.kill();
         let _ = self.driver.wait();
@@ -273,7 +274,7 @@ pub fn decode_base64(text: &str) -> Vec<u8> {
 pub fn wait(browser: &Browser, condition: &str) {
     let start = Instant::now();
     while browser.run(&format!("return {condition}")) != json!(true) {
-        assert!(start.elapsed() < Duration::from_secs(120), "waited in vain for {condition}");
+        assert!(start.elapsed() < Duration::from_secs(120), "timed out waiting for {condition}");
         sleep(Duration::from_millis(20));
     }
 }

@@ -54,19 +54,19 @@ fn ready(browser: &Browser, url: &str) {
 fn it_plays_scrubs_compares_and_a_slider_moves_a_node() {
     let browser = Browser::start();
     let url = page(&browser);
-    // First as the browser has it, then on a plain canvas.
+    // First with the browser's default, then on a plain canvas.
     for url in [url.clone(), format!("{url}#canvas")] {
         browser.go("about:blank");
         browser.size(1280, 900);
         ready(&browser, &url);
         let share = || browser.run("return P.share").as_f64().unwrap();
-        // It opens at the apex; Home and End lead to neutral and back.
+        // It opens at the apex; Home and End go to neutral and back.
         assert_eq!(share(), 1.0);
         let open = node(&browser, 10);
         browser.press(&HOME.to_string());
         let closed = node(&browser, 10);
-        assert!(share() == 0.0 && open.1 > closed.1 + 2.0, "the chin goes down: {closed:?} to {open:?}");
-        // Playing moves it, and pausing stops it.
+        assert!(share() == 0.0 && open.1 > closed.1 + 2.0, "the chin moves down: {closed:?} to {open:?}");
+        // Play moves it, pause stops it.
         browser.press(" ");
         wait(&browser, "P.share > 0");
         assert_eq!(browser.text("return document.querySelector('.gp-play').getAttribute('aria-pressed')"), "true");
@@ -74,13 +74,13 @@ fn it_plays_scrubs_compares_and_a_slider_moves_a_node() {
         let stopped = share();
         sleep(Duration::from_millis(150));
         assert_eq!(share(), stopped);
-        // Twice as strong goes about twice as far.
+        // Double strength moves about twice as far.
         browser.press(&END.to_string());
         browser.run("P.setGain(2)");
         let far = node(&browser, 10).1 - closed.1;
         let ratio = far / (open.1 - closed.1);
         assert!((1.6..=2.05).contains(&ratio), "{ratio}");
-        // The slider of FAP 31 raises the left inner brow, and no other corner of the face.
+        // The slider of FAP 31 raises the left inner brow and no other corner of the face.
         browser.run("P.setGain(0)");
         let (brow, mouth) = (node(&browser, 17), node(&browser, 64));
         let set = |value: &str| {
@@ -93,7 +93,7 @@ fn it_plays_scrubs_compares_and_a_slider_moves_a_node() {
         assert!((node(&browser, 64).1 - mouth.1).abs() < 0.5);
         browser.run("document.querySelector('.gp-reset').click()");
         assert_eq!(node(&browser, 17), brow);
-        // Two side by side, in step, and a picture of both.
+        // Two faces side by side, in step, and a picture of both.
         browser.run("P.setCompare(true); P.setGain(1)");
         assert_eq!(browser.run("return P.seen.length").as_u64(), Some(2));
         assert!(browser.text("const a = P.save(); return a.download").starts_with("jaw_a_composite_portrait_smile"));
@@ -122,9 +122,9 @@ fn apart(one: &RgbImage, other: &RgbImage, (left, top): (u32, u32), (right, bott
 }
 
 #[test]
-fn eyes_that_shut_look_as_clone_draws_them() {
-    // By WebGL, and on a plain canvas, whose seams between triangles and whose lids without a grain are further off: 2.3 and 2.7 levels at
-    // most, of which the compression of the picture makes 1.8; with lashes drawn out over lids it was 11 and more.
+fn closing_eyes_look_as_clone_draws_them() {
+    // The differences are 2.3 levels with WebGL and 2.7 on a plain canvas, which has seams between triangles and lids without
+    // grain. JPEG compression causes 1.8 of them. With lashes stretched over the lids the difference would be 11 or more.
     let shut = Motion { name: "shut", faps: &[19, 20], values: &[0, 640, 1024] };
     shut.looks_as_clone_draws_it(portrait(), eyes, &[("", 2.5), ("#canvas", 3.0)]);
 }
@@ -133,14 +133,15 @@ fn eyes_that_shut_look_as_clone_draws_them() {
 const RAISED: Motion = Motion { name: "raised", faps: &[31, 32, 33, 34, 35, 36], values: &[0, 100, 200] };
 
 #[test]
-fn eyes_below_brows_that_rise_look_as_clone_draws_them() {
-    // 1.9 levels apart; skin without lashes, where they are forgotten, is 8.8 off.
+fn eyes_below_raised_brows_look_as_clone_draws_them() {
+    // The difference is 1.9 levels; without the skin without lashes it would be 8.8.
     RAISED.looks_as_clone_draws_it(portrait(), eyes, &[("", 2.5)]);
 }
 
 #[test]
-fn hollows_and_furrows_around_brows_that_rise_look_as_clone_draws_them() {
-    // A forehead with lines, and dark lids. Forgotten, they are 11 levels off below brows that rise so far, and 5 above them.
+fn hollows_and_furrows_around_raised_brows_look_as_clone_draws_them() {
+    // A forehead with lines, and dark lids. Without hollows and furrows the difference would be 11 levels below raised brows
+    // and 5 above.
     let mut picture = portrait();
     let shade = |off: f64| 1.0 - 0.35 * (-off * off).exp();
     for (x, y, pixel) in picture.enumerate_pixels_mut() {
@@ -151,7 +152,7 @@ fn hollows_and_furrows_around_brows_that_rise_look_as_clone_draws_them() {
         pixel.0 = pixel.0.map(|level| (f64::from(level) * line * lids[0] * lids[1]).round() as u8);
     }
     RAISED.looks_as_clone_draws_it(picture.clone(), below_brows_and_forehead, &[("", 2.5)]);
-    // The left brow alone.
+    // Only the left brow.
     Motion { name: "one", faps: &[31, 33, 35], values: &[0, 100, 200] }.looks_as_clone_draws_it(
         picture,
         below_brows_and_forehead,
@@ -224,7 +225,7 @@ impl Motion {
             browser.go("about:blank");
             ready(&browser, &url);
             let given: Vec<f64> = serde_json::from_value(browser.run("return Array.from(P.views[0].rig.given)")).unwrap();
-            // The page has a part of the picture, as large as it is.
+            // The page has a part of the picture, at the original size.
             let (left, top) = ((first[0] - given[0]).round() as u32, (first[1] - given[1]).round() as u32);
             for (share, frame) in [(0.0, 1), (0.5, 2), (1.0, 3)] {
                 let shown = browser.text(&format!("P.setShare({share}); return P.views[0].stage.canvas.toDataURL('image/png')"));
@@ -249,7 +250,7 @@ impl Motion {
 }
 
 #[test]
-fn lips_of_a_jaw_that_drops_lie_where_clone_has_them() {
+fn lips_of_a_dropping_jaw_are_where_clone_draws_them() {
     let browser = Browser::start();
     let folder = browser.folder.path();
     write_fap(folder, "jaw", &[3], &[0, 500, 1000]);
@@ -268,13 +269,14 @@ fn lips_of_a_jaw_that_drops_lie_where_clone_has_them() {
         (number(2), number(3))
     };
     ready(&browser, &format!("file://{}", folder.join("jaw.html").display()));
-    // The page has a part of the picture, as large as it is.
+    // The page has a part of the picture, at the original size.
     browser.run("P.setShare(0)");
     let (shown, cloned) = (node(&browser, 0), place("1", 0));
     let (left, top) = ((cloned.0 - shown.0).round(), (cloned.1 - shown.1).round());
     for (share, frame) in [(0.5, "2"), (1.0, "3")] {
         browser.run(&format!("P.setShare({share})"));
-        // 0.01 px apart, by rounding. With the outer edge of the lower lip held as round as the inner edges it was 1.7.
+        // The difference is 0.01 px, from rounding. If the outer edge of the lower lip were as round as the inner edges, it
+        // would be 1.7 px.
         for lip in [8, 85, 86, 40, 83, 84, 87, 81, 82, 31, 64, 10] {
             let (shown, cloned) = (node(&browser, lip), place(frame, lip));
             let apart = (shown.0 + left - cloned.0).hypot(shown.1 + top - cloned.1);
@@ -285,7 +287,7 @@ fn lips_of_a_jaw_that_drops_lie_where_clone_has_them() {
 }
 
 #[test]
-fn a_mouth_that_gapes_looks_as_clone_draws_it() {
+fn a_gaping_mouth_looks_as_clone_draws_it() {
     let browser = Browser::start();
     let folder = browser.folder.path();
     let fixture = |name: &str| format!("{}/fixtures/{name}", env!("CARGO_MANIFEST_DIR"));
@@ -326,8 +328,8 @@ fn a_mouth_that_gapes_looks_as_clone_draws_it() {
     let cloned = image::open(folder.join("clone/frames/P01_00000002.png")).unwrap();
     let cloned = cloned.crop_imm(left, top, shown.width(), shown.height()).to_rgb8();
     keep("gape-clone.png", &std::fs::read(folder.join("clone/frames/P01_00000002.png")).unwrap());
-    // From corner to corner of the lips, from the closed ones to half way to the chin. They are 2.8 levels apart, with the compression of the picture;
-    // with the mouth as it was drawn before in one of them it was 8.6.
+    // The area reaches from corner to corner of the lips, and from the closed lips halfway to the chin. The difference is 2.8
+    // levels, including compression; with another drawing of the mouth it would be 8.6.
     let [one, other, lips, chin] = [64, 31, 87, 10].map(|n: usize| (given[2 * n], given[2 * n + 1]));
     let corner = (one.0.min(other.0) as u32, lips.1 as u32);
     let difference = apart(&shown, &cloned, corner, (one.0.max(other.0) as u32, f64::midpoint(lips.1, chin.1) as u32));
@@ -368,7 +370,8 @@ fn folds_grow_with_a_motion_as_clone_draws_them() {
     assert!((numbers("return [P.views[0].rig.folds.growth]")[0] - 1.0).abs() < 1e-3);
     let without = drawn("smile-smooth.png", "P.shelf.data.folds.most = 0");
     let cloned = cloned.crop_imm(left, top, with.width(), with.height()).to_rgb8();
-    // Beside the mouth, from the wing of the nose to the corner of the lips: 1.2 levels apart, and 2.6 and 2.8 without folds.
+    // Beside the mouth, from the wing of the nose to the corner of the lips: the difference is 1.2 levels, and 2.6 and 2.8
+    // without folds.
     for side in [[59, 64], [26, 31]] {
         let [wing, corner] = side.map(|n: usize| (given[2 * n], given[2 * n + 1]));
         let reach = (corner.1 - wing.1) / 2.0;
@@ -407,7 +410,7 @@ fn a_dense_head_moves_by_motions_and_by_single_faps() {
         browser.go("about:blank");
         browser.size(1280, 900);
         ready(&browser, &url);
-        // Farthest that a vertex is from its place at rest, px.
+        // Largest distance of a vertex from its rest position, px.
         let moved = || {
             let script = "const r = P.views[0].rig; let most = 0; for (let k = 0; k < r.moved.length; k++) most = Math.max(most, Math.abs(r.moved[k] - r.rest[k])); return most";
             browser.run(script).as_f64().unwrap()
@@ -420,7 +423,7 @@ fn a_dense_head_moves_by_motions_and_by_single_faps() {
         assert!(moved() > 1.0, "a single FAP: {}", moved());
         browser.run("document.querySelector('.gp-reset').click()");
         assert!(moved() < 0.5);
-        // It is drawn: more colours than a background has.
+        // Something is drawn: there are more colours than in a background.
         let colours = "const c = document.createElement('canvas'), v = P.views[0].stage.canvas; c.width = v.width; c.height = v.height;
             const g = c.getContext('2d'); g.drawImage(v, 0, 0); const d = g.getImageData(0, 0, c.width, c.height).data; const seen = new Set();
             for (let k = 0; k < d.length; k += 4) seen.add((d[k] << 16) + (d[k + 1] << 8) + d[k + 2]); return seen.size";

@@ -48,19 +48,19 @@ fn the_representative_plays_scrubs_and_exaggerates() {
         ));
         contours()
     };
-    // The page opens at the apex, at rest.
+    // The page opens at the apex and does not move.
     let apex = contours();
     sleep(Duration::from_millis(150));
     assert_eq!(contours(), apex);
     let (neutral, middle) = (seek("0"), seek("2"));
     assert!(neutral != apex && middle != neutral && middle != apex);
     assert_eq!(seek("4"), apex);
-    // At the neutral frame it is the neutral wireframe beside it.
+    // At the neutral frame it equals the neutral wireframe beside it.
     assert_eq!(browser.text("return document.querySelector('#r3 [data-figure=neutral] .contours').getAttribute('d')"), neutral);
-    // A key frame's mark leads there.
+    // The button of a key frame goes there.
     browser.run("document.querySelector('#r3 .ticks [data-frame=\"2\"]').click()");
     assert_eq!(contours(), middle);
-    // Playing moves it, pausing stops it.
+    // Play moves it, pause stops it.
     browser.run("document.querySelector('#r3').scrollIntoView(); document.querySelector('#r3 .play').click()");
     wait(&browser, &format!("{CONTOURS} !== {}", json!(middle)));
     assert_eq!(browser.text("return document.querySelector('#r3 .play').getAttribute('aria-pressed')"), "true");
@@ -68,19 +68,19 @@ fn the_representative_plays_scrubs_and_exaggerates() {
     let stopped = contours();
     sleep(Duration::from_millis(150));
     assert_eq!(contours(), stopped);
-    // Exaggeration moves the apex further, and leaves the neutral as it is but for the zoom.
+    // Exaggeration moves the apex further. The neutral changes only by the zoom.
     seek("4");
     browser
         .run("const g = document.querySelector('#r3 .gain'); g.value = 3; g.dispatchEvent(new Event('input', {bubbles: true}))");
     assert_ne!(contours(), apex);
     assert_eq!(browser.text("return document.querySelector('#r3 .gain-text').value"), "3.0×");
     assert_eq!(seek("0"), neutral);
-    // The ghost is the neutral.
+    // The neutral shown behind equals the neutral wireframe.
     browser.run("document.querySelector('#r3 .ghost').click()");
     seek("4");
     assert_eq!(browser.text("return document.querySelector('#r3 .ghosted').getAttribute('d')"), neutral);
     browser.screenshot("card", false);
-    // Every figure was drawn, and the single sequence has none of dispersion.
+    // Every figure is drawn; the single sequence has no figures of dispersion.
     let count = |selector: &str| browser.run(&format!("return document.querySelectorAll('{selector}').length")).as_u64().unwrap();
     assert_eq!((count(".card"), count("[data-figure=heat] svg"), count("[data-figure=distances] svg")), (6, 5, 5));
     assert_eq!((count("[data-figure=fields] .arrows"), count("[data-figure=fields] svg")), (24, 24));
@@ -91,11 +91,11 @@ fn the_representative_plays_scrubs_and_exaggerates() {
 }
 
 #[test]
-fn the_expression_at_a_low_and_at_a_high_number_is_shown() {
+fn expressions_at_a_low_and_a_high_value_of_a_covariate_are_shown() {
     let options = PipelineOptions { covariates: vec!["age".to_owned()], no_faces: true, ..PipelineOptions::default() };
     let bench = Workbench::new(None, options).unwrap();
     let neutral = bench.normalizer().unwrap().canonical().neutral.clone();
-    // The corners of the mouth rise by an age's number.
+    // The corners of the mouth rise in proportion to age.
     let model = |age: u32| {
         let frame = |m: u32| {
             let mut nodes = neutral.nodes().to_vec();
@@ -129,13 +129,13 @@ fn the_expression_at_a_low_and_at_a_high_number_is_shown() {
     assert_eq!(titles(), "age 20; Mean; age 70");
     assert_ne!(faces(), components);
     let row = browser.text("return document.querySelector('#numbers tbody tr').textContent");
-    assert!(row.starts_with("happinessage645.67") && row.contains("goes along"), "{row}");
+    assert!(row.starts_with("happinessage645.67") && row.contains("changes"), "{row}");
     browser.screenshot("numbers", false);
     browser.no_errors();
 }
 
 #[test]
-fn less_motion_means_one_pass_and_no_loop() {
+fn with_reduced_motion_the_animation_runs_once() {
     let browser = Browser::start();
     browser.size(1280, 720);
     browser.media("", "prefers-reduced-motion", "reduce");
@@ -144,7 +144,7 @@ fn less_motion_means_one_pass_and_no_loop() {
         "document.querySelector('#r3 .speed').value = 2; document.querySelector('#r3 .speed').dispatchEvent(new Event('change'))",
     );
     browser.run("document.querySelector('#r3').scrollIntoView(); document.querySelector('#r3 .play').click()");
-    // 1.4 s at twice the speed; then it rests at the apex.
+    // 1.4 s at double speed; then it stops at the apex.
     wait(&browser, "document.querySelector('#r3 .play').getAttribute('aria-pressed') === 'false'");
     assert_eq!(browser.text("return document.querySelector('#r3 .time').value"), "4");
     browser.no_errors();
@@ -162,7 +162,7 @@ fn the_tracking_table_sorts_filters_and_stays_fast() {
     };
     let numbers = |k: usize| column(k).iter().map(|t| t.parse::<f64>().unwrap()).collect::<Vec<_>>();
     let click = |k: usize| browser.run(&format!("document.querySelectorAll('#tracks thead button')[{k}].click()"));
-    // Worst first, fifty of them.
+    // The worst first, fifty rows.
     let shown = numbers(5);
     assert_eq!(shown.len(), 50);
     assert!(shown.is_sorted());
@@ -207,7 +207,7 @@ fn quality_cards_come_worst_first_and_filter_and_sections_fold() {
     assert_eq!(cards(), 24);
     let again = browser.run("return [...document.querySelectorAll('.qc')].map(c => c.classList.contains('again'))");
     let again: Vec<bool> = again.as_array().unwrap().iter().map(|v| v.as_bool().unwrap()).collect();
-    assert!(again[0] && again.is_sorted_by(|a, b| a >= b), "those to look at again come first: {again:?}");
+    assert!(again[0] && again.is_sorted_by(|a, b| a >= b), "sequences to look at again are first: {again:?}");
     browser.run("document.querySelector('#quality-more').click()");
     // 96 more.
     assert_eq!(cards(), 120);
@@ -216,7 +216,7 @@ fn quality_cards_come_worst_first_and_filter_and_sections_fold() {
     browser.run(filter);
     assert_eq!(cards(), 1);
     assert_eq!(browser.text("return document.querySelector('.qc-files a').getAttribute('href')"), "tracks/S001_anger.csv");
-    // Folded, everything fits; a link opens what it leads to.
+    // Collapsed, the page is short; a link opens its target.
     browser.run("document.querySelector('#fold-all').click()");
     let height = || browser.run("return document.documentElement.scrollHeight").as_u64().unwrap();
     assert!(height() < 8000, "{}", height());
@@ -240,7 +240,7 @@ fn it_is_readable_in_the_dark_on_a_phone_and_on_paper() {
             "2 marks; mark at least 3",
         ),
     );
-    // Relative luminance of the page and of its text, 0 to 255, near enough.
+    // Approximate relative luminance of the page and of its text, 0 to 255.
     let luminance = |property: &str| {
         let script = format!("return getComputedStyle(document.body).{property}.match(/[0-9]+/g).slice(0, 3).map(Number)");
         let rgb: Vec<f64> = browser.run(&script).as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
@@ -263,7 +263,7 @@ fn it_is_readable_in_the_dark_on_a_phone_and_on_paper() {
     browser.size(400, 800);
     wait(&browser, "innerWidth === 400");
     sleep(Duration::from_millis(100));
-    // Nothing sticks out: wide tables scroll in their own box.
+    // Nothing overflows: wide tables scroll in their own box.
     assert_eq!(browser.run("return document.documentElement.scrollWidth"), json!(400));
     browser.screenshot("phone", true);
     browser.size(1280, 720);

@@ -3,7 +3,7 @@
 use crate::common::{SEQUENCES, Work, assert_same_files};
 
 #[test]
-fn models_and_representatives_given_as_tracks_are_called_what_they_are() {
+fn models_and_representatives_given_as_tracks_are_refused_by_kind() {
     let work = Work::with_sequences(&["S001_005", "S002_005"]);
     work.grimace("run faces -o R -q").exit(0);
     let model = "S001_005.csv: this is a normalized model in face units, not a track";
@@ -16,7 +16,7 @@ fn models_and_representatives_given_as_tracks_are_called_what_they_are() {
 }
 
 #[test]
-fn numbers_that_an_option_does_not_take_are_said_by_the_option() {
+fn invalid_numbers_are_reported_with_their_option() {
     let work = Work::new();
     let refused = |args: &str, said: &str| {
         let ran = work.grimace(args).exit(2).says(&[said]);
@@ -35,12 +35,12 @@ fn numbers_that_an_option_does_not_take_are_said_by_the_option() {
 }
 
 #[test]
-fn analyze_of_a_run_s_tracks_gives_that_run_s_statistics() {
+fn analyzing_the_tracks_of_a_run_gives_its_statistics() {
     let work = Work::after_run(&SEQUENCES, "out");
     let ran = work.grimace("analyze out/tracks -o again").exit(0);
     ran.prints(&["6 tracks, 0 failed", "3 sequences  again/fap/happiness.fap", "report: again/report.html"]);
     assert_same_files(&work.files("out/models"), &work.files("again/models"));
-    // Only a run looks at pictures: it says why these few people have no skin in common.
+    // Only a run reads pictures; it gives the reason why these few people have no common skin.
     let without_skin = |folder: &str| {
         let mut files = work.files(folder);
         for (_, bytes) in files.iter_mut().filter(|(name, _)| name.ends_with(".json")) {
@@ -57,7 +57,7 @@ fn analyze_of_a_run_s_tracks_gives_that_run_s_statistics() {
     for file in ["statistics.csv", "trimming.csv", "failures.csv"] {
         assert_eq!(work.read(&format!("out/{file}")), work.read(&format!("again/{file}")), "{file}");
     }
-    // The run's own folder stands for its tracks.
+    // The folder of a run is accepted in place of its tracks.
     work.grimace("analyze out -o whole").exit(0).prints(&["6 tracks, 0 failed"]);
     assert_same_files(&work.files("again/representatives"), &work.files("whole/representatives"));
 }
@@ -103,7 +103,7 @@ fn options_of_the_statistics_take_effect() {
 }
 
 #[test]
-fn what_an_earlier_analysis_made_goes_and_nothing_else() {
+fn only_files_of_an_earlier_analysis_are_removed() {
     let work = Work::after_run(&["S001_005", "S002_005", "S003_005"], "out");
     work.grimace("analyze out/tracks -o again --by cohort --alpha 0.4").exit(0);
     let record = std::fs::File::options().append(true).open(work.path("again/analyze.b3")).unwrap();
@@ -121,19 +121,19 @@ fn what_an_earlier_analysis_made_goes_and_nothing_else() {
     assert!(stale.iter().all(|name| !work.path(&format!("again/{name}")).exists()));
     work.grimace("figures again -o figures -q").exit(0);
     assert!(!work.read("figures/captions.md").contains("cohort"));
-    // What is left is what a new folder gets.
+    // The remaining files equal those of a new folder.
     work.grimace("analyze out/tracks -o new/again --alpha 0").exit(0);
     let (mut again, mut new) = (work.files("again"), work.files("new/again"));
     assert_eq!(again.remove("representatives/mine.txt").as_deref(), Some(&b"mine"[..]));
     assert_eq!(again.remove("intervals.csv").as_deref(), Some(&b"edited"[..]));
     assert!(again.remove("analyze.b3").is_some() && new.remove("analyze.b3").is_some());
     assert_same_files(&again, &new);
-    // Without a record nothing can be told, and that is said.
+    // Without a record the command cannot know which files are its own, and says so.
     work.write("foreign/representatives/joy.json", "{}");
     let ran = work.grimace("analyze out/tracks -o foreign --force").exit(0);
     ran.says(&["note: foreign has no analyze.b3, the record of an earlier analysis"]);
     assert!(work.path("foreign/representatives/joy.json").exists());
-    // Nothing is written over that it did not write itself, or that was edited since.
+    // It overwrites no file that it did not write itself or that was edited since.
     let whole = work.files("foreign");
     work.write("mine/statistics.csv", "mine");
     for folder in ["mine", "foreign"] {
@@ -148,7 +148,7 @@ fn what_an_earlier_analysis_made_goes_and_nothing_else() {
     work.write("foreign/comparisons.csv", "edited");
     work.grimace("analyze out/tracks -o foreign --by cohort --force").exit(1).says(&["comparisons.csv: this file exists"]);
     assert_eq!(work.read("foreign/comparisons.csv"), "edited");
-    // One that stopped in the middle has entered what it wrote: the next one knows it.
+    // An analysis that stopped early has recorded its files, so the next one recognizes them.
     work.write("stopped/fap", "no folder");
     work.grimace("analyze out/tracks -o stopped --force").exit(1);
     let written = work.read("stopped/analyze.b3");
@@ -158,7 +158,7 @@ fn what_an_earlier_analysis_made_goes_and_nothing_else() {
 }
 
 #[test]
-fn rows_of_a_manifest_that_are_damaged_and_tracks_that_it_does_not_list_are_said() {
+fn damaged_manifest_rows_and_unlisted_tracks_are_reported() {
     let work = Work::after_run(&SEQUENCES, "out");
     let row = |id: &str, emotion: &str| {
         let (subject, sequence) = id.split_once('_').unwrap();
@@ -173,14 +173,14 @@ fn rows_of_a_manifest_that_are_damaged_and_tracks_that_it_does_not_list_are_said
     ran.says(&["emotion is empty", "are not in the manifest of --dataset", third]);
     let statistics = work.read("labels/statistics.csv");
     assert!(statistics.contains("joy"), "{statistics}");
-    // The one whose row is damaged has no label any more, and the double is named.
+    // The sequence with the damaged row has no label, and the duplicate is reported.
     let reasons: Vec<String> = work.rows("labels/failures.csv").iter().map(|r| r["reason"].clone()).collect();
     assert!(reasons.len() == 2 && reasons.iter().any(|r| r.contains("line 3")), "{reasons:?}");
     assert!(!work.path(&format!("labels/models/{second}.csv")).exists());
 }
 
 #[test]
-fn a_bad_track_costs_that_track() {
+fn a_bad_track_fails_alone() {
     let work = Work::after_run(&SEQUENCES, "out");
     let track = work.read("out/tracks/S001_005.csv");
     let lines: Vec<&str> = track.lines().collect();
@@ -212,7 +212,7 @@ fn a_bad_track_costs_that_track() {
 }
 
 #[test]
-fn many_bad_tracks_are_summed_up_and_all_stand_in_a_table() {
+fn many_bad_tracks_are_summarized_and_all_are_in_a_table() {
     let work = Work::after_run(&["S001_005", "S002_005"], "out");
     for k in 0..20 {
         work.write(&format!("out/tracks/S1{k:02}_005.csv"), "frame,node,x\n1,0,3\n");
@@ -223,7 +223,7 @@ fn many_bad_tracks_are_summed_up_and_all_stand_in_a_table() {
     let ran = ran.says(&["S100_005.csv, line 1: has no column `y`", &format!("{more}; reasons: again/failures.csv")]);
     assert_eq!(ran.stderr.lines().count(), 2, "{}", ran.stderr);
     assert_eq!(work.rows("again/failures.csv").len(), 20);
-    // Where nothing is written there is no table.
+    // If nothing is written, there is no table of failures.
     let ran = work.grimace("analyze out/tracks -o none --by shoesize").exit(1).says(&[&more]);
     assert!(!ran.stderr.contains("failures.csv") && !work.path("none/failures.csv").exists(), "{}", ran.stderr);
     let ran = work.grimace("recognize --with out out/tracks/S001_005.csv -o r.csv").exit(1).says(&[&more]);
@@ -242,7 +242,7 @@ fn a_track_read_twice_counts_once() {
 }
 
 #[test]
-fn what_is_not_there_or_in_the_way_is_named() {
+fn missing_and_obstructing_files_are_reported() {
     let work = Work::after_run(&["S001_005"], "out");
     work.grimace("analyze nowhere -o again").exit(1).says(&["nowhere", "No such file"]);
     work.write("none/a.txt", "x").grimace("analyze none -o again").exit(1).says(&["found no tracks (.csv) in none"]);

@@ -61,7 +61,7 @@ fn it_listens_on_loopback_only_and_prints_its_address() {
 }
 
 #[test]
-fn what_was_proposed_is_shown_with_its_confidence() {
+fn proposed_sequences_are_shown_with_their_confidence() {
     // Both have all their marks; only one is a proposal.
     let work = Work::with_sequences(&["S001_005", "S002_007"]);
     let manifest = work.read("faces/manifest.csv");
@@ -88,7 +88,7 @@ fn another_address_needs_a_flag_and_warns() {
 }
 
 #[test]
-fn a_taken_port_is_said_only_when_it_was_asked_for() {
+fn a_port_in_use_is_reported_only_if_it_was_requested() {
     let work = unmarked();
     let first = Server::start(&work, "faces");
     let port = first.port();
@@ -115,10 +115,10 @@ fn foreign_hosts_origins_and_guesses_are_refused() {
     for guess in ["/", "/api/sequences", "/0123456789abcdef0123456789abcdef/api/sequences", &server.token[..32]] {
         assert_eq!(status(guess, &[]), 404, "{guess}");
     }
-    // A page elsewhere can send a form without asking first; a form is not taken.
+    // Another web page can send a form without a preflight request; forms are refused.
     let form = server.request("POST", &format!("{}/api/fit", server.token), &[("Content-Type", "text/plain")], b"{}");
     assert_eq!(form.status, 415);
-    // Refused or not, no answer may be framed, sniffed or load anything from elsewhere.
+    // No answer, refused or not, may be framed, sniffed or load anything from elsewhere.
     for answer in [server.get(""), server.get("nothing"), server.request("GET", "/", &[], b"")] {
         for header in [
             "content-security-policy: default-src 'none'; script-src 'self'",
@@ -188,7 +188,7 @@ fn bodies_are_limited_and_must_be_json() {
         let status = server.request("POST", &fit, &json, body).status;
         assert!(matches!(status, 400 | 422), "{status} for {}", String::from_utf8_lossy(body));
     }
-    // It still answers.
+    // The server still answers.
     assert_eq!(server.get("api/setup").status, 200);
 }
 
@@ -205,14 +205,15 @@ fn marks_are_saved_byte_for_byte_where_fit_and_run_find_them() {
         let path = format!("faces/{folder}/correspondences.csv");
         let bytes = work.bytes(&path);
         assert!(work.header(&path) == "node,x,y,kind" && work.rows(&path).len() == marks.len());
-        // Sent again, in another order, after the answer was lost: the same bytes, and no conflict.
+        // If the answer was lost and the marks are sent again in another order, the bytes are the same and there is no
+        // conflict.
         marks.reverse();
         assert_eq!(save(&server, id, &opened["version"], &marks).ok()["version"], first["version"]);
         assert_eq!(work.bytes(&path), bytes);
         assert_eq!(open(&server, id)["version"], first["version"]);
     }
     assert_eq!(server.get("api/sequences").ok()["left"], 0);
-    // The manifest names the files; everything else in it is as it was.
+    // The manifest names the files; everything else in it is unchanged.
     let named = work.read("faces/manifest.csv");
     let without: String = named.lines().map(|line| line.rsplit_once(',').unwrap().0.to_owned() + "\n").collect();
     assert_eq!(without, manifest);
@@ -221,7 +222,7 @@ fn marks_are_saved_byte_for_byte_where_fit_and_run_find_them() {
     work.grimace("fit faces/S001/005/S001_005_00000001.png -c faces/S001/005/correspondences.csv -o fit.csv").exit(0);
     work.grimace("run faces -o results -q").exit(0);
     assert_eq!(work.rows("results/failures.csv").len(), 0);
-    // Nothing half written is left.
+    // No partly written file remains.
     assert!(crate::common::leftovers(&work.files("faces")).is_empty());
 }
 
@@ -241,7 +242,7 @@ fn a_hard_position_is_kept_as_such_and_released() {
 }
 
 #[test]
-fn without_marks_the_sequence_is_as_it_was_before() {
+fn removing_all_marks_restores_the_sequence() {
     let work = unmarked();
     let server = Server::start(&work, "faces");
     let version = open(&server, "S001_005")["version"].clone();
@@ -265,9 +266,9 @@ fn two_tabs_do_not_overwrite_each_other() {
     let current = &refused.json()["current"];
     assert_eq!(current["marks"].as_array().unwrap().len(), marks.len());
     assert_eq!(work.bytes("faces/S001/005/correspondences.csv"), bytes, "nothing was written");
-    // Knowing what is there, it may be replaced.
+    // With the current version, the marks may be replaced.
     save(&server, "S001_005", &current["version"], &marks[..3]).ok();
-    // An editor counts as another tab.
+    // A change by an editor is like a change in another tab.
     work.replace("faces/S001/005/correspondences.csv", "mark", "hard");
     assert_eq!(save(&server, "S001_005", &current["version"], &marks).status, 409);
 }
@@ -314,7 +315,7 @@ fn wrong_marks_are_refused_and_the_file_stays() {
     }
     assert_eq!(work.bytes("faces/S001/005/correspondences.csv"), bytes);
     assert_eq!(save(&server, "S009_009", &saved["version"], &[]).status, 404);
-    // A file that does not read is somebody's work: it is not replaced.
+    // A file that cannot be read may be somebody's work: it is not replaced.
     work.write("faces/S002/007/correspondences.csv", "node,x,y\n20,ten,10\n");
     let opened = open(&server, "S002_007");
     assert!(opened["problem"].as_str().unwrap().contains("x is `ten`"), "{opened}");
@@ -336,19 +337,19 @@ fn any_frame_may_be_neutral_or_apex() {
     assert_eq!((&changed["neutral"], &changed["apex"]), (&json!(2), &json!(5)));
     let row = |work: &Work| work.rows("faces/manifest.csv")[0].clone();
     assert_eq!((row(&work)["first_frame"].as_str(), row(&work)["last_frame"].as_str()), ("2", "5"));
-    assert_eq!(range(&opened["version"], 1, 6).status, 409, "another tab has changed it");
+    assert_eq!(range(&opened["version"], 1, 6).status, 409, "another tab has changed the frames");
     assert!(range(&changed["version"], 5, 5).text().contains("cannot be both the neutral and the apex frame"));
     assert!(range(&changed["version"], 2, 7).text().contains("there is no frame 7"));
     assert_eq!(row(&work)["first_frame"], "2");
     drop(server);
-    // A frame that is not there any more: the first is shown, and can be chosen.
+    // If the named frame no longer exists, the first frame is shown and can be chosen.
     work.replace("faces/manifest.csv", ",2,5", ",0,5");
     let server = Server::start(&work, "faces");
     let opened = open(&server, "S001_005");
     assert_eq!((&opened["neutral"], &opened["apex"]), (&json!(1), &json!(5)));
     assert!(opened["problem"].as_str().unwrap().starts_with("first_frame is 0 in the manifest, but the frames are 1 to 6"));
     let refused = save(&server, "S001_005", &opened["version"], &true_marks("S001/005"));
-    assert!(refused.status == 422 && refused.text().contains("first_frame is 0"), "nothing is marked on another frame");
+    assert!(refused.status == 422 && refused.text().contains("first_frame is 0"), "marks on another frame are refused");
     server.send("PUT", "api/sequences/S001_005/range", &json!({"version": opened["version"], "neutral": 1, "apex": 5})).ok();
     assert_eq!(row(&work)["first_frame"], "1");
 }
@@ -367,7 +368,7 @@ fn a_video_is_marked_and_scrubbed_like_images() {
     let shown = image::load_from_memory(&frame.body).unwrap().to_luma8();
     let still = image::open(work.path("faces/S001/005/S001_005_00000004.png")).unwrap().to_luma8();
     let differences = shown.iter().zip(still.iter()).map(|(a, b)| f64::from(a.abs_diff(*b)));
-    assert!(differences.sum::<f64>() / f64::from(200 * 160) < 5.0, "frame 4 is frame 4, but for JPEG");
+    assert!(differences.sum::<f64>() / f64::from(200 * 160) < 5.0, "frame 4 is shown, up to JPEG compression");
     assert_eq!(server.get("api/sequences/S001_005/frames/7").status, 404);
     save(&server, "S001_005", &opened["version"], &true_marks("S001/005")).ok();
     work.grimace("run faces -o results -q").exit(0);
@@ -405,7 +406,7 @@ fn a_dataset_without_a_manifest_gets_one_by_consent_only() {
     let work = cohn_kanade();
     let server = Server::start(&work, "ck");
     let opened = open(&server, "S001_005");
-    // Marks need no manifest: they lie beside the frames.
+    // Marks need no manifest: they are beside the frames.
     save(&server, "S001_005", &opened["version"], &true_marks("S001/005")).ok();
     assert_eq!(work.rows("ck/cohn-kanade-images/S001/005/correspondences.csv").len(), true_marks("S001/005").len());
     let opened = open(&server, "S001_005");
@@ -463,7 +464,7 @@ fn proposals_come_from_landmarks_and_missing_cascades_are_explained() {
     let none = server.get("api/sequences/S002_wall/proposals").ok();
     assert_eq!((&none["source"], none["marks"].as_array().unwrap().len()), (&Value::Null, 0));
     assert!(none["note"].as_str().unwrap().contains("apt-get install opencv-data"), "{none}");
-    // Proposals alone are never saved.
+    // Proposals are never saved before they are accepted.
     assert!(!work.path("faces/S001/005/correspondences.csv").exists());
     assert_eq!(open(&server, "S001_005")["marks"], json!([]));
 }
@@ -492,14 +493,14 @@ fn a_found_face_is_proposed_with_its_expected_errors_and_accepted_by_a_limit() {
     assert_eq!(found["source"], "found", "{found}");
     let marks = found["marks"].as_array().unwrap();
     assert!(marks.len() > 40 && marks.iter().all(|m| m["expected_error"].as_f64().unwrap() > 0.0), "{found}");
-    // Accepted as they are, they keep what is expected of them.
+    // Accepted unchanged, they keep their expected errors.
     let version = open(&server, "A_found")["version"].clone();
     save(&server, "A_found", &version, marks).ok();
     assert_eq!(work.header("faces/A/found/correspondences.csv"), "node,x,y,kind,expected_error");
     drop(server);
     fs::remove_dir_all(work.path("faces/A")).unwrap();
     work.write("faces/manifest.csv", manifest);
-    // Nothing is as sure as that: all is left to look at.
+    // No points are that certain: all remain to be reviewed.
     let server = Server::start(&work, "faces --accept 0.001");
     assert_eq!(server.lines[0], "accepted the found marks of 0 sequences");
     assert!(server.lines[1].contains("not accepted: A_found: the median expected error of the points is"), "{:?}", server.lines);
@@ -507,11 +508,11 @@ fn a_found_face_is_proposed_with_its_expected_errors_and_accepted_by_a_limit() {
     let server = Server::start(&work, "faces --accept 5 --all");
     assert_eq!(server.lines[0], "accepted the found marks of 1 sequence");
     assert!(open(&server, "A_found")["marks"].as_array().unwrap().len() > 30);
-    // A mark set by hand wins.
+    // A mark set by hand has precedence.
     assert_eq!(open(&server, "A_hand")["marks"].as_array().unwrap().len(), 1);
     drop(server);
     work.grimace("annotate faces --accept -1 --no-open").exit(2);
-    // In a script there is no page, and the command ends.
+    // `--no-page` opens no page, and the command ends.
     work.grimace("annotate faces --accept 5 --no-page")
         .exit(3)
         .prints(&["1 of 1 sequence left to mark", "A_hand: it has 1 mark"]);
@@ -563,7 +564,7 @@ fn the_face_of_one_picture_is_proposed_and_accepted() {
     assert_eq!(opened["marks"].as_array().unwrap().len(), work.rows("anna.csv").len());
     drop(server);
     work.grimace("fit anna.jpg -c anna.csv -o fit.csv").exit(0);
-    // What lies in the place of the marks and is none is named, and stays.
+    // A file in the place of the marks that is not a file of marks is reported and kept.
     for text in ["", "eggs\nmilk\n"] {
         work.write("anna.csv", text);
         let ran = work.grimace("annotate anna.jpg --accept 5 --no-page").exit(3);
@@ -618,7 +619,7 @@ fn fits_are_answered_on_a_kept_connection() {
     let mut connection = Connection::new(&server);
     let mut times: Vec<f64> = (0..200)
         .map(|k| {
-            // A mark is dragged.
+            // Drag a mark.
             marks[0]["x"] = json!(marks[0]["x"].as_f64().unwrap() + f64::from(k % 5 - 2) * 0.1);
             let body = json!({"marks": marks, "width": 200, "height": 160}).to_string();
             let start = Instant::now();
@@ -662,9 +663,9 @@ fn the_page_shows_the_fit_that_the_commands_make() {
     let apart =
         |a: &[[f64; 2]], b: &[[f64; 2]]| a.iter().zip(b).map(|(p, q)| (p[0] - q[0]).hypot(p[1] - q[1])).fold(0.0, f64::max);
     let frame = json!({"sequence": id, "number": 1});
-    // Positions are sent in hundredths.
+    // Positions are sent in hundredths of a pixel.
     assert!(apart(&shown(frame.clone()), &fitted("read.csv")) < 0.01 && apart(&shown(frame), &fitted("read.csv")) < 0.01);
-    // A frame that is not there, or none: the marks alone.
+    // With a frame that does not exist, or without one, the fit uses the marks only.
     for none in [Value::Null, json!({"sequence": id, "number": 99}), json!({"sequence": "no one", "number": 1})] {
         assert!(apart(&shown(none), &fitted("alone.csv")) < 0.01);
     }
@@ -677,7 +678,7 @@ fn many_connections_are_answered_at_once() {
     let server = Server::start(&work, "faces");
     let body = json!({"marks": true_marks("S001/005"), "width": 200, "height": 160}).to_string();
     let first = Connection::new(&server).ask(&body);
-    // Connections that send nothing do not keep others waiting.
+    // Connections that send nothing do not block others.
     let idle: Vec<_> = (0..20).map(|_| TcpStream::connect(&server.authority).unwrap()).collect();
     thread::scope(|scope| {
         for _ in 0..8 {
@@ -731,7 +732,7 @@ fn names_are_only_names() {
 #[test]
 fn tracks_are_corrected_and_tracked_again() {
     let work = Work::after_run(&["S001_005", "S002_007"], "results");
-    // The dataset is found beside the results by its name.
+    // The dataset is found by its name, beside the results.
     let server = Server::start(&work, "--tracks results");
     let track = open(&server, "S001_005");
     assert_eq!(track["marksFrom"], "file");
@@ -745,35 +746,35 @@ fn tracks_are_corrected_and_tracked_again() {
     let (x, y) = node(&track, 2, 31);
     let wanted = (x + 4.0, y - 3.0);
     let correction = json!([{"node": 31, "x": wanted.0, "y": wanted.1}]);
-    // Looked at without being saved.
+    // A preview is not saved.
     let preview = server.send("POST", "api/sequences/S001_005/preview", &json!({"frame": 3, "corrections": correction})).ok();
     assert_eq!(preview["nodes"][31], json!([wanted.0, wanted.1]));
-    assert!(before == work.files("results/tracks"), "a preview writes nothing");
+    assert!(before == work.files("results/tracks"), "a preview does not change the file");
     let body = json!({"version": track["version"], "frame": 3, "corrections": correction});
     let corrected = server.send("PUT", "api/sequences/S001_005/corrections", &body).ok();
-    assert_eq!(server.send("PUT", "api/sequences/S001_005/corrections", &body).status, 409, "the second tab is told");
+    assert_eq!(server.send("PUT", "api/sequences/S001_005/corrections", &body).status, 409, "the second tab is informed");
     let now = open(&server, "S001_005");
     assert_eq!((node(&now, 2, 31), &now["frames"][2]["states"][31]), (wanted, &json!("corrected")));
-    assert_eq!(node(&now, 3, 31), node(&track, 3, 31), "frames behind wait");
+    assert_eq!(node(&now, 3, 31), node(&track, 3, 31), "later frames are unchanged");
     let again = server.send("POST", "api/sequences/S001_005/retrack", &json!({"version": corrected["version"], "frame": 3})).ok();
     assert_eq!(node(&again, 2, 31), wanted);
     let moved = |frame: usize| {
         let ((ax, ay), (bx, by)) = (node(&again, frame, 31), node(&track, frame, 31));
         (ax - bx).hypot(ay - by)
     };
-    assert!(moved(3) > 1.0 && moved(1) == 0.0, "the correction carries on, and only forwards: {} {}", moved(3), moved(1));
-    // Every answer is what the file says, and the other track is untouched.
+    assert!(moved(3) > 1.0 && moved(1) == 0.0, "the correction affects later frames only: {} {}", moved(3), moved(1));
+    // Every answer equals the content of the file, and the other track is unchanged.
     let rows = work.rows("results/tracks/S001_005.csv");
     let row = rows.iter().find(|r| r["frame"] == "3" && r["node"] == "31").unwrap();
     assert_eq!(row["state"], "corrected");
     assert_eq!(work.bytes("results/tracks/S002_007.csv"), before["S002_007.csv"]);
-    // The neutral frame is not tracked, and a node in no triangle does not drive.
+    // The neutral frame is not tracked, and a node that is in no triangle cannot be corrected.
     let neutral = json!({"version": again["version"], "frame": 1, "corrections": correction});
     assert!(server.send("PUT", "api/sequences/S001_005/corrections", &neutral).text().contains("fitted, not tracked"));
     let follower = json!({"version": again["version"], "frame": 3, "corrections": [{"node": 35, "x": 9, "y": 9}]});
     assert!(server.send("PUT", "api/sequences/S001_005/corrections", &follower).text().contains("node 35"));
     drop(server);
-    // `run` takes the corrected track as it is, and everything made from it anew.
+    // `run` keeps the corrected track and computes everything that depends on it again.
     let corrected = work.bytes("results/tracks/S001_005.csv");
     let model = work.bytes("results/models/S001_005.csv");
     work.grimace("run faces -o results").exit(0).prints(&["2 sequences: 0 tracked, 2 unchanged, 0 failed"]);
@@ -781,9 +782,46 @@ fn tracks_are_corrected_and_tracked_again() {
 }
 
 #[test]
+fn a_look_at_a_track_is_saved_and_ends_where_the_track_changes() {
+    let work = Work::after_run(&["S001_005", "S002_007"], "results");
+    let server = Server::start(&work, "--tracks results");
+    let track = open(&server, "S001_005");
+    assert_eq!((&track["look"], &track["reasons"]), (&Value::Null, &json!([])));
+    let look = |look: Value, version: &Value| {
+        server.send("PUT", "api/sequences/S001_005/look", &json!({"version": version, "look": look}))
+    };
+    let listed = || server.get("api/sequences").ok()["sequences"].as_array().unwrap().clone();
+    let found = |id: &str| listed().iter().find(|s| s["id"] == id).unwrap()["look"].clone();
+    assert_eq!(look(json!("leave_out"), &track["version"]).ok(), json!({"look": "leave_out"}));
+    let saved = work.read("results/looked_at.csv");
+    assert!(saved.starts_with("id,look,content\nS001_005,leave out,b3-"), "{saved}");
+    assert_eq!((found("S001_005"), found("S002_007")), (json!("leave_out"), Value::Null));
+    // What is not a look is refused, and so is one at another state of the track.
+    assert!(!look(json!("fine"), &track["version"]).status.eq(&200));
+    assert!(look(json!("outdated"), &track["version"]).text().contains("not looked at"));
+    assert_eq!(look(json!("right"), &json!("0")).status, 409);
+    assert_eq!(work.read("results/looked_at.csv"), saved);
+    work.grimace("run faces -o results").exit(0).prints(&["left out of the statistics after a look (looked_at.csv): S001_005"]);
+    // A correction makes another track.
+    let at = &track["frames"][2]["nodes"][31];
+    let correction = json!([{"node": 31, "x": at[0].as_f64().unwrap() + 4.0, "y": at[1]}]);
+    let body = json!({"version": track["version"], "frame": 3, "corrections": correction});
+    let corrected = server.send("PUT", "api/sequences/S001_005/corrections", &body).ok();
+    assert_eq!(open(&server, "S001_005")["look"], "outdated");
+    look(json!("right"), &corrected["version"]).ok();
+    work.grimace("run faces -o results").exit(0).prints(&["1 sequence was looked at and found right"]);
+    look(Value::Null, &corrected["version"]).ok();
+    assert_eq!(found("S001_005"), Value::Null);
+    // A file that does not read is left as it is.
+    work.write("results/looked_at.csv", "id,look\nS001_005,fine\n");
+    assert!(look(json!("right"), &corrected["version"]).text().contains("look is `fine`"));
+    assert_eq!(work.read("results/looked_at.csv"), "id,look\nS001_005,fine\n");
+}
+
+#[test]
 fn tracks_that_do_not_belong_are_named_and_left_out() {
     let work = Work::after_run(&["S001_005", "S002_007"], "results");
-    // A track of fewer nodes than the wireframe has.
+    // A track with fewer nodes than the wireframe.
     let short: String = work
         .read("results/tracks/S001_005.csv")
         .lines()
@@ -796,7 +834,7 @@ fn tracks_that_do_not_belong_are_named_and_left_out() {
     assert_eq!(list["sequences"].as_array().unwrap().len(), 1);
     assert!(list["failures"][0].as_str().unwrap().contains("the track has 50 nodes, but the wireframe has 113"), "{list}");
     drop(server);
-    // Frames that are others now.
+    // The frames have changed.
     fs::remove_file(work.path("results/tracks/S001_005.csv")).unwrap();
     fs::remove_file(work.path("faces/S002/007/S002_007_00000003.png")).unwrap();
     work.grimace("annotate faces --tracks results --no-open").exit(1).says(&["was made from different frames"]);
@@ -816,8 +854,8 @@ fn a_released_correction_leaves_no_trace() {
         server.send("POST", "api/sequences/S001_005/retrack", &json!({"version": version, "frame": 3})).ok()["version"].clone();
     let version = correct(&version, json!([]));
     let again = server.send("POST", "api/sequences/S001_005/retrack", &json!({"version": version, "frame": 3})).ok();
-    // Positions come from the file with nine digits. Such a difference may decide whether a node on the edge of being lost is lost, which
-    // moves that node by a fraction of a pixel in this small picture; the corrections moved theirs by many.
+    // Positions come from the file with nine digits. Such a difference may decide whether a node near a limit is lost, which
+    // moves that node by a fraction of a pixel in this small picture; the corrections moved their nodes by many pixels.
     let mut apart = Vec::new();
     for frame in 0..6 {
         for node in 0..113 {
@@ -833,7 +871,7 @@ fn a_released_correction_leaves_no_trace() {
 }
 
 #[test]
-fn corrections_far_off_the_face_are_named_as_run_names_them() {
+fn corrections_far_from_the_face_are_reported_as_by_run() {
     let work = Work::after_run(&["S001_005"], "results");
     let server = Server::start(&work, "--tracks results");
     let track = open(&server, "S001_005");
@@ -848,7 +886,7 @@ fn corrections_far_off_the_face_are_named_as_run_names_them() {
     let version = put(&track["version"], 3, 31, 5.0, 5.0);
     let named = far();
     assert!(named[0].as_str().unwrap().starts_with("frame 3, node 31 at (5, 5): ") && named[1].is_null(), "{named}");
-    // Another one, a good one, does not make it forgotten; nor do both look otherwise to a run that tracks anew.
+    // A second, valid correction does not hide the first warning. A run that tracks again reports both in the same way.
     let place = &track["frames"][4]["nodes"][64];
     put(&version, 5, 64, place[0].as_f64().unwrap() + 2.0, place[1].as_f64().unwrap());
     assert_eq!(far(), named);
@@ -859,7 +897,7 @@ fn corrections_far_off_the_face_are_named_as_run_names_them() {
 }
 
 #[test]
-fn what_can_not_be_annotated_is_said() {
+fn inputs_that_cannot_be_annotated_are_reported() {
     let work = unmarked();
     work.grimace("annotate").exit(2);
     work.grimace("annotate nowhere --no-open").exit(1).says(&["nowhere: there is no such dataset"]);
@@ -884,14 +922,14 @@ fn kills() -> u64 {
 }
 
 #[test]
-fn a_correction_that_was_said_to_be_saved_survives_every_kill() {
+fn acknowledged_corrections_survive_every_kill() {
     let work = Work::after_run(&["S001_005"], "results");
     let mut saved: std::collections::BTreeMap<(u32, u16), f64> = std::collections::BTreeMap::new();
     let (mut acknowledged, mut lost, mut process) = (0, Vec::new(), 0);
     for kill in 0..kills() {
         let server = Server::start(&work, "faces --tracks results");
         process = server.process();
-        // From at once to well into the third correction, never the same twice.
+        // The delay is different every time, from almost nothing to well into the third correction.
         let delay = Duration::from_millis(5 + (kill * 37) % 200);
         let killer = thread::spawn(move || {
             thread::sleep(delay);
@@ -941,7 +979,7 @@ fn a_correction_that_was_said_to_be_saved_survives_every_kill() {
         let found: std::collections::BTreeMap<(u32, u16), f64> =
             rows.iter().map(|r| ((number(r, "frame") as u32, number(r, "node") as u16), number(r, "x"))).collect();
         for (&place, &x) in &saved {
-            // The one under way when the process was killed may be there or not.
+            // The correction that was being saved when the process was killed may be there or not.
             let or = under_way.filter(|(at, _)| *at == place).map(|(_, x)| x);
             if found.get(&place).is_none_or(|&is| (is - x).abs() > 1e-6 && or.is_none_or(|or| (is - or).abs() > 1e-6)) {
                 lost.push((kill, place));
@@ -951,8 +989,8 @@ fn a_correction_that_was_said_to_be_saved_survives_every_kill() {
     }
     assert!(lost.is_empty(), "lost after kills: {lost:?}");
     println!("{} kills, {acknowledged} corrections acknowledged, none lost", kills());
-    // However the last kill left the track, a run has every correction in it, and leaves nothing half written. Not every kill leaves
-    // a file, so one is put there as the last server would have left it.
+    // Whatever state the last kill left, a run applies every correction and leaves no partly written file. Not every kill
+    // leaves a temporary file, so one is created as the last server would have left it.
     let machine = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap();
     let machine = &blake3::hash(machine.trim_end().as_bytes()).to_hex()[..8];
     work.write(&format!("results/corrections/.grimace-{machine}-{process}-abcdef.tmp"), "frame,node,x,y\n2,31,80");
@@ -967,7 +1005,7 @@ fn a_correction_that_was_said_to_be_saved_survives_every_kill() {
 }
 
 #[test]
-fn a_file_that_the_manifest_no_longer_names_is_not_written() {
+fn a_file_that_the_manifest_no_longer_lists_is_not_written() {
     let work = Work::with_sequences(&["S001_005"]);
     let server = Server::start(&work, "faces --all");
     let opened = open(&server, "S001_005");
@@ -982,7 +1020,7 @@ fn a_file_that_the_manifest_no_longer_names_is_not_written() {
     save(&server, "S001_005", &now["version"], &true_marks("S001/005")[..4]).ok();
     assert_eq!(work.rows("faces/other.csv").len(), 4);
     assert_eq!(work.bytes("faces/S001/005/correspondences.csv"), before);
-    // Taken out of the manifest, it is not saved at all.
+    // A sequence that is no longer in the manifest is not saved.
     work.write("faces/manifest.csv", format!("{}\n", work.header("faces/manifest.csv")) + "S009,001,fear,,,,,,,,,,\n");
     assert_ne!(save(&server, "S001_005", &now["version"], &true_marks("S001/005")).status, 200);
 }

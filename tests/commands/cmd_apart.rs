@@ -12,7 +12,7 @@ fn portrait() -> Work {
 }
 
 #[test]
-fn two_outputs_of_one_name_are_refused() {
+fn two_outputs_with_the_same_name_are_refused() {
     let work = portrait();
     let both = |first: &str, second: &str| format!("{first} and {second} name the same file");
     let fit = "fit P01.jpg -c marks.csv";
@@ -29,7 +29,7 @@ fn two_outputs_of_one_name_are_refused() {
 }
 
 #[test]
-fn force_does_not_write_over_what_a_command_reads() {
+fn force_does_not_overwrite_the_inputs_of_a_command() {
     let work = portrait();
     let before = work.files(".");
     let over = |what: &str| format!("would overwrite {what}; give it another name");
@@ -49,7 +49,7 @@ fn force_does_not_write_over_what_a_command_reads() {
 }
 
 #[test]
-fn a_track_goes_over_no_frame_and_no_pictures_among_frames() {
+fn a_track_overwrites_no_frame_and_overlays_stay_out_of_frame_folders() {
     let work = Work::new();
     let portrait = std::fs::read(root().join("fixtures/portraits/P01.jpg")).unwrap();
     for number in 1..=3 {
@@ -59,7 +59,7 @@ fn a_track_goes_over_no_frame_and_no_pictures_among_frames() {
     let before = work.files(".");
     let frames = "faces/S1/001";
     for frame in [1, 3] {
-        // One that is left out is a frame, too.
+        // A frame that the options exclude is still protected.
         work.grimace(&format!("track {frames} --last-frame 2 -o {frames}/S1_001_0000000{frame}.jpg --force"))
             .exit(1)
             .says(&["--output would overwrite a frame of the sequence"]);

@@ -25,7 +25,7 @@ fn meshes(work: &Work) {
 }
 
 #[test]
-fn a_folder_becomes_a_bank_that_says_what_is_in_it() {
+fn a_folder_becomes_a_bank_that_describes_its_content() {
     let work = Work::new();
     meshes(&work);
     let ran = work.grimace("bank build meshes -o face.bank --unit cm --credit me").exit(0);
@@ -49,12 +49,12 @@ fn a_folder_becomes_a_bank_that_says_what_is_in_it() {
 }
 
 #[test]
-fn what_a_bank_file_holds_stays_on_its_line() {
+fn texts_of_a_bank_file_are_printed_on_one_line() {
     let work = Work::new();
     meshes(&work);
     work.grimace("bank build meshes -o face.bank --unit cm --credit abcde").exit(0);
     let mut bytes = work.bytes("face.bank");
-    // A line break in a name and in the credit, as JSON within JSON has it.
+    // A line break in a name and in the credit, as in JSON within JSON.
     for (found, odd) in [(b"abcde", br"a\\ne"), (b"smile", br"s\\ne")] {
         let at = bytes.windows(5).position(|w| w == found).unwrap();
         bytes.splice(at..at + 5, odd.iter().copied());
@@ -64,7 +64,7 @@ fn what_a_bank_file_holds_stays_on_its_line() {
 }
 
 #[test]
-fn no_file_that_a_bank_is_built_from_is_written_over() {
+fn files_from_which_a_bank_is_built_are_not_overwritten() {
     let work = Work::new();
     meshes(&work);
     let before = work.files("meshes");
@@ -75,11 +75,11 @@ fn no_file_that_a_bank_is_built_from_is_written_over() {
         work.grimace(&save).exit(1).says(&["--save-feature-points would overwrite a file of SOURCE"]);
     }
     crate::common::assert_same_files(&before, &work.files("meshes"));
-    // A bank may stand beside its meshes, and be made again.
+    // A bank may be in the folder of its meshes, and may be built again.
     for _ in 0..2 {
         work.grimace("bank build meshes -o meshes/face.bank --force").exit(0);
     }
-    // A .gltf file with its buffers beside it; arrays with what describes them.
+    // A .gltf file with its buffers beside it; arrays with their description.
     work.write("a.gltf", r#"{"asset":{"version":"2.0"},"buffers":[{"byteLength":4,"uri":"a%62.bin"}]}"#).write("ab.bin", "1234");
     for file in ["a.gltf", "ab.bin"] {
         work.grimace(&format!("bank build a.gltf -o {file} --force")).exit(1).says(&["would overwrite"]);
@@ -94,7 +94,7 @@ fn feature_points_that_mpeg4_does_not_have_are_refused() {
     meshes(&work);
     work.write("meshes/feature_points.csv", "fp,vertex\n8.3,5\n99.3,3\n");
     work.grimace("bank build meshes -o face.bank").exit(1).says(&["feature_points.csv, line 3: fp is `99.3`", "MPEG-4"]);
-    // The same in a bank file: 8.3 becomes 77.3.
+    // The same for a bank file: 8.3 becomes 77.3.
     work.write("meshes/feature_points.csv", "fp,vertex\n8.3,5\n");
     work.grimace("bank build meshes -o face.bank").exit(0);
     let mut bytes = work.bytes("face.bank");
@@ -169,7 +169,7 @@ fn a_bank_file_of_version_1_is_read_with_a_warning_and_converted() {
     let ran = work.grimace("bank info new.bank").exit(0);
     let ran = ran.prints(&["vertices        4", "members         1", "mapped", "smile                    0.5000"]);
     assert!(!ran.stderr.contains("warning"), "{}", ran.stderr);
-    // A header, a length before it, and tensors that any reader of the format finds.
+    // A length, a header, and tensors that any reader of the format finds.
     assert!(work.bytes("new.bank")[8..].starts_with(b"{\"__metadata__\":{\"grimace\":"));
     work.grimace("bank convert meshes -o x.bank").exit(1).says(&["meshes"]);
 }

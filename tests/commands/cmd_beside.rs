@@ -33,7 +33,7 @@ fn move_marks(work: &Work, to: &str, moved: impl Fn(u16, f64, f64) -> (f64, f64)
 }
 
 #[test]
-fn shifted_marks_are_not_good_and_right_ones_are() {
+fn shifted_marks_are_reported_and_correct_ones_are_not() {
     let work = smiling();
     work.grimace("run faces -o right").exit(0);
     let verdict = |out: &str| work.rows(&format!("{out}/verdicts.csv"))[0].clone();
@@ -47,7 +47,7 @@ fn shifted_marks_are_not_good_and_right_ones_are() {
     work.grimace("run faces -o beside").exit(0).prints(&["the marks of 1 of 1 sequences do not fit the face found", said]);
     assert_eq!((verdict("beside")["verdict"].as_str(), verdict("beside")["reasons"].as_str()), ("look again", said));
     assert!(work.read("beside/report.html").contains("0.28 of the eye distance"));
-    // Run again, and analysed anew from the tracks, it is still known.
+    // A second run and a new analysis of the tracks keep the verdict.
     work.grimace("analyze beside/tracks -o again").exit(0);
     assert_eq!(verdict("again")["reasons"], said);
     work.grimace("run faces -o trusted --check-marks off").exit(0);
@@ -55,23 +55,23 @@ fn shifted_marks_are_not_good_and_right_ones_are() {
 }
 
 #[test]
-fn fit_and_track_say_which_marks_lie_beside_what() {
+fn fit_and_track_report_which_marks_miss_the_face() {
     let work = smiling();
     let first = "faces/P01/001/P01_00000001.png";
     let quiet = work.grimace(&format!("fit {first} -c {MARKS} -o right.csv")).exit(0);
     assert!(!quiet.stdout.contains("note"), "{}", quiet.stdout);
-    // The left mouth corner 30 px further out and 20 px up, on the cheek.
+    // The left mouth corner is 30 px further out and 20 px higher, on the cheek.
     move_marks(&work, "cheek.csv", |node, x, y| if node == 31 { (x + 30.0, y - 20.0) } else { (x, y) });
     let said = "some marks do not lie on their features in the picture: left mouth corner";
     work.grimace(&format!("fit {first} -c cheek.csv -o fit.csv")).exit(0).prints(&["note: ", said]);
     work.grimace("track faces/P01/001 -c cheek.csv -o track.csv").exit(0).prints(&[said, "verdict: look again"]);
-    // A file of coordinates in a picture three quarters as large.
+    // A file with the coordinates of a picture three quarters as large.
     move_marks(&work, "other_size.csv", |_, x, y| (0.75 * x, 0.75 * y));
     let scaled = work.grimace(&format!("fit {first} -c other_size.csv -o scaled.csv")).exit(0);
     scaled.prints(&["from the face found in the picture and fit a face 0.7", "check that they belong to a picture of this size"]);
     let off = work.grimace(&format!("fit {first} -c cheek.csv -o off.csv --check-marks off")).exit(0);
     assert!(!off.stdout.contains(said), "{}", off.stdout);
-    // Where no face is found nothing is said.
+    // If no face is found, there is no warning.
     image::GrayImage::from_fn(440, 560, |x, y| image::Luma([(40 + (x * 7 + y * 3) % 60) as u8]))
         .save(work.path("wall.png"))
         .unwrap();
@@ -80,12 +80,12 @@ fn fit_and_track_say_which_marks_lie_beside_what() {
 }
 
 #[test]
-fn marks_of_a_picture_of_another_size_are_said_where_the_face_is_lost_and_of_portraits() {
+fn marks_of_another_picture_size_are_reported_for_lost_faces_and_portraits() {
     let work = smiling();
     move_marks(&work, "half.csv", |_, x, y| (0.5 * x, 0.5 * y));
     move_marks(&work, "shares.csv", |_, x, y| (x / 440.0, y / 560.0));
     let asks = "check that they belong to a picture of this size";
-    // At a place without texture nothing can be tracked.
+    // At a point without texture nothing can be tracked.
     let lost = work.grimace("track faces/P01/001 -c shares.csv -o track.csv").exit(1);
     lost.says(&["the face is lost: the marks lie", "fit a face 0.00 times as large", asks]);
     let unchecked = work.grimace("track faces/P01/001 -c shares.csv -o track.csv --check-marks off").exit(1);

@@ -7,12 +7,12 @@ use crate::common::{Work, assert_same_files};
 type Row = BTreeMap<String, String>;
 
 #[test]
-fn what_a_check_finds_is_what_a_run_says() {
+fn check_reports_the_problems_of_a_run() {
     let work = Work::with_sequences(&["S001_005", "S001_007", "S002_005", "S002_007", "S003_005", "S003_007"]);
     let rows =
         ["S001,005,happiness,A", "S001,007,surprise,A", "S002,005,joy,A", "S002,007,surprise,A", "S003,005,joy,B", "S003,007,,B"];
     work.write("faces/manifest.csv", format!("subject,sequence,emotion,cohort\n{}\n", rows.join("\n")));
-    // A node that is none, a neutral frame that breaks off, marks outside of the picture, and an apex that is no picture.
+    // An invalid node, a truncated neutral frame, marks outside the picture, and an apex that is not a picture.
     work.write("faces/S001/005/correspondences.csv", "node,x,y\n20,100,60\n500,90,60\n");
     let pictures = |folder: &str| -> Vec<String> {
         let names = work.files(folder).into_keys().filter(|name| !name.ends_with(".csv"));
@@ -33,21 +33,22 @@ fn what_a_check_finds_is_what_a_run_says() {
     assert_eq!(work.read("check.csv"), work.read("again.csv"));
 
     work.grimace("run faces -o out").exit(3);
-    let told = |row: &Row, reason: &str| [&row["id"], &row["stage"], &row[reason]].map(String::clone);
-    let failed: Vec<_> = work.rows("out/failures.csv").iter().map(|row| told(row, "reason")).collect();
+    let fields = |row: &Row, reason: &str| [&row["id"], &row["stage"], &row[reason]].map(String::clone);
+    let failed: Vec<_> = work.rows("out/failures.csv").iter().map(|row| fields(row, "reason")).collect();
     let (good, fails): (Vec<Row>, Vec<Row>) = work.rows("check.csv").into_iter().partition(|row| row["verdict"] == "good");
-    assert_eq!(fails.iter().map(|row| told(row, "reasons")).collect::<Vec<_>>(), failed);
+    assert_eq!(fails.iter().map(|row| fields(row, "reasons")).collect::<Vec<_>>(), failed);
     assert_eq!(
         failed.iter().map(|[_, stage, _]| stage.as_str()).collect::<Vec<_>>(),
         ["dataset", "track", "fit", "track", "dataset"]
     );
-    // Of the good one: six frames of 200x160, its own marks, and where its nodes are expected to sit, as in the verdict of the run.
+    // For the valid sequence: six frames of 200x160, its marks, and the expected error of its nodes, as in the verdict of the
+    // run.
     let (row, verdict) = (&good[0], &work.rows("out/verdicts.csv")[0]);
     let of = ["id", "source", "frames", "width", "height", "marks", "marked", "face_error_percent_es"]
         .map(|column| row[column].as_str());
     assert_eq!(of, ["S003_005", "images", "6", "200", "160", "file", "11", ""]);
     let [checked, ran] = [row, verdict].map(|row| row["placement_error_percent_es"].parse::<f64>().unwrap());
-    // Tracks round to a ten-thousandth of a pixel.
+    // Tracks are rounded to a ten-thousandth of a pixel.
     assert!((checked - ran).abs() < 0.01, "{checked} {ran}");
 
     // Corrections are in the folder of results.
@@ -58,7 +59,7 @@ fn what_a_check_finds_is_what_a_run_says() {
 }
 
 #[test]
-fn what_is_no_dataset_is_refused() {
+fn an_input_that_is_not_a_dataset_is_refused() {
     let work = Work::with_sequences(&["S001_005", "S002_005"]);
     work.grimace("check none").exit(1).says(&["none"]);
     work.grimace("check faces --by size").exit(1).says(&["no sequence has a column `size`; the columns are: subject, sequence"]);
@@ -71,10 +72,10 @@ fn what_is_no_dataset_is_refused() {
         .exit(1)
         .says(&["would overwrite a file that this command did not write"]);
     work.grimace("check faces --results none").exit(1).says(&["--results none: there is no such folder"]);
-    // Nothing is wrong, and the groups are named as in the files of a run.
+    // There are no problems, and the groups have the names they have in the files of a run.
     let ran = work.grimace("check faces --by cohort").exit(0).prints(&["happiness (2); happiness_cohort-A (2)"]);
     assert!(ran.stdout.ends_with("next: grimace run faces -o results --by cohort\n"), "{}", ran.stdout);
-    // The run is to be as what was checked.
+    // The suggested run has the options of the check.
     let args = "--by cohort --check-marks off --resample linear --fit-force 15 -j 1 -q";
     work.grimace(&format!("check faces {args}")).exit(0);
     let ran = work.grimace(&format!("check faces {}", args.replace(" -q", ""))).exit(0);
@@ -83,9 +84,9 @@ fn what_is_no_dataset_is_refused() {
 }
 
 #[test]
-fn notes_are_no_verdict_and_numbers_no_groups() {
+fn notes_do_not_change_the_verdict_and_numbers_are_not_suggested_as_groups() {
     let work = Work::with_sequences(&["S001_005", "S002_005"]);
-    // Two recordings, one of them too short, a picture beside the frames that is none of them, and what is known of the people.
+    // Two recordings, one of them too short; a file beside the frames that is not a frame; and the columns about the people.
     let rows = [
         "S001,005,happiness,,,,20,A",
         "S002,005,happiness,,,,30,B",

@@ -52,9 +52,9 @@ fn a_track_on_a_photograph_gives_frames_track_fap_overlay_sheet_and_films() {
     ];
     assert_eq!(names, expected);
     let (first, last) = (picture(&work, "out/frames/target_00000001.png"), picture(&work, "out/frames/target_00000006.png"));
-    assert_eq!(first, picture(&work, "target.png"), "the first frame is the neutral photograph, to the bit");
+    assert_eq!(first, picture(&work, "target.png"), "the first frame equals the neutral photograph, bit for bit");
     assert_ne!(first, last);
-    // The smile of the source is a smile of the target: the corners of its mouth go out and up.
+    // The target smiles like the source: the corners of its mouth move out and up.
     let fap = read_fap(&work.path("out/clone.fap")).unwrap().sequence;
     let apex = fap.frames.last().unwrap();
     for number in [53, 54, 59, 60] {
@@ -80,7 +80,7 @@ fn a_sheet_shows_the_face_of_a_wide_picture() {
         "clone --source S001_005.csv --source-frames faces/S001/005 --target wide.png --correspondences wide.csv -o wide",
     )
     .exit(0);
-    // Two rows of five, none wider than what the face was pasted in; frames are whole pictures.
+    // Two rows of five; no cell is wider than the area around the face. The frames are whole pictures.
     assert_eq!(picture(&work, "wide/frames/wide_00000006.png").dimensions(), wide.dimensions());
     let sheet = picture(&work, "wide/sheet.png");
     assert!(sheet.width() <= 5 * (width + 6) + 6 && sheet.height() > height, "{:?}", sheet.dimensions());
@@ -98,14 +98,14 @@ fn a_clone_is_the_same_to_the_byte_and_is_not_written_over() {
     assert_eq!(work.files("a/frames").len(), 11);
     clone(&work, "--source S001_005.csv -o a --force").exit(0);
     assert_eq!(work.files("a/frames").len(), 6, "frames of the longer clone are gone");
-    // Of a later version it is left as it is, forced or not.
+    // A folder with a newer schema version is left unchanged, with and without --force.
     let (record, files) = (work.read("a/clone.json"), work.files("a/frames"));
     work.write("a/clone.json", record.replacen("\"schema_version\": 1", "\"schema_version\": 9", 1));
     let said = ["a/clone.json: schema version 9", "or choose another folder"];
     clone(&work, "--source S001_005.csv -o a --fps 50 --force").exit(1).says(&said);
     crate::common::assert_same_files(&work.files("a/frames"), &files);
     work.write("a/clone.json", record);
-    // What somebody put there, or changed, stays.
+    // Files that somebody added or changed are kept.
     clone(&work, "--source S001_005.csv -o a --fps 50 --force").exit(0);
     work.write("a/frames/mine.png", "mine");
     work.write("a/frames/target_00000011.png", "retouched");
@@ -115,7 +115,7 @@ fn a_clone_is_the_same_to_the_byte_and_is_not_written_over() {
     work.write("b2/frames/target_00000002.png", "mine");
     clone(&work, "--source S001_005.csv -o b2").exit(1).says(&["b2 is not empty", "--force to write into it"]);
     assert_eq!(work.read("b2/frames/target_00000002.png"), "mine");
-    // Forced, it writes over what has its names, and leaves the rest.
+    // With --force it overwrites files with its names and keeps the rest.
     work.write("b2/mine.txt", "mine");
     clone(&work, "--source S001_005.csv -o b2 --force").exit(0);
     assert_eq!(work.read("b2/mine.txt"), "mine");
@@ -123,7 +123,7 @@ fn a_clone_is_the_same_to_the_byte_and_is_not_written_over() {
 }
 
 #[test]
-fn films_and_tracks_of_an_earlier_clone_go_with_its_frames() {
+fn films_and_tracks_of_an_earlier_clone_are_removed_with_its_frames() {
     let work = work();
     clone(&work, "--source S001_005.csv -o a --film gif,apng").exit(0);
     work.write("raised.fap", fap_file(&[31, 32], "200 200"));
@@ -131,7 +131,7 @@ fn films_and_tracks_of_an_earlier_clone_go_with_its_frames() {
     let names = work.files("a");
     assert!(!names.contains_key("clone.gif") && names.contains_key("clone.apng"), "{:?}", names.keys());
     assert!(!names.contains_key("track/target_S001-005.csv") && names.contains_key("track/target_raised.csv"));
-    // One that somebody cut, and one that is not recorded, are named.
+    // A changed file and an unrecorded file of an earlier clone are reported.
     work.write("a/clone.apng", "cut");
     work.write("a/clone.gif", "of version 0.1.0");
     let ran = clone(&work, "--source S001_005.csv -o a --force").exit(0);
@@ -140,11 +140,11 @@ fn films_and_tracks_of_an_earlier_clone_go_with_its_frames() {
 }
 
 #[test]
-fn duration_rate_loop_and_emphasis_do_what_they_say() {
+fn duration_rate_loop_and_emphasis_take_effect() {
     let work = work();
     work.grimace("analyze S001_005.csv -o analysed -q").exit(0);
     let source = "--source analysed/representatives/happiness.csv";
-    // A second at 10 frames per second: 11 frames; back again without the ends: 9 more.
+    // One second at 10 frames per second: 11 frames. Back again without both ends: 9 more.
     clone(&work, &format!("{source} -o loop --fps 10 --duration 1 --loop --ease in-out")).exit(0);
     assert_eq!(work.files("loop/frames").len(), 20);
     assert_eq!(picture(&work, "loop/frames/target_00000010.png"), picture(&work, "loop/frames/target_00000012.png"));
@@ -154,7 +154,7 @@ fn duration_rate_loop_and_emphasis_do_what_they_say() {
         let fap = read_fap(&work.path(name)).unwrap().sequence;
         fap.frames.last().unwrap().value(FapNumber::try_from(59).unwrap()).unwrap()
     };
-    // A representative has no time of its own: by default it rises quickly and holds. Halfway its smile is nearly whole.
+    // A representative has no timing: by default it rises quickly and holds. Halfway the smile is nearly complete.
     let halfway = |name: &str| {
         let fap = read_fap(&work.path(name)).unwrap().sequence;
         fap.frames[fap.frames.len() / 2].value(FapNumber::try_from(59).unwrap()).unwrap() / smile(name)
@@ -162,7 +162,7 @@ fn duration_rate_loop_and_emphasis_do_what_they_say() {
     clone(&work, &format!("{source} -o even --ease linear --blink")).exit(0);
     assert!(halfway("full/clone.fap") > 0.8 && halfway("even/clone.fap") < 0.8);
     assert!(work.read("full/clone.json").contains("\"ease\": \"natural\""));
-    // The eyes are shut in the sixth frame (0.2 s) and open again at the end.
+    // The eyes are closed in the sixth frame (0.2 s) and open at the end.
     let lids = |frame: usize| {
         read_fap(&work.path("even/clone.fap")).unwrap().sequence.frames[frame].value(FapNumber::try_from(19).unwrap())
     };
@@ -181,9 +181,10 @@ fn fap_file(mask: &[usize], values: &str) -> String {
 }
 
 #[test]
-fn faps_close_the_eyes_and_those_that_can_not_be_shown_are_named() {
+fn faps_close_the_eyes_and_faps_that_cannot_be_shown_are_reported() {
     let work = work();
-    // Lids closed by one IRISD above (FAP 19, 20), and a tongue (44) and a head turned by 0.1 rad (49) that no photograph shows.
+    // Upper lids closed by one IRISD (FAP 19, 20); a tongue (44) and a head turned by 0.1 rad (49), which no photograph can
+    // show.
     work.write("blink.fap", fap_file(&[19, 20, 44, 49], "1024 1024 500 10000"));
     clone(&work, "--source blink.fap -o blink").exit(0).says(&["FAP 44, 49 cannot be shown"]);
     assert!(work.read("blink/clone.json").contains("44"));
@@ -201,9 +202,9 @@ fn faps_close_the_eyes_and_those_that_can_not_be_shown_are_named() {
 }
 
 #[test]
-fn lids_move_by_what_a_fap_file_says_whoever_they_belong_to() {
+fn lids_move_by_the_values_of_a_fap_file_on_any_face() {
     let work = work();
-    // Lids marked wider apart than the boxes of the irises, which the springs carry: the unit of the lids is their opening.
+    // The marked lids are wider apart than the iris boxes, which the springs carry: the unit of the lids is their opening.
     let marks = work.read("marks.csv");
     let mark = |node: &str| -> [f64; 2] {
         let line = marks.lines().find(|line| line.starts_with(&format!("{node},"))).unwrap();
@@ -234,7 +235,7 @@ fn lids_move_by_what_a_fap_file_says_whoever_they_belong_to() {
         values("once/clone.fap"),
         values("twice/clone.fap")
     );
-    // A track moves lids as its own FAP file does.
+    // A track moves the lids in the same way as its own FAP file.
     work.grimace("run faces -o out -q").exit(0);
     clone(&work, "--source out/tracks/S001_005.csv -o track").exit(0);
     clone(&work, "--source out/fap/tracks/S001_005.fap -o fap").exit(0);
@@ -243,9 +244,9 @@ fn lids_move_by_what_a_fap_file_says_whoever_they_belong_to() {
 }
 
 #[test]
-fn of_faps_only_those_that_the_file_sets_are_called_cut() {
+fn only_faps_that_the_file_sets_are_reported_as_clamped() {
     let work = work();
-    // A jaw that falls by nine times the way from nose to mouth takes the lips along: as far as skin goes.
+    // A jaw that falls by nine times the distance from nose to mouth takes the lips along, as far as skin stretches.
     work.write("jaw.fap", fap_file(&[3], "9000"));
     clone(&work, "--source jaw.fap -o jaw").exit(0).says(&["reduced FAP 3 ("]);
     let info: serde_json::Value = serde_json::from_str(&work.read("jaw/clone.json")).unwrap();
@@ -264,16 +265,16 @@ fn puffed_cheeks_leave_the_mouth_where_it_is() {
             |frame: &str| rows.iter().find(|r| r["frame"] == frame && r["node"] == node).unwrap()["x"].parse::<f64>().unwrap();
         (x("2") - x("1")).abs()
     };
-    // Cheek and corner of the mouth, of the left side and of the right one.
+    // Cheek and corner of the mouth, left and right.
     for (cheek, corner) in [("90", "31"), ("91", "64")] {
         assert!(aside(cheek) > 10.0 && aside(corner) < 0.1 * aside(cheek), "{} px, {} px", aside(cheek), aside(corner));
     }
 }
 
 #[test]
-fn an_open_mouth_has_teeth_unless_it_is_to_be_dark() {
+fn an_open_mouth_has_teeth_unless_dark_is_requested() {
     let work = work();
-    // The upper lip goes up, the lower one down.
+    // The upper lip moves up, the lower lip down.
     work.write("open.fap", fap_file(&[4, 5, 8, 9, 10, 11], "-250 -400 -200 -200 -350 -350"));
     for teeth in ["auto", "drawn", "dark"] {
         clone(&work, &format!("--source open.fap -o {teeth} --teeth {teeth}")).exit(0);
@@ -285,7 +286,7 @@ fn an_open_mouth_has_teeth_unless_it_is_to_be_dark() {
 }
 
 #[test]
-fn a_folder_that_another_command_writes_into_is_left_to_it() {
+fn a_folder_in_use_by_another_command_is_not_changed() {
     let work = work();
     clone(&work, "--source S001_005.csv -o out").exit(0);
     let before = work.files("out");
@@ -298,7 +299,7 @@ fn a_folder_that_another_command_writes_into_is_left_to_it() {
 }
 
 #[test]
-fn a_fap_file_of_hours_is_refused_at_once() {
+fn a_fap_file_of_several_hours_is_refused_at_once() {
     let work = work();
     let flags = (1..=68).map(|k| if k == 3 { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
     let frames: String = (0..20_001).map(|k| format!("{flags}\n{k} 100\n")).collect();
@@ -307,7 +308,7 @@ fn a_fap_file_of_hours_is_refused_at_once() {
 }
 
 #[test]
-fn marks_of_a_file_are_not_asked_for_without_one() {
+fn the_option_marks_without_a_landmark_file_is_refused() {
     let work = work();
     work.grimace("clone --source S001_005.csv --target target.png --marks default -o out")
         .exit(1)
@@ -315,7 +316,7 @@ fn marks_of_a_file_are_not_asked_for_without_one() {
 }
 
 #[test]
-fn another_face_has_teeth_of_its_own_unless_the_sources_are_asked_for() {
+fn another_face_has_its_own_teeth_unless_those_of_the_source_are_requested() {
     let work = work();
     for teeth in ["auto", "drawn", "source"] {
         let clone_with = format!("--source S001_005.csv --source-frames faces/S001/005 -o {teeth} --teeth {teeth}");
@@ -323,13 +324,13 @@ fn another_face_has_teeth_of_its_own_unless_the_sources_are_asked_for() {
     }
     let apex = |teeth: &str| picture(&work, &format!("{teeth}/frames/target_00000006.png"));
     assert_eq!(apex("auto"), apex("drawn"));
-    assert_ne!(apex("auto"), apex("source"), "the lips of the smile are apart");
+    assert_ne!(apex("auto"), apex("source"), "the lips of the smile are open");
     let none = "--source S001_005.csv -o none --teeth source";
     clone(&work, none).exit(1).says(&["--teeth source needs the frames of the source: give --source-frames"]);
 }
 
 #[test]
-fn the_head_of_a_track_is_carried_over_when_it_is_asked_for() {
+fn head_motion_of_a_track_is_copied_on_request() {
     let work = work();
     clone(&work, "--source S001_005.csv -o still").exit(0);
     clone(&work, "--source S001_005.csv -o moving --head").exit(0);
@@ -339,12 +340,12 @@ fn the_head_of_a_track_is_carried_over_when_it_is_asked_for() {
         (last["x"].parse::<f64>().unwrap(), last["y"].parse::<f64>().unwrap())
     };
     let (still, moving) = (nose("still"), nose("moving"));
-    // The simulated head shifts and rolls; the bridge of the nose moves by nothing else.
+    // The simulated head shifts and rolls; nothing else moves the bridge of the nose.
     assert!((still.0 - moving.0).hypot(still.1 - moving.1) > 0.5, "{still:?} {moving:?}");
 }
 
 #[test]
-fn several_sources_and_targets_give_a_sheet_and_a_bad_one_costs_itself() {
+fn several_sources_and_targets_give_a_sheet_and_a_bad_one_fails_alone() {
     let work = work();
     work.write("still.fap", fap_file(&[3], "0")).write("broken.fap", "2.1 test 25");
     let ran = work.grimace(
@@ -354,25 +355,25 @@ fn several_sources_and_targets_give_a_sheet_and_a_bad_one_costs_itself() {
     ran.exit(3).prints(&["4 of 9 clones written"]).says(&["broken.fap", "gone.png"]);
     let files = work.files("batch");
     assert!(files.contains_key("sheet.png") && files.contains_key("target_S001_005/clone.fap"));
-    // A still face is the photograph.
+    // A still face equals the photograph.
     assert_eq!(picture(&work, "batch/target_still/frames/target_00000002.png"), picture(&work, "target.png"));
 }
 
 #[test]
-fn an_interrupted_batch_goes_on_where_it_stopped() {
+fn an_interrupted_batch_continues_where_it_stopped() {
     let work = work();
     work.write("still.fap", fap_file(&[3], "0"));
     let batch = || clone(&work, "--source S001_005.csv still.fap -o batch --sheet");
     batch().exit(0).prints(&["2 of 2 clones written to batch"]);
     let files = work.files("batch");
-    // As an interruption leaves it: frames and their record, and no sheet of all.
+    // The state after an interruption: frames and their record, but no sheet.
     std::fs::remove_file(work.path("batch/target_still/clone.json")).unwrap();
     std::fs::remove_file(work.path("batch/sheet.png")).unwrap();
     clone(&work, "--source S001_005.csv -o batch").exit(1).says(&["holds the clones of several sources or targets"]);
     batch().exit(0).prints(&["1 of 2 clones written to batch; 1 unchanged since the last time"]);
     crate::common::assert_same_files(&files, &work.files("batch"));
     batch().exit(0).prints(&["0 of 2 clones written to batch; 2 unchanged"]);
-    // What differs is not written over: another option, and a frame that somebody changed.
+    // Different content is not overwritten: that of other options, and a frame that somebody changed.
     clone(&work, "--source S001_005.csv still.fap -o batch --emphasis 0.5").exit(1).says(&["clone.json exists"]);
     work.write("batch/target_still/frames/target_00000001.png", "mine");
     let there = ["target_still/clone.json exists; give --force", "batch/sheet.png exists; give --force"];
@@ -380,7 +381,7 @@ fn an_interrupted_batch_goes_on_where_it_stopped() {
 }
 
 #[test]
-fn targets_without_marks_turned_away_or_of_another_size_are_named() {
+fn targets_without_marks_turned_away_or_of_another_size_are_reported() {
     let work = work();
     work.grimace("clone --source S001_005.csv --target target.png target.png -c marks.csv -o out")
         .exit(1)
@@ -389,7 +390,7 @@ fn targets_without_marks_turned_away_or_of_another_size_are_named() {
     let with = |marks: &str| work.grimace(&format!("clone --source S001_005.csv --target target.png -c {marks} -o out"));
     with("empty.csv").exit(1).says(&["empty.csv", "at least 3"]);
     with("gone.csv").exit(1).says(&["gone.csv"]);
-    // A profile: the subject's left half is seen a fifth as wide as the right one.
+    // A profile: the subject's left half appears a fifth as wide as the right half.
     let middle = 100.0;
     let rows = work.rows("marks.csv");
     let turned: String = rows
@@ -402,7 +403,7 @@ fn targets_without_marks_turned_away_or_of_another_size_are_named() {
         .collect();
     work.write("profile.csv", format!("node,x,y\n{turned}"));
     let ran = with("profile.csv").exit(1);
-    // The fit names the first mark that no frontal face has there.
+    // The fit reports the first mark that is impossible in a frontal face.
     assert!(
         ran.stderr.contains("turned away by about") || ran.stderr.contains("the other marks expect it near"),
         "{}",
@@ -448,7 +449,7 @@ fn tiny_and_huge_pictures_work_or_say_what_is_missing() {
             .exit(0);
         assert_eq!(picture(&work, &format!("{name}/frames/{name}_00000002.png")).dimensions(), resized(factor).dimensions());
     }
-    // 32 px wide, the eyes are 5 px apart.
+    // In a picture 32 px wide, the eyes are 5 px apart.
     work.write("tiny.png", png(resized(0.08))).write("tiny.csv", scaled_marks(&work, 0.08));
     work.grimace("clone --source S001_005.csv --target tiny.png -c tiny.csv -o tiny").exit(1).says(&["px apart; at least 6 px"]);
     let wide = RgbImage::new(16_400, 40);
@@ -496,11 +497,11 @@ fn sixteen_bit_transparent_and_rotated_pictures_are_the_same_face() {
     let side = apex_of("side", "side.jpg");
     assert_eq!(side.dimensions(), apex.dimensions());
     let difference: f64 = side.as_raw().iter().zip(apex.as_raw()).map(|(a, b)| f64::from(a.abs_diff(*b))).sum();
-    assert!(difference / (apex.as_raw().len() as f64) < 6.0, "upright, up to JPEG's losses");
+    assert!(difference / (apex.as_raw().len() as f64) < 6.0, "upright, up to JPEG compression");
 }
 
 #[test]
-fn sources_that_do_not_fit_are_named() {
+fn unsuitable_sources_are_reported() {
     let work = work();
     work.write("other.csv", "frame,node,x,y\n0,0,1,1\n0,1,2,2\n1,0,1,1\n1,1,2,2\n");
     clone(&work, "--source other.csv -o out").exit(1).says(&["other.csv has 2 nodes, but the wireframe has 113"]);
@@ -508,7 +509,7 @@ fn sources_that_do_not_fit_are_named() {
     clone(&work, "--source smile.fap --head -o nod").exit(0).says(&["smile.fap: --head has no effect: only tracks"]);
     let track = clone(&work, "--source S001_005.csv --head -o turn").exit(0);
     assert!(!track.stderr.contains("--head"), "{}", track.stderr);
-    // With y counted from below, and of a mirrored picture.
+    // With y counted from the bottom, and from a mirrored picture.
     let text = String::from_utf8(work.bytes("S001_005.csv")).unwrap();
     for (name, column, says) in
         [("below.csv", 3, "y must be counted downwards from the top"), ("side.csv", 2, "left and right are swapped")]
@@ -540,21 +541,21 @@ fn sources_that_do_not_fit_are_named() {
     clone(&work, "--source S001_005.csv --source-frames small --wrinkles -o out")
         .exit(1)
         .says(&["small: frame 1 is 40x40, but the frames of the track S001_005 are"]);
-    // Another person's frames, of the same size and number; and the right ones in another folder.
+    // Frames of another person with the same size and number; and the right frames in another folder.
     let other = "other: S002_005_00000001.png is not one of the files that the track S001_005 was made from (S001_005_00000001.png and others)";
     std::fs::rename(work.path("faces/S002/005"), work.path("other")).unwrap();
     clone(&work, "--source S001_005.csv --source-frames other --wrinkles -o out").exit(1).says(&[other]);
     for (name, bytes) in work.files("faces/S001/005") {
         work.write(&format!("moved/{name}"), bytes);
     }
-    // Another person's frames that are called the same, as where everybody's are called by their number.
+    // Frames of another person with the same names, as when all frames are named by number.
     for (name, bytes) in work.files("other") {
         work.write(&format!("namesake/{}", name.replace("S002", "S001")), bytes);
     }
     clone(&work, "--source S001_005.csv --source-frames namesake --wrinkles -o out").exit(1).says(&[
         "namesake: the files have the same names as those that the track S001_005 was made from, but another content; give the folder",
     ]);
-    // A folder that has more pictures is no other one.
+    // A folder with additional pictures still counts as the same.
     work.write("moved/S001_005_00000007.png", work.bytes("target.png"));
     clone(&work, "--source S001_005.csv --source-frames moved --wrinkles -o moved-clone").exit(0);
     std::fs::remove_file(work.path("faces/S001/005/S001_005_00000003.png")).unwrap();
@@ -568,10 +569,10 @@ fn videos_are_written_or_refused_with_a_reason() {
     let work = work();
     for format in ["mp4", "webm"] {
         let ran = clone(&work, &format!("--source S001_005.csv -o {format} --film {format}"));
-        // OpenCV warns of codecs under other tags than were asked for: that is nothing to a person.
+        // OpenCV warns if a codec is used under another tag than requested; users do not see this.
         assert!(!ran.stderr.contains("tag"), "{}", ran.stderr);
         if ran.status == Some(0) {
-            // Read back: a track of the film has a frame for every frame, of the picture's size.
+            // A track of the film has one frame per frame of the clone, with the size of the picture.
             work.grimace(&format!("track {format}/clone.{format} --correspondences marks.csv -o {format}.csv")).exit(0);
             let rows = work.rows(&format!("{format}.csv"));
             assert_eq!(rows.iter().map(|r| &r["frame"]).collect::<std::collections::BTreeSet<_>>().len(), 6, "{format}");
@@ -588,11 +589,11 @@ fn the_report_shows_the_representatives_on_a_face_of_choice() {
     assert!(work.read("plain/report.html").contains("\"a composite portrait\""));
     work.grimace("analyze S001_005.csv -o photo -q --portrait target.png -c marks.csv").exit(0);
     let html = work.read("photo/report.html");
-    // The player has the photograph in it, and not the portrait that is shipped.
+    // The player contains the photograph, not the built-in portrait.
     assert!(
         html.contains("target.png") && html.contains("data:image/jpeg;base64,") && !html.contains("\"a composite portrait\"")
     );
-    // As these options were called first.
+    // Earlier names of these options still work.
     work.grimace("analyze S001_005.csv -o bad -q --report-face target.png --report-marks gone.csv").exit(1).says(&["gone.csv"]);
     work.grimace("analyze S001_005.csv -o bad -q -c marks.csv").exit(2).says(&["--portrait"]);
 }
@@ -611,13 +612,13 @@ fn cloning_is_evaluated_on_sequences_and_on_simulated_people() {
         let region = mean(&rows, truth, "per region (FAPU)");
         assert!(region < plain && plain < floor && region < 1.5, "{truth}: {region}, {plain}, {floor}");
     }
-    // FAPs are in the person's own FAPUs: only per region is right.
+    // FAPs are in the person's own FAPUs: only the scale per region is right.
     assert!(mean(&rows, "FAPs", "per region (FAPU)") < 0.5 * mean(&rows, "FAPs", "uniform (ES)"));
     work.grimace("evaluate clone faces -o self -q").exit(1).says(&["68-point landmarks"]);
 }
 
 #[test]
-fn sheets_for_graders_hide_what_is_meant_and_grades_are_summed_up() {
+fn sheets_for_graders_hide_the_expressions_and_grades_are_summarized() {
     let work = Work::new();
     for name in ["P01.jpg", "P02.jpg"] {
         work.write(name, std::fs::read(crate::common::root().join("fixtures/portraits").join(name)).unwrap());
@@ -634,7 +635,7 @@ fn sheets_for_graders_hide_what_is_meant_and_grades_are_summed_up() {
     assert!(sheet.height() > 500 && sheet.width() > 900, "{:?}", sheet.dimensions());
     let key = work.rows("sheets/key.csv");
     assert_eq!(key.len(), 4);
-    // The table that is filled in does not say what is meant.
+    // The table to be filled in does not reveal the intended expressions.
     let grades = work.read("sheets/grades.csv");
     assert_eq!(grades.lines().next().unwrap(), "sheet,picture,read_as,grade,artefact");
     assert!(!grades.contains("happiness") && grades.lines().count() == 5);
@@ -644,7 +645,7 @@ fn sheets_for_graders_hide_what_is_meant_and_grades_are_summed_up() {
     let row = |source: &str| rows.iter().find(|r| r["source"] == source).unwrap();
     assert_eq!((row("happiness")["read_as_it_is"].as_str(), row("surprise")["read_as_it_is"].as_str()), ("2", "0"));
     assert_eq!((row("all")["pictures"].as_str(), row("all")["costliest"].as_str()), ("4", "teeth"));
-    // The same seed, the same order.
+    // The same seed gives the same order.
     work.grimace("evaluate clone --sheets P01.jpg P02.jpg --sources happiness.csv surprise.csv -o again -q").exit(0);
     assert_eq!(work.read("again/key.csv"), work.read("sheets/key.csv"));
     work.grimace("evaluate clone --sheets P01.jpg -o none").exit(2).says(&["--sources"]);
@@ -666,7 +667,7 @@ fn a_clone_that_does_not_begin_at_rest_is_measured_from_rest() {
             work.rows(&format!("{name}/track/{track}")).into_iter().map(|row| row["frame"].clone()).collect();
         let faps = work.read(&format!("{name}/clone.fap"));
         let row: Vec<i32> = faps.lines().nth(2).unwrap().split(' ').skip(1).map(|word| word.parse().unwrap()).collect();
-        // Frame 0 is the face at rest, where the motion does not begin there.
+        // Frame 0 is the face at rest if the motion does not begin there.
         if first == 0 {
             assert_eq!((frames.len(), row.iter().all(|value| *value == 0)), (2, true), "{row:?}");
         } else {

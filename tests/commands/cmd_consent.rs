@@ -24,7 +24,7 @@ fn work() -> Work {
 }
 
 #[test]
-fn who_does_not_want_to_be_shown_is_counted_and_not_shown() {
+fn people_without_consent_are_counted_but_not_shown() {
     let work = work();
     work.grimace("run faces -o out --overlay pictures -q").exit(0);
     let report = data(&work.read("out/report.html"));
@@ -32,7 +32,7 @@ fn who_does_not_want_to_be_shown_is_counted_and_not_shown() {
     assert_eq!((&report["ids"][0][0], pictures(0)), (&Value::from("S001"), Value::Null));
     for picture in pictures(1).as_array().unwrap() {
         let base64 = picture.as_str().unwrap();
-        // JPEG, 6 kB at most: four letters are three bytes.
+        // JPEG of at most 6 kB: four characters of Base64 are three bytes.
         assert!(base64.starts_with("/9j/") && base64.len() <= 8000, "{}", base64.len());
     }
     assert!(!report["player"].is_null());
@@ -42,7 +42,7 @@ fn who_does_not_want_to_be_shown_is_counted_and_not_shown() {
     let rows = work.rows("out/statistics.csv");
     assert_eq!(rows[0]["sequences"], "2");
 
-    // Wireframes only: no picture at all, and the same numbers.
+    // With wireframes only there are no pictures, and the numbers are the same.
     work.grimace("run faces -o plain --no-faces -q").exit(0);
     let html = work.read("plain/report.html");
     let plain = data(&html);
@@ -53,20 +53,20 @@ fn who_does_not_want_to_be_shown_is_counted_and_not_shown() {
 }
 
 #[test]
-fn pictures_of_who_withdraws_are_removed_or_named() {
+fn pictures_of_people_who_withdraw_consent_are_removed_or_reported() {
     let work = work();
     let agreed = work.read("faces/manifest.csv").replace(",no", ",yes");
     let withdrawn = work.read("faces/manifest.csv");
     work.write("faces/manifest.csv", agreed).grimace("run faces -o out --overlay out/overlays -q").exit(0);
     assert_eq!(work.files("out/overlays").keys().filter(|name| name.ends_with(".png")).count(), 4);
-    // The folder of overlays is somebody's own: nothing in it is removed.
+    // The folder of overlays belongs to the user: nothing in it is removed.
     work.write("faces/manifest.csv", withdrawn);
     work.grimace("run faces -o out").exit(0).prints(&["out/overlays: 2 pictures of people who may not be shown"]);
     assert_eq!(work.files("out/overlays").keys().filter(|name| name.ends_with(".png")).count(), 4);
 }
 
 #[test]
-fn a_clone_does_not_show_the_pictures_of_who_does_not_want_it() {
+fn a_clone_does_not_show_people_without_consent() {
     let work = work();
     work.grimace("run faces -o out -q").exit(0);
     let clone = |more: &str| {

@@ -56,7 +56,7 @@ fn strict() -> String {
 }
 
 #[test]
-fn info_tells_name_rate_duration_and_the_extremes_of_every_fap() {
+fn info_prints_name_rate_duration_and_the_extremes_of_every_fap() {
     let work = Work::new();
     work.write("joy.fap", strict());
     let expected = "\
@@ -74,7 +74,7 @@ joy.fap: `joy`, version 2.1
 #[test]
 fn values_that_look_like_a_mask_are_values() {
     let work = Work::new();
-    // FAP 1 with its four fields and 63 others are 68 words of 0 and 1 in a neutral frame.
+    // FAP 1 with its four fields, and 63 other FAPs: 68 words, 0 or 1, in a neutral frame.
     let faps: Vec<usize> = std::iter::once(1).chain(3..=65).collect();
     let (mask, zeros) = (mask(&faps), ["0"; 67].join(" "));
     work.write("still.fap", format!("2.1 still 25 2\n{mask}\n0 {zeros}\n{mask}\n1 {zeros}\n"));
@@ -153,7 +153,7 @@ fn check_counts_over_files_and_fails_on_errors_only() {
 
 /// Files of known tools are read with a warning that names the violated rule, and are written in the strict subset.
 #[test]
-fn what_known_tools_write_is_read() {
+fn files_of_known_tools_are_read() {
     let m = mask(&[4, 31, 51]);
     let compound = mask(&[1, 2, 4, 31, 51]);
     let one = |from: &str, to: &str| strict().replacen(from, to, 1);
@@ -187,7 +187,7 @@ fn what_known_tools_write_is_read() {
 
 /// Files that no known tool writes are refused with line and rule, and nothing is written.
 #[test]
-fn what_no_tool_writes_is_refused_with_line_and_rule() {
+fn files_that_no_tool_writes_are_refused_with_line_and_rule() {
     let m = mask(&[4, 31, 51]);
     let one = |from: &str, to: &str| strict().replacen(from, to, 1);
     let cases = [
@@ -235,14 +235,14 @@ fn convert_of_a_strict_file_is_identity() {
 }
 
 #[test]
-fn convert_names_what_is_beyond_the_range_of_the_standard() {
+fn convert_reports_values_outside_the_range_of_the_standard() {
     let work = Work::new();
     work.write("big.csv", "frame,fap,name,value\n0,3,open_jaw,0\n1,3,open_jaw,9000\n2,3,open_jaw,4000\n");
     let said = "warning: FAP 3 in frame 1: open_jaw is 9000; the standard allows 0 to 4320; the value is written unchanged";
     work.fap("convert big.csv --fps 25 -o big.fap").success().stderr(contains(said));
     assert!(work.read("big.fap").contains("\n1 9000\n"));
     work.fap("check --strict big.fap").code(1);
-    // A table as well.
+    // The same when writing a table.
     work.fap("convert big.fap -o again.csv").success().stderr(contains(said));
     assert!(work.read("again.csv").contains("1,3,open_jaw,9000\n"));
 }
@@ -265,7 +265,7 @@ fn convert_keeps_the_duration_or_the_frames_at_another_rate() {
     work.fap("convert joy.fap --fps 50 -o fast.fap").success();
     let fast = work.read("fast.fap");
     assert!(fast.starts_with("2.1 joy 50 6\n"), "{fast}");
-    // 0.12 s as before. The frames of before are hit: frame 1 is frame 2 now, and frame 2 is frame 4, which holds.
+    // The duration is 0.12 s as before. Former frames are kept: frame 1 becomes frame 2, and frame 2 becomes frame 4 and holds.
     assert!(fast.contains("\n2 10 -20 30\n") && fast.contains("\n4 40 -60 80\n") && fast.ends_with("\n5 40 -60 80\n"), "{fast}");
     work.fap("convert joy.fap --fps 50 --keep-frames -o same.fap").success();
     assert_eq!(work.read("same.fap"), strict().replace("joy 25", "joy 50"));
@@ -274,7 +274,7 @@ fn convert_keeps_the_duration_or_the_frames_at_another_rate() {
 #[test]
 fn an_unset_fap_is_the_same_at_another_rate() {
     let work = Work::new();
-    // The second of three frames sets nothing: readers take that for 0.
+    // The second of three frames sets no FAP: readers treat that as 0.
     let (some, none) = (mask(&[4]), mask(&[]));
     work.write("gap.fap", format!("2.1 joy 25 3\n{some}\n0 90\n{none}\n1\n{some}\n2 90\n"));
     work.fap("convert gap.fap --fps 50 -o once.fap").success();
@@ -282,7 +282,7 @@ fn an_unset_fap_is_the_same_at_another_rate() {
     work.fap("convert filled.fap --fps 50 -o twice.fap").success();
     assert_eq!(work.read("once.fap"), work.read("twice.fap"));
     assert!(work.read("once.fap").contains("\n1 34\n"), "{}", work.read("once.fap"));
-    // `-` is standard output.
+    // `-` means standard output.
     assert_eq!(work.stdout("convert gap.fap --fps 50 -o -"), work.read("once.fap"));
     assert!(!work.path("-").exists());
 }
@@ -319,7 +319,7 @@ fn convert_writes_the_faps_of_a_mask() {
 }
 
 #[test]
-fn convert_writes_what_a_reader_needs() {
+fn convert_writes_files_for_each_reader() {
     let work = Work::new();
     let m = mask(&[1, 4, 51]);
     work.write("a.fap", format!("2.1 my joy 10 1\n{m}\n0 1 2 63 0 0 30.5\n"));
@@ -327,7 +327,7 @@ fn convert_writes_what_a_reader_needs() {
         .success()
         .stderr(contains("became `my_joy`").and(contains("FAPs 1 and 2")).and(contains("rounded 1 value")));
     assert_eq!(work.read("strict.fap"), format!("2.1 my_joy 10 1\n{}\n0 0 31\n", mask(&[4, 51])));
-    // Xface: FAP 1 in full, floats, and the inner lip kept from being overwritten.
+    // Xface: FAP 1 in full, decimal numbers, and the inner lip is not overwritten.
     work.fap("convert a.fap --profile xface --values float -o xface.fap").success();
     assert_eq!(work.read("xface.fap"), format!("2.1 my_joy 10 1\n{m}\n0 1 2 63 0 1 30.5\n"));
     work.fap("convert a.fap --profile visage -o visage.fap").success();
@@ -347,7 +347,7 @@ fn flags_between_blanks(line: &str) -> usize {
 }
 
 #[test]
-fn files_for_greta_have_a_blank_behind_every_mask_and_keep_it() {
+fn files_for_greta_have_and_keep_a_blank_after_every_mask() {
     let work = Work::new();
     work.write("joy.fap", strict());
     work.fap("convert joy.fap --profile greta -o greta.fap").success();
@@ -356,20 +356,20 @@ fn files_for_greta_have_a_blank_behind_every_mask_and_keep_it() {
     assert!(masks.iter().all(|line| flags_between_blanks(line) == 68 && line.ends_with("0 ")), "{greta}");
     assert_eq!(greta.replace(" \n", "\n"), strict());
     work.fap("check --strict greta.fap").success().stdout(contains("1 file checked: 0 errors"));
-    // Written anew it stays what it is; for all readers only where that is asked for.
+    // A converted file keeps its profile; it is written for all readers only on request.
     work.fap("convert greta.fap -o again.fap").success().stderr(contains("written for Greta"));
     assert_eq!(work.read("again.fap"), greta);
     work.fap("convert greta.fap --profile strict -o strict.fap").success();
     assert_eq!(work.read("strict.fap"), strict());
     work.fap("convert greta.fap --fps 50 -o fast.fap").success();
     assert!(work.read("fast.fap").starts_with("2.1 joy 50 6\n") && !work.read("fast.fap").contains(" \n"));
-    // A blank elsewhere is still a deviation.
+    // Another blank is still a violation.
     work.write("blank.fap", strict().replace("joy 25 3\n", "joy 25 3 \n"));
     work.fap("check blank.fap").success().stdout(contains("trailing-blank"));
 }
 
 #[test]
-fn lips_that_xface_shows_otherwise_are_named_by_the_strict_check() {
+fn lips_that_xface_shows_differently_are_reported_by_the_strict_check() {
     let work = Work::new();
     let m = mask(&[4, 51]);
     work.write("lips.fap", format!("2.1 joy 25 3\n{m}\n0 5 10\n{m}\n1 0 20\n{m}\n2 0 30\n"));
@@ -381,7 +381,7 @@ fn lips_that_xface_shows_otherwise_are_named_by_the_strict_check() {
 }
 
 #[test]
-fn a_file_that_sets_nothing_goes_to_csv_and_back() {
+fn a_file_without_faps_survives_conversion_to_csv_and_back() {
     let work = Work::new();
     let m = mask(&[]);
     let nothing = format!("2.1 nothing 25 2\n{m}\n0\n{m}\n1\n");
@@ -397,7 +397,7 @@ fn a_file_that_sets_nothing_goes_to_csv_and_back() {
 #[test]
 fn info_and_check_count_alike() {
     let work = Work::new();
-    // FAP 31 beyond the standard's 1800, and CRLF.
+    // FAP 31 exceeds the limit of 1800 of the standard; lines end in CRLF.
     work.write("wide.fap", strict().replace("-60", "9000").replace('\n', "\r\n"));
     let checked = work.json("check --json wide.fap")["files"][0]["findings"].as_array().unwrap().len();
     assert_eq!(checked, 2);
@@ -406,7 +406,7 @@ fn info_and_check_count_alike() {
 }
 
 #[test]
-fn convert_goes_to_csv_and_back() {
+fn conversion_to_csv_and_back_changes_nothing() {
     let work = Work::new();
     work.write("joy.fap", strict());
     work.fap("convert joy.fap -o joy.csv").success();
@@ -425,7 +425,7 @@ fn convert_goes_to_csv_and_back() {
 }
 
 #[test]
-fn convert_names_an_output_that_can_not_be_written() {
+fn convert_reports_an_output_that_cannot_be_written() {
     let work = Work::new();
     work.write("joy.fap", strict()).write("file", "");
     work.fap("convert joy.fap -o file/out.fap").code(1).stderr(contains("cannot write file/out.fap"));

@@ -54,22 +54,22 @@ fn motions_keep_their_time_at_any_frame_rate() {
     let work = Work::new();
     dataset(&work, &[("A", 0.0, 0.8), ("B", 0.0, 0.8)]);
     let table = work.read("heads/B.csv");
-    // B's frames are shown at 0, 0.1 and 0.5 s.
+    // The frames of B are at 0, 0.1 and 0.5 s.
     let times = ["timestamp", "3", "3.1", "3.5"];
     let timed: String = table.lines().zip(times).map(|(row, time)| format!("{row},{time}\n")).collect();
     work.write("heads/B.csv", timed);
     work.write("heads/manifest.csv", "subject,sequence,emotion,frames,fps\nA,1,happiness,A.csv,12.5\nB,1,happiness,B.csv,\n");
     work.grimace("run heads -o out").exit(0);
     let header = |name: &str| work.read(name).lines().find(|line| line.starts_with("2.1")).unwrap().to_owned();
-    // Three frames of a twelve-and-a-halfth of a second each, at a whole rate: six at 25.
+    // Three frames at 12.5 per second become six at 25, a whole number.
     assert_eq!(header("out/fap/tracks/A_1.fap").split_whitespace().skip(2).collect::<Vec<_>>(), ["25", "6"]);
     let seconds = |name: &str| work.rows(name).iter().map(|row| row["timestamp"].clone()).collect::<Vec<_>>();
     assert_eq!(seconds("out/features/A_1.csv"), ["0", "0.08", "0.16"]);
     assert_eq!(seconds("out/features/B_1.csv"), ["0", "0.1", "0.5"]);
-    // Four frames a second in the mean, and half a second.
+    // Four frames per second on average, over half a second.
     assert_eq!(header("out/fap/tracks/B_1.fap").split_whitespace().skip(2).collect::<Vec<_>>(), ["4", "3"]);
-    // A rate that is given counts from then on, and is gone when it is given no more: everything is as if it had been so from the beginning,
-    // and nothing is tracked again.
+    // A stated rate is used from then on, and no longer when it is removed. The results are the same as if it had been so from
+    // the beginning, and nothing is tracked again.
     let table = |fps: &str| format!("subject,sequence,emotion,frames,fps\nA,1,happiness,A.csv,12.5\nB,1,happiness,B.csv,{fps}\n");
     for (fps, expected) in [("20", ["0", "0.05", "0.1"]), ("10", ["0", "0.1", "0.2"]), ("", ["0", "0.1", "0.5"])] {
         work.write("heads/manifest.csv", table(fps));
@@ -89,9 +89,9 @@ fn a_run_writes_pose_action_units_and_faps_of_every_frame() {
     let rows = work.rows("out/features/A_1.csv");
     assert_eq!(rows.len(), 3);
     assert!(number(&rows[0], "pose_yaw").abs() < 1.0 && (number(&rows[2], "pose_yaw") - 12.0).abs() < 1.0, "{:?}", rows[2]);
-    // FAP 49 is the yaw in 1e-5 rad, 12 degrees are 0.2094 rad.
+    // FAP 49 is the yaw in 1e-5 rad; 12 degrees are 0.2094 rad.
     assert!((number(&rows[2], "FAP49_head_yaw") - 20944.0).abs() < 1800.0);
-    // A smile of 0.8 is an intensity of 4 of 5; nobody raised a brow.
+    // A smile of 0.8 is an intensity of 4 out of 5; no brow was raised.
     assert!((number(&rows[2], "AU12_r") - 4.0).abs() < 0.8 && number(&rows[2], "AU01_r") < 0.8, "{:?}", rows[2]);
     assert_eq!((rows[2]["AU12_c"].as_str(), rows[0]["AU12_c"].as_str(), rows[2]["success"].as_str()), ("1", "0", "1"));
     assert_eq!(rows[2]["timestamp"], "0.08");
@@ -99,7 +99,7 @@ fn a_run_writes_pose_action_units_and_faps_of_every_frame() {
     assert!(json["units"]["pose_yaw, pose_pitch, pose_roll"].as_str().unwrap().contains("degrees"));
     assert_eq!(json["action_units"]["AU12"], "lip corner puller");
     work.grimace("fap check out/fap/tracks/A_1.fap").exit(0);
-    // The same from the tracks alone.
+    // The same results from the tracks alone.
     work.grimace("features out/tracks -o again").exit(0);
     assert_eq!(work.read("again/A_1.csv"), work.read("out/features/A_1.csv"));
     work.grimace("features out/tracks -o again").exit(1).says(&["A_1.csv", "--force"]);
@@ -132,7 +132,7 @@ fn openface_s_names_are_read_back_as_landmarks() {
     for column in ["face_id", "AU45_r", "AU45_c", "x_67", "y_67"] {
         assert!(rows[0].contains_key(column), "{column}");
     }
-    // Landmarks of nodes that stand for them come back where they were.
+    // Landmarks that correspond to nodes are back at their positions.
     let given = work.rows("heads/A.csv");
     for landmark in [30, 36, 39, 45, 48, 54] {
         let off = number(&rows[0], &format!("x_{landmark}")) - number(&given[0], &format!("x{landmark}"));
@@ -150,7 +150,7 @@ fn openface_s_names_are_read_back_as_landmarks() {
 }
 
 #[test]
-fn a_head_that_is_turned_too_far_is_said_and_not_measured_silently() {
+fn a_head_turned_too_far_is_reported() {
     let work = Work::new();
     dataset(&work, &[("near", 10.0, 0.5), ("far", 46.0, 0.5)]);
     work.grimace("run heads -o out").exit(0);
@@ -165,7 +165,7 @@ fn a_head_that_is_turned_too_far_is_said_and_not_measured_silently() {
 }
 
 #[test]
-fn what_is_no_track_or_no_face_is_refused_by_name() {
+fn inputs_that_are_not_tracks_or_faces_are_refused_by_name() {
     let work = Work::new();
     work.write("x.csv", "frame,node,x\n1,0,3\n");
     work.grimace("features x.csv -o out").exit(1).says(&["x.csv, line 1: has no column `y`"]);
@@ -173,7 +173,7 @@ fn what_is_no_track_or_no_face_is_refused_by_name() {
     work.write("joy.csv", "frame,node,x,y\n0,0,1,1\n1,0,2,2\n")
         .write("joy.json", "{\"emotion\": \"joy\", \"sequences\": [\"A_1\"]}");
     work.grimace("features joy.csv -o out").exit(1).says(&["joy.csv: this is a representative, not a track"]);
-    // A table of OpenFace without its landmarks.
+    // An OpenFace table without its landmarks.
     work.write("heads/manifest.csv", "subject,sequence,emotion,frames\nA,1,anger,A.csv\n");
     work.write("heads/A.csv", "frame,confidence,success,AU12_r\n1,0.9,1,0.5\n2,0.9,1,2.5\n");
     work.grimace("run heads -o out").exit(1).says(&["A.csv"]);
@@ -189,14 +189,14 @@ fn with_frame(table: &str, frame: usize, points: impl Fn(usize, f64, f64) -> (f6
 }
 
 #[test]
-fn a_frame_without_a_pose_costs_that_frame() {
+fn a_frame_without_a_pose_is_left_out_alone() {
     let work = Work::new();
     dataset(&work, &[("lost", 8.0, 0.8), ("same", 8.0, 0.8), ("wild", 8.0, 0.8)]);
     let table = work.read("heads/lost.csv");
-    // Frames 1, 2 and 4: the third is missing.
+    // Frames 1, 2 and 4; the third is missing.
     let lines: Vec<&str> = table.lines().collect();
     work.write("heads/lost.csv", [lines[0], lines[1], lines[2], &lines[3].replacen('3', "4", 1)].join("\n") + "\n");
-    // All landmarks in one place, and the landmarks of one side of the face on the other, upside down.
+    // All landmarks at one position; and the landmarks of one side of the face on the other side, upside down.
     work.write("heads/same.csv", with_frame(&table, 2, |_, _, _| (320.0, 240.0)));
     work.write("heads/wild.csv", with_frame(&table, 2, |k, x, y| if k % 2 == 0 { (640.0 - x, 480.0 - y) } else { (y, x) }));
     work.grimace("run heads -o out").exit(0);
@@ -223,7 +223,7 @@ fn a_frame_without_a_pose_costs_that_frame() {
 fn marks_that_fit_no_head_are_an_error() {
     let work = Work::new();
     dataset(&work, &[("A", 8.0, 0.8), ("B", 8.0, 0.8)]);
-    // A neutral face whose every second landmark lies in a ring about it.
+    // A neutral face in which every second landmark lies on a ring around it.
     let table = work.read("heads/A.csv");
     let ring = |k: usize, x: f64, y: f64| {
         let turn = k as f64 * 2.4;
@@ -238,7 +238,7 @@ fn marks_that_fit_no_head_are_an_error() {
 }
 
 #[test]
-fn blendshapes_of_mediapipe_stand_beside_the_action_units() {
+fn blendshapes_of_mediapipe_are_added_to_the_action_units() {
     let work = Work::new();
     dataset(&work, &[("A", 0.0, 0.8), ("B", 5.0, 0.4)]);
     work.grimace("run heads -o out").exit(0);
@@ -250,7 +250,7 @@ fn blendshapes_of_mediapipe_stand_beside_the_action_units() {
     assert_eq!([0, 1, 2].map(|k| number(&rows[k], "mediapipe_mouthSmileLeft")), [0.0, 0.4, 0.8]);
     assert!(number(&rows[2], "AU12_r") > number(&rows[0], "AU12_r"));
     assert!(work.read("compared/A_1.json").contains("mediapipe_*"));
-    // Who was not measured by them has our columns only.
+    // Sequences without OpenFace measurements have only grimace's columns.
     assert!(!work.rows("compared/B_1.csv")[0].contains_key("mediapipe_mouthSmileLeft"));
     let said = work.grimace("features out/tracks -o more --blendshapes theirs/A_1.json").exit(1);
     assert!(said.stderr.contains("for 2 tracks, give a folder"), "{}", said.stderr);

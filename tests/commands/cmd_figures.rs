@@ -29,20 +29,20 @@ fn a_run_gives_figures_as_svg_and_pdf_with_captions() {
         assert!(work.files("figures")[&format!("{name}.pdf")].starts_with(b"%PDF-"), "{name}");
         assert!(work.read("figures/captions.md").contains(&row["caption"]), "{name}");
     }
-    // Three people smile once each; a tenth of three is none.
+    // Three people smile once each; a tenth of three is less than one.
     let happiness = of("fields_happiness");
     assert_eq!((happiness["sequences"].as_str(), happiness["people"].as_str(), happiness["alpha"].as_str()), ("3", "3", "0.1"));
     assert!(happiness["method"].ends_with("equal weight for every person, default method of grimace"), "{}", happiness["method"]);
-    assert!(happiness["method"].contains("greedy generalized median, nothing trimmed (10 % of so few is none)"));
+    assert!(happiness["method"].contains("greedy generalized median, nothing trimmed (too few models for 10 %)"));
     assert!(
         happiness["caption"].contains("3 sequences of 3 people")
             && happiness["caption"].contains("The subject\u{2019}s left is on the right")
     );
-    // Six sequences of three people in all.
+    // Six sequences of three people in total.
     assert_eq!((of("representatives")["sequences"].as_str(), of("representatives")["people"].as_str()), ("6", "3"));
-    // One sequence has no dispersion.
+    // A single sequence has no dispersion.
     assert!(rows.iter().all(|r| r["figure"] != "dispersion_happiness_cohort-B"));
-    // Every field of the run is drawn on one scale.
+    // All fields of the run are drawn at the same scale.
     let scale = |name: &str| {
         let svg = work.read(&format!("figures/fields_{name}.svg"));
         let at = svg.find("arrows are ").unwrap();
@@ -50,7 +50,7 @@ fn a_run_gives_figures_as_svg_and_pdf_with_captions() {
     };
     assert_eq!(scale("happiness"), scale("surprise"));
 
-    // The same input gives the same bytes; nothing is written over.
+    // The same input gives the same bytes; no file is overwritten.
     work.grimace("figures results -o again -q").exit(0).prints(&[]);
     assert!(work.files("figures") == work.files("again"), "the same bytes");
     work.grimace("figures results -o figures").exit(1).says(&["figures is not empty; choose another folder, or give --force"]);
@@ -67,17 +67,17 @@ fn a_run_gives_figures_as_svg_and_pdf_with_captions() {
     drop(record);
     work.grimace("figures results -o figures --force -q").exit(0);
     work.write("file", "").grimace("figures results -o file --force").exit(1).says(&["file: this is a file"]);
-    // A run that has not come to its end is said.
+    // A run that has not finished is reported.
     work.write("results/run.journal", "representatives/happiness.csv\t\n");
     let record = work.read("results/run.json");
     work.write("results/run.json", record.replacen("\"complete\": true", "\"complete\": false", 1));
     work.grimace("figures results -o half -q").exit(0).says(&["note: results: the run is not finished (run.journal exists)"]);
-    // A journal that a whole run left behind is not.
+    // A journal left behind by a finished run is not.
     work.write("results/run.json", record);
     let whole = work.grimace("figures results -o whole -q").exit(0);
     assert!(!whole.stderr.contains("not finished"), "{}", whole.stderr);
     std::fs::remove_file(work.path("results/run.journal")).unwrap();
-    // What is missing is said.
+    // Missing files are reported.
     let record = work.read("results/run.json");
     for name in ["bands.csv", "trimming.csv", "features/S001_005.csv"] {
         std::fs::remove_file(work.path(&format!("results/{name}"))).unwrap();
@@ -87,7 +87,7 @@ fn a_run_gives_figures_as_svg_and_pdf_with_captions() {
         "note: results: trimming.csv is missing",
         "note: results: features/ has no table of 1 of 6 sequences",
     ]);
-    // Records that are cut or of a later version are named as such.
+    // Truncated records and records of a newer version are reported as such.
     for text in ["", &record[..record.len() / 2], &format!("\u{feff}{record}")] {
         work.write("results/run.json", text);
         for command in
@@ -113,7 +113,7 @@ fn a_run_gives_figures_as_svg_and_pdf_with_captions() {
     for command in ["features results/tracks/S001_005.csv -o f", "analyze results/tracks/S001_005.csv -o a"] {
         work.grimace(command).exit(1).says(&["tracks/S001_005.json: schema version 9; this program reads 2"]);
     }
-    // Times that cannot be those of the track.
+    // Times that cannot belong to the track.
     let number = info.find("\"fps\": ").unwrap() + 7;
     let end = number + info[number..].find(',').unwrap();
     for (fps, said) in [
@@ -131,12 +131,12 @@ fn a_run_gives_figures_as_svg_and_pdf_with_captions() {
         ]);
         work.grimace("analyze results/tracks/S001_005.csv -o a").exit(1).says(&[said]);
     }
-    // No picture of a face: wireframes only.
+    // There are no pictures of faces, only wireframes.
     assert!(work.files("figures").values().all(|bytes| !bytes.windows(6).any(|w| w == b"<image" || w == b"/Image")));
 }
 
 #[test]
-fn what_is_no_run_is_said() {
+fn an_input_that_is_not_a_run_is_reported() {
     let work = Work::new();
     work.grimace("figures nothing -o figures").exit(1).says(&["nothing: this folder has no representatives"]);
     assert!(!work.path("figures").exists());

@@ -67,7 +67,7 @@ fn the_fit_is_near_the_true_nodes() {
     let errors: Vec<f64> = rows.iter().map(place).zip(&truth).map(|((x, y), (u, v))| (x - u).hypot(y - v)).collect();
     let eyes = (truth[20].0 - truth[53].0).abs();
     let mean = errors.iter().sum::<f64>() / errors.len() as f64;
-    // Nine exact marks of 113 nodes: a quick prototype with seven noisy ones had 4.4 % of the eye distance.
+    // Nine exact marks for 113 nodes: a prototype with seven noisy marks had an error of 4.4 % of the eye distance.
     assert!(mean < 0.05 * eyes, "mean error {mean:.2} px with outer eye corners {eyes:.1} px apart");
 }
 
@@ -76,7 +76,7 @@ fn nodes_set_by_hand_are_hard_positions() {
     let work = work();
     let marks: Vec<String> = work.read("marks.csv").lines().skip(1).map(|line| format!("{line},")).collect();
     let file = |first: &str| format!("node,x,y,kind\n{first}\n{}\n", marks.join("\n"));
-    // 8.4 is the right mouth corner, node 64, which is marked already.
+    // 8.4 is the right mouth corner, node 64, which is already marked.
     work.write("hard.csv", file("8.4,60,120,hard"));
     work.grimace("fit neutral.png -c hard.csv -o fit.csv").exit(1).says(&["hard.csv, line 8: node 64 is already in line 2"]);
     work.write("hard.csv", file("5,101.25,92.5,hard"));
@@ -92,7 +92,7 @@ fn results_are_not_written_over_without_force() {
     work.grimace("fit neutral.png -c marks.csv -o fit.csv").exit(1).says(&["fit.csv exists", "--force"]);
     work.grimace("fit neutral.png -c marks.csv -o new.csv --overlay fit.png").exit(1).says(&["fit.png exists"]);
     assert!(!work.path("new.csv").exists());
-    // A folder, as of the other commands: the picture has the image's name.
+    // A folder as output, as in other commands: the result has the name of the image.
     work.grimace("fit neutral.png -c marks.csv -o new.csv --overlay pictures").exit(0);
     assert_eq!(work.files("pictures").into_keys().collect::<Vec<_>>(), ["neutral.png"]);
     work.grimace("fit neutral.png -c marks.csv -o fit.csv --force -q").exit(0);
@@ -128,7 +128,7 @@ fn marks_that_do_not_make_a_fit_are_refused() {
     refused("node;x;z\n20;80;60\n", &["has no column `y`; found `node`, `x`, `z`"]);
     refused("node,x,y\n20,80\n", &["line 2", "the row has 2 fields, but the header has 3"]);
     refused("", &["is empty; a header line was expected"]);
-    // The subject's left eye is at the right of the image: these are exchanged, and the chin is above.
+    // The subject's left eye is on the right of the image: the eyes are exchanged, and the chin is at the top.
     refused(
         "node,x,y\n20,80,90\n53,120,90\n10,100,40\n",
         &["upside down", "turn the picture", "left and right are the subject's own"],
@@ -167,7 +167,7 @@ fn exchanged_left_and_right_are_refused() {
 fn exchanged_corners_of_an_eye_are_refused_by_name() {
     let work = work();
     let marks = work.read("marks.csv");
-    // Outer and inner corner of one eye exchanged.
+    // The outer and the inner corner of one eye are exchanged.
     let swapped = marks.replace("\n20,", "\n@,").replace("\n23,", "\n20,").replace("\n@,", "\n23,");
     assert_ne!(swapped, marks);
     work.write("bad.csv", swapped);
@@ -185,7 +185,7 @@ fn marks_with_crlf_byte_order_mark_and_quotes_are_read() {
 }
 
 #[test]
-fn an_image_that_is_none_is_refused() {
+fn a_file_that_is_not_an_image_is_refused() {
     let work = work();
     let png = work.bytes("neutral.png");
     work.write("empty.png", "").write("half.png", &png[..png.len() / 2]).write("text.png", "this is no picture");
@@ -199,7 +199,7 @@ fn an_image_that_is_none_is_refused() {
 }
 
 #[test]
-fn a_wireframe_of_one_s_own_is_used_and_one_cut_in_the_middle_refused() {
+fn a_custom_wireframe_is_used_and_a_truncated_one_is_refused() {
     let work = work();
     let wfm = grimace::internal::wireframe::write_wfm(&grimace::internal::wireframe::Wireframe::candide3());
     let half: Vec<&str> = wfm.lines().take(wfm.lines().count() / 2).collect();
@@ -250,7 +250,7 @@ fn only_regular_files_are_written_and_links_stay_links() {
     fit("pipe").exit(1).says(&["cannot write pipe: it is a pipe"]);
     fit("dead.csv").exit(1).says(&["dead.csv: it is a link to a file that does not exist"]);
     fit("/dev/null").exit(1).says(&["cannot write /dev/null: it is a device"]);
-    // Standard output of the tests is a pipe, and none of these is a link to remove.
+    // Standard output of the tests is a pipe, and none of these is a link that may be removed.
     if std::path::Path::new("/dev/stdout").exists() {
         fit("/dev/stdout")
             .exit(1)
@@ -266,7 +266,8 @@ fn only_regular_files_are_written_and_links_stay_links() {
 fn landmarks_are_marks_too() {
     let work = Work::new();
     let frame = crate::common::root().join("fixtures/simulated/S001/005/S001_005_00000001.jpg").display().to_string();
-    // 68 landmarks of the first frame, from the simulation's truth of the nodes that they stand for; the others beside the chin.
+    // 68 landmarks of the first frame, from the true nodes of the simulation that they correspond to; the others are beside the
+    // chin.
     let truth = std::fs::read_to_string(crate::common::root().join("fixtures/simulated/truth/S001_005.csv")).unwrap();
     let nodes: Vec<[f64; 2]> = truth
         .lines()
@@ -299,7 +300,7 @@ fn landmarks_are_marks_too() {
 }
 
 #[test]
-fn of_several_faces_it_is_said_which_was_taken() {
+fn the_choice_among_several_faces_is_reported() {
     let work = Work::new();
     let portrait = |name: &str| image::open(crate::common::root().join("fixtures/portraits").join(name)).unwrap().to_rgb8();
     let (left, right) = (portrait("P01.jpg"), portrait("P02.jpg"));
@@ -315,7 +316,7 @@ fn of_several_faces_it_is_said_which_was_taken() {
     work.grimace("fit both.png -o both.csv").exit(0).says(&[&format!("both.png: {said}"), "grimace annotate"]);
     let alone = work.grimace("fit one.png -o one.csv").exit(0);
     assert!(!alone.stderr.contains("faces; the largest"));
-    // A run says it of the sequence, and that nothing moves where one picture is repeated.
+    // A run says so about the sequence, and that nothing moves if one picture is repeated.
     work.write("faces/manifest.csv", "subject,sequence,emotion,frames\nA,1,joy,both\n");
     work.grimace("run faces -o out").exit(0).prints(&[&format!("A_1: {said}")]);
     let verdict = &work.rows("out/verdicts.csv")[0];

@@ -30,7 +30,7 @@ fn the_lab_is_found_beside_the_command_then_on_path() {
     let absent = run(folder.path(), "simulate -o faces").exit(1);
     absent.says(&["`grimace simulate` needs the program grimace-lab", "cargo install --path crates/lab"]);
     script(&folder.path().join("path"), "path");
-    // Arguments and exit status are the lab's, help included.
+    // Arguments and exit status are those of the lab, help included.
     run(folder.path(), "simulate -o faces --help -x").exit(3).prints(&["path <simulate> <-o> <faces> <--help> <-x>"]);
     run(folder.path(), "help evaluate fit").exit(3).prints(&["path <evaluate> <fit> <--help>"]);
     script(&folder.path().join("bin"), "beside");

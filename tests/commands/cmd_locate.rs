@@ -22,9 +22,9 @@ fn work() -> Work {
 }
 
 #[test]
-fn faces_are_found_and_a_picture_without_one_is_named() {
+fn faces_are_found_and_a_picture_without_a_face_is_reported() {
     let work = work();
-    // One that is named twice is looked at once.
+    // A picture that is named twice is processed once.
     work.grimace("locate a.jpg b.jpg ./a.jpg -o points.csv --overlay pictures").exit(0).prints(&["2 pictures, 2 faces"]);
     assert_eq!(work.header("points.csv"), "image,face,node,x,y,expected_error");
     let rows = work.rows("points.csv");
@@ -61,14 +61,18 @@ fn marks_of_the_sample_are_found_again() {
         let fields: Vec<&str> = line.split(',').collect();
         let (x, y): (f64, f64) = (fields[1].parse().unwrap(), fields[2].parse().unwrap());
         if let Some(found) = place(fields[0]) {
-            // The outer corners of the eyes are about 1.4 eye distances apart; a simulated face is no photograph.
-            assert!((found.0 - x).hypot(found.1 - y) < 0.12 * width, "node {} at {found:?}, set at {x}, {y}", fields[0]);
+            // The outer corners of the eyes are about 1.4 eye distances apart; a simulated face is not a photograph.
+            assert!(
+                (found.0 - x).hypot(found.1 - y) < 0.12 * width,
+                "node {} was found at {found:?}, but is at {x}, {y}",
+                fields[0]
+            );
         }
     }
 }
 
 #[test]
-fn all_faces_of_a_group_are_found_and_those_beyond_the_limit_told() {
+fn all_faces_of_a_group_are_found_and_those_beyond_the_limit_are_reported() {
     let work = Work::new();
     let face = image::open(root().join("fixtures/portraits/P01.jpg")).unwrap().to_luma8();
     let face = image::imageops::thumbnail(&face, 110, 140);
@@ -81,7 +85,7 @@ fn all_faces_of_a_group_are_found_and_those_beyond_the_limit_told() {
 }
 
 #[test]
-fn a_covered_mouth_is_named_and_its_points_are_expected_to_be_far_off() {
+fn a_covered_mouth_is_reported_and_its_points_have_large_expected_errors() {
     let work = Work::new();
     let mut picture = image::open(root().join("fixtures/portraits/P01.jpg")).unwrap().to_luma8();
     picture.save(work.path("open.png")).unwrap();
@@ -90,7 +94,7 @@ fn a_covered_mouth_is_named_and_its_points_are_expected_to_be_far_off() {
     let number = |file: &str, node: &str, column: &str| -> f64 {
         work.rows(file).iter().find(|r| r["node"] == node).unwrap()[column].parse().unwrap()
     };
-    // A sheet of paper, lit from the left, from above the lips to below the chin.
+    // A sheet of paper, lit from the left, covers the face from above the lips to below the chin.
     let (nose, chin) = (number("open.csv", "6", "y"), number("open.csv", "10", "y"));
     let (right, left) = (number("open.csv", "64", "x"), number("open.csv", "31", "x"));
     let (top, side) = (nose + 0.15 * (number("open.csv", "7", "y") - nose), 0.6 * (left - right));
@@ -107,12 +111,12 @@ fn a_covered_mouth_is_named_and_its_points_are_expected_to_be_far_off() {
         let [open, covered] = ["open.csv", "covered.csv"].map(|file| number(file, node, "expected_error"));
         assert!(covered > 2.0 * open, "node {node}: {open} and {covered} px");
     }
-    // The eyes are read as before.
+    // The eyes are found as before.
     for node in ["20", "53"] {
         let [open, covered] = ["open.csv", "covered.csv"].map(|file| number(file, node, "expected_error"));
         assert!(covered < 2.0 * open, "node {node}: {open} and {covered} px");
     }
-    // Too much of it is a guess to go on without a look.
+    // Too much is covered: the result must be reviewed before it is used.
     work.grimace("fit covered.png -o fit.csv").exit(1).says(&["not trusted", "and the mouth and the chin look covered"]);
 }
 
@@ -132,7 +136,7 @@ fn with_teeth(work: &Work) -> image::RgbImage {
         let height = (0.2 * half * (1.0 - ((f64::from(x) - middle) / half).powi(2))).round() as u32;
         let top = line.round() as u32;
         for y in top..top + height {
-            // As light as the lip beside it, but not as red.
+            // As bright as the lip beside it, but less red.
             drawn.put_pixel(x, y, image::Rgb([150; 3]));
         }
         for y in 0..(0.3 * half) as u32 {
@@ -143,7 +147,7 @@ fn with_teeth(work: &Work) -> image::RgbImage {
 }
 
 #[test]
-fn teeth_are_told_from_a_lower_lip_by_colour() {
+fn teeth_are_distinguished_from_a_lower_lip_by_colour() {
     let work = Work::new();
     let drawn = with_teeth(&work);
     drawn.save(work.path("colour.png")).unwrap();
@@ -155,7 +159,7 @@ fn teeth_are_told_from_a_lower_lip_by_colour() {
             let y = |node: &str| rows.iter().find(|row| row["node"] == node).unwrap()["y"].parse::<f64>().unwrap();
             y("40") - y("87")
         };
-        // What was drawn is about 8 px high.
+        // The drawn area is about 8 px high.
         let (colour, grey) = (gap("colour"), gap("grey"));
         assert!((5.0..11.0).contains(&colour) && grey < 2.0, "{command}: {colour} and {grey} px");
     }
@@ -166,7 +170,7 @@ fn a_transparent_picture_is_read_as_it_is_seen_on_white() {
     let work = Work::new();
     let portrait = image::open(root().join("fixtures/portraits/P01.jpg")).unwrap().to_rgb8();
     let (width, height) = portrait.dimensions();
-    // Its left part was taken out, face and all: what lies beneath is still the face.
+    // The left part is transparent, including the face; the colours below still show the face.
     let is_out = |x: u32| x < width * 2 / 5;
     let clear = image::RgbaImage::from_fn(width, height, |x, y| {
         let [r, g, b] = portrait.get_pixel(x, y).0;

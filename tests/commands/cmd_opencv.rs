@@ -37,25 +37,25 @@ fn pictures_need_no_opencv_and_videos_say_what_is_missing() {
     ran.says(&["face.avi: this needs grimace-opencv", "neither beside this program nor on PATH", "cargo install --path ."]);
     let ran = alone(&work, &format!("track faces/S001/005 -c {MARKS} -o S001_2.csv --klt opencv")).exit(1);
     ran.says(&["this needs grimace-opencv"]);
-    // A film is known to be impossible before its frames are drawn.
+    // The command knows that a film is impossible before it draws frames.
     let clone =
         format!("clone --source S001_1.csv --target faces/S001/005/S001_005_00000001.png -c {MARKS} -o film --film gif,mp4");
     alone(&work, &clone).exit(1).says(&["film/clone.mp4: this needs grimace-opencv"]);
     assert!(!work.path("film").exists());
-    // In a run it is not the sequence's fault.
+    // In a run this does not count as a failure of the sequence.
     let manifest = format!("subject,sequence,emotion,frames,correspondences\nS001,1,happiness,../face.avi,../{MARKS}\n");
     work.write("films/manifest.csv", &manifest);
     alone(&work, "run films -o out").exit(1).says(&["the computer failed, not the sequence", "this needs grimace-opencv"]);
     let checked = alone(&work, "check films").exit(3).prints(&["`run` would stop at track: S001_1: the computer failed"]);
     assert!(!checked.stdout.contains("next:"), "{}", checked.stdout);
-    // A frame that the video does not have, as far as its header says.
+    // A frame that the video does not have according to its header.
     let manifest = manifest.replace("frames,", "frames,last_frame,").replace("face.avi,", "face.avi,500,");
     work.write("films/manifest.csv", manifest);
     work.grimace("check films").exit(3).prints(&["`last_frame` is 500, but the header of the video states 6 frames", "next:"]);
 }
 
 #[test]
-fn what_needs_no_opencv_is_recognized_beside_videos() {
+fn inputs_that_need_no_opencv_are_recognized_beside_videos() {
     let work = Work::after_run(&SEQUENCES, "R");
     if !write_video(&work, "faces/S001/005", "anna.avi") {
         return;
@@ -65,7 +65,7 @@ fn what_needs_no_opencv_is_recognized_beside_videos() {
 }
 
 #[test]
-fn opencvs_klt_moves_nodes_by_nothing_that_counts() {
+fn the_klt_of_opencv_gives_nearly_the_same_nodes() {
     let work = Work::with_sequences(&["S001_005"]);
     for (klt, track) in [("grimace", "S001_1"), ("opencv", "S001_2")] {
         work.grimace(&format!("track faces/S001/005 -c {MARKS} -o {track}.csv --klt {klt}")).exit(0);
@@ -97,10 +97,10 @@ fn script(folder: &std::path::Path, text: &str) {
 
 #[test]
 #[cfg(unix)]
-fn a_decoder_that_breaks_down_or_is_none_costs_its_video() {
+fn a_failing_or_wrong_decoder_fails_only_its_video() {
     let work = Work::with_sequences(&["S001_005"]);
     work.write("face.avi", "any bytes\0");
-    // The first message is the text {"hello":{"version":3}}; then comes a video without frames, and no more.
+    // The first message is the text {"hello":{"version":3}}; then a video without frames, and nothing else.
     let hello = r#"printf '\000\027\000\000\000{"hello":{"version":3}}'"#;
     let video = r#"printf '\000\070\000\000\000{"video":{"fps":25,"frames":9,"width":200,"height":160}}'"#;
     let huge = r#"printf '\001\377\377\377\377\377\377\000\000\377\377\000\000\003'"#;
@@ -120,7 +120,7 @@ fn a_decoder_that_breaks_down_or_is_none_costs_its_video() {
 }
 
 #[test]
-fn lists_of_files_are_no_videos_and_colons_no_protocols() {
+fn lists_of_files_are_not_videos_and_colons_are_not_protocols() {
     let work = Work::with_sequences(&["S001_005"]);
     if !crate::common::video::write_video(&work, "faces/S001/005", "real.avi") {
         return;
@@ -140,7 +140,7 @@ fn lists_of_files_are_no_videos_and_colons_no_protocols() {
 }
 
 #[test]
-fn the_program_says_what_it_is_for() {
+fn the_program_explains_its_purpose() {
     let program = grimace().with_file_name(format!("grimace-opencv{}", std::env::consts::EXE_SUFFIX));
     let run = |word: &str| Ran::from(Command::new(&program).arg(word).output().unwrap());
     run("--help").exit(0).prints(&["started by it", "grimace --help"]);
@@ -162,7 +162,7 @@ fn first_frame(path: &std::path::Path) -> image::GrayImage {
 
 /// A phone films lying on its side and records the rotation: its matrix maps x to y and y to -x for a quarter turn clockwise.
 #[test]
-fn a_film_stands_as_it_says() {
+fn a_film_has_the_stated_rotation() {
     let work = Work::with_sequences(&["S001_005"]);
     if !write_video(&work, "faces/S001/005", "film.mp4") {
         return;

@@ -27,7 +27,7 @@ fn a_page_plays_tracks_and_fap_files_on_the_shipped_face_and_on_portraits() {
     let motion = |k: usize| page["motions"][k].clone();
     assert_eq!((motion(0)["label"].as_str(), motion(0)["kind"].as_str()), (Some("S001 005"), Some("track")));
     assert_eq!((motion(1)["frames"].as_u64(), motion(1)["kind"].as_str()), (Some(3), Some("fap")));
-    // A track is called by whom and what it shows, whatever its file is called; two of one sequence by their files.
+    // A track is named by its subject and emotion, not by its file name; two tracks of one sequence are named by their files.
     assert!(html.contains("<title>S001 005 to jaw"), "{}", &html[..html.find("</title>").unwrap()]);
     for (name, extension) in ["smile", "grin"].iter().flat_map(|name| [(name, "csv"), (name, "json")]) {
         work.write(&format!("{name}.{extension}"), work.read(&format!("S001_005.{extension}")));
@@ -40,15 +40,15 @@ fn a_page_plays_tracks_and_fap_files_on_the_shipped_face_and_on_portraits() {
     let twins = data(&work.read("twins.html"));
     let labels: Vec<_> = (0..3).map(|k| twins["motions"][k]["label"].clone()).collect();
     assert_eq!(labels, ["smile", "grin", "jaw"]);
-    // 2 steps at 25 frames a second.
+    // 2 steps at 25 frames per second.
     assert_eq!(motion(1)["seconds"].as_f64(), Some(0.08));
-    // Lips and cheeks go along with the jaw, and are no FAPs of the file.
+    // Lips and cheeks move with the jaw, but are not FAPs of the file.
     let faps: Vec<_> = motion(1)["faps"].as_array().unwrap().iter().map(|f| f[0].as_u64()).collect();
-    assert_eq!(faps, [Some(3)], "the jaw alone is among its FAPs");
+    assert_eq!(faps, [Some(3)], "only the jaw is among its FAPs");
     assert!(page["faps"].as_array().unwrap().iter().any(|f| f["words"] == "open jaw"));
-    // Nothing is fetched: the only addresses are names of the standards and data.
+    // Nothing is fetched: the only addresses are names of standards and data.
     assert!(!html.contains("src=\"http") && !html.contains("href=\"http") && !html.contains("@import"));
-    // The same input gives the same bytes, and nothing is written over.
+    // The same input gives the same bytes, and nothing is overwritten.
     work.grimace("play S001_005.csv jaw.fap -o again.html -q").exit(0).prints(&[]);
     assert_eq!(html, work.read("again.html"));
     work.grimace("play jaw.fap -o page.html").exit(1).says(&["page.html exists; give --force to overwrite it"]);
@@ -79,17 +79,17 @@ fn a_page_plays_on_the_dense_head() {
     // FAP 3 opens the jaw: it moves along y.
     let faps = head["faps"].as_array().unwrap();
     assert_eq!(faps.iter().find(|f| f["number"] == 3).unwrap()["axis"].as_u64(), Some(1));
-    // Its own eyes are not of the colour of skin: Base64 of a byte of each of three colours for every vertex.
+    // Its own eyes do not have the colour of skin. Base64 of one byte for each of three colours of every vertex.
     assert_eq!(head["colours"].as_str().unwrap().len(), (3 * 23_424_usize).div_ceil(3) * 4);
     work.grimace("play jaw.fap --bank head -o dense.html").exit(0).prints(&["1 motion on 1 face: dense.html"]);
     let page = data(&work.read("dense.html"));
     let head = &page["faces"][0];
     assert_eq!((head["label"].as_str(), head["members"].as_array().unwrap().len()), (Some("head"), 30));
     assert!(head["colours"].is_string() && head["eyes"].as_array().unwrap().is_empty());
-    // The mouth is closed behind; what is open is the neck.
+    // The mouth is closed at the back; the neck is open.
     assert!(head["openings"].as_array().unwrap().is_empty());
     work.grimace("play jaw.fap --bank gone.bank -o x.html").exit(1).says(&["gone.bank"]);
-    // The jaw goes sideways, which no member of `head` does.
+    // The jaw moves sideways, which no member of `head` does.
     let mask = (1..=68).map(|k| if k == 15 { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
     work.write("side.fap", format!("2.1 side 25 2\n{mask}\n0 0\n{mask}\n1 300\n"));
     work.grimace("play side.fap --bank head -o side.html -q").exit(0).says(&[
@@ -108,7 +108,7 @@ fn a_page_plays_on_the_dense_head() {
 }
 
 #[test]
-fn what_does_not_play_is_said() {
+fn inputs_that_cannot_be_played_are_reported() {
     let work = Work::new();
     work.write("notes.txt", "x").write("bad.fap", "no fap");
     work.grimace("play notes.txt -o a.html")

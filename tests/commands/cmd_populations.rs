@@ -47,7 +47,7 @@ fn open_face(frames: &[(u32, f64, f64)]) -> String {
 }
 
 fn pts(smile: f64) -> String {
-    // Counted from 1.
+    // These formats count from 1.
     let points: String = face(smile).iter().map(|(x, y)| format!("{} {}\n", x + 1.0, y + 1.0)).collect();
     format!("version: 1\nn_points: 68\n{{\n{points}}}\n")
 }
@@ -67,7 +67,7 @@ fn moved(work: &Work, model: &str, node: &str) -> f64 {
 fn every_form_of_landmarks_gives_the_same_model_beside_images() {
     let work = Work::with_sequences(&["S001_005"]);
     let manifest = work.read("faces/manifest.csv");
-    // The simulated dataset's manifest has no column for landmarks or frames, or has it: both are added where missing.
+    // The manifest of the simulated dataset may or may not have columns for landmarks and frames: missing ones are added.
     let mut text = manifest;
     for name in ["frames", "landmarks"] {
         if !text.lines().next().unwrap().split(',').any(|c| c == name) {
@@ -100,21 +100,22 @@ fn every_form_of_landmarks_gives_the_same_model_beside_images() {
         [row("A", "own.csv", ""), row("B", "openface.csv", ""), row("C", "pts", ""), row("D", "ck", ""), row("E", "", "own.csv")];
     work.write("faces/manifest.csv", format!("{manifest}{}\n", rows.join("\n")));
     work.grimace("run faces -o out --resample linear").exit(0).prints(&["6 sequences: 6 tracked"]);
-    // 10 px of a face whose eyes are 160 * 0.613 px apart are 10 * 1024 / 98.1 = 104 face units, less what the springs keep back.
+    // 10 px on a face whose eyes are 160 * 0.613 px apart are 10 * 1024 / 98.1 = 104 face units, less what the springs hold
+    // back.
     let own_x = moved(&work, "out/models/A_1.csv", "31");
     assert!((95.0..105.0).contains(&own_x), "{own_x}");
     for other in ["B", "C", "D", "E"] {
         let x = moved(&work, &format!("out/models/{other}_1.csv"), "31");
         assert!((x - own_x).abs() < 1e-4, "{other}: {x} {own_x}");
     }
-    // Linear in time: a quarter of the way at frame 1.
+    // Linear in time: a quarter of the motion at frame 1.
     let states: Vec<String> = work.rows("out/tracks/A_1.csv").into_iter().map(|r| r["state"].clone()).collect();
     let count = |state: &str| states.iter().filter(|s| *s == state).count();
     assert_eq!((count("tracked"), count("recovered_no_landmark"), count("follows")), (52, 52, 18));
     let json: serde_json::Value = serde_json::from_str(&work.read("out/tracks/C_1.json")).unwrap();
     assert_eq!(json["source"], serde_json::json!(["p_0001.pts", "p_0002.pts"]));
     assert_eq!((&json["marks_from"], &json["image_size"]["width"]), (&"landmarks".into(), &0.into()));
-    // Resumed, nothing is done twice; one changed landmark costs its sequence alone.
+    // On a second run nothing is repeated; one changed landmark repeats only its sequence.
     work.grimace("run faces -o out --resample linear").exit(0).prints(&["nothing changed"]);
     work.write("faces/own.csv", own(&[(1, 0.0), (2, 12.0)]));
     work.grimace("run faces -o out --resample linear").exit(0).prints(&["2 tracked, 4 unchanged"]);
@@ -131,7 +132,7 @@ fn people(work: &Work, header: &str, rows: &[(&str, f64, &str)]) {
 }
 
 #[test]
-fn bad_landmark_files_cost_their_sequence_and_say_why() {
+fn bad_landmark_files_fail_their_sequence_with_a_reason() {
     let work = Work::new();
     let mut manifest = "subject,sequence,emotion,frames\n".to_owned();
     let good = own(&[(1, 0.0), (2, 8.0)]);
@@ -162,7 +163,7 @@ fn bad_landmark_files_cost_their_sequence_and_say_why() {
 }
 
 #[test]
-fn groups_are_tested_with_everything_a_reviewer_asks_for() {
+fn groups_are_compared_in_all_tables_and_in_the_report() {
     let work = Work::new();
     let mut rows: Vec<(String, f64, &str)> = Vec::new();
     for k in 0..14 {
@@ -179,7 +180,7 @@ fn groups_are_tested_with_everything_a_reviewer_asks_for() {
         "not compared with other groups",
     ]);
     let comparisons = work.rows("out/comparisons.csv");
-    // Island, north, south: three pairs; `unknown` is none.
+    // Island, north, south: three pairs; `unknown` is not compared.
     assert_eq!(comparisons.len(), 3);
     let tested = comparisons.iter().find(|r| r["group_a"] == "north" && r["group_b"] == "south").unwrap();
     let number = |name: &str| tested[name].parse::<f64>().unwrap();
@@ -188,7 +189,8 @@ fn groups_are_tested_with_everything_a_reviewer_asks_for() {
     assert_eq!((tested["subjects_a"].as_str(), tested["exhaustive"].as_str()), ("14", "false"));
     let island = comparisons.iter().find(|r| r["group_a"] == "island").unwrap();
     assert_eq!((island["p"].as_str(), island["not_tested"].as_str()), ("", "a group of 1 is too small for a test"));
-    // The corners of the mouth differ; the chin, whose landmark moves in nobody, does so by what the springs hand on only.
+    // The corners of the mouth differ. The landmark of the chin moves in nobody; the chin differs only by what the springs
+    // transfer.
     let nodes = work.rows("out/comparison_nodes.csv");
     let value = |node: &str, column: &str| nodes.iter().find(|r| r["node"] == node).unwrap()[column].parse::<f64>().unwrap();
     assert!(value("31", "p") <= 0.01 && value("64", "p") <= 0.01);
@@ -196,7 +198,7 @@ fn groups_are_tested_with_everything_a_reviewer_asks_for() {
     let intervals = work.rows("out/intervals.csv");
     let all = intervals.iter().find(|r| r["group_place"].is_empty()).unwrap();
     let value = |name: &str| all[name].parse::<f64>().unwrap();
-    // The people stand for a population that scatters more than they do around their own median: `low` may lie above `dispersion`.
+    // In the population people scatter more than around their own median: `low` may be above `dispersion`.
     assert!(0.0 < value("low") && value("low") < value("high") && value("dispersion") < value("high"));
     assert_eq!(intervals.iter().find(|r| r["group_place"] == "island").unwrap()["low"], "");
     let report = work.read("out/report.html");
@@ -204,7 +206,7 @@ fn groups_are_tested_with_everything_a_reviewer_asks_for() {
     {
         assert!(report.contains(text), "{text}");
     }
-    // At the top of the report: what differs, with the p that decides.
+    // The top of the report has the differences with the p that decides.
     let start = report.find("id=\"groups-conclusions\"").unwrap();
     let top = &report[start..start + report[start..].find("</section>").unwrap()];
     assert!(top.contains("happiness differs between north and south (energy distance"), "{top}");
@@ -212,17 +214,17 @@ fn groups_are_tested_with_everything_a_reviewer_asks_for() {
     for table in ["id=\"amplitudes-c\"", "id=\"omnibus-c\""] {
         assert!(report.contains(table), "{table}");
     }
-    // The list of files names every table of groups, and none of numbers, which were not tested.
+    // The list of files has every table of groups, and no table of covariates, because none was requested.
     let files = report[report.find("<ul class=\"files\">").unwrap()..].split_once("</ul>").unwrap().0;
     for table in ["comparisons", "comparison_nodes", "group_tests", "amplitude_comparisons", "intervals"] {
         assert!(files.contains(&format!(">{table}.csv</a>")) && work.path(&format!("out/{table}.csv")).exists(), "{table}");
     }
     assert!(!files.contains("covariate"), "{files}");
-    // No study is planned for more than 100,000 people.
+    // No study is planned with more than 100,000 people.
     let amplitudes = work.rows("out/amplitude_comparisons.csv");
     let planned = amplitudes.iter().filter_map(|r| r["people_for_power"].parse::<usize>().ok());
     assert!(planned.max().is_some_and(|most| most <= 100_000));
-    // Tests follow from the seed, not from threads.
+    // Tests depend on the seed, not on the number of threads.
     work.grimace("analyze out/tracks -o one --resample linear --by place --permutations 999 --bootstrap 200 -j 1").exit(0);
     for file in ["comparisons.csv", "intervals.csv", "comparison_nodes.csv"] {
         assert_eq!(work.read(&format!("out/{file}")), work.read(&format!("one/{file}")), "{file}");
@@ -233,25 +235,25 @@ fn groups_are_tested_with_everything_a_reviewer_asks_for() {
 }
 
 #[test]
-fn groups_that_can_not_be_made_or_tested_are_named() {
+fn groups_that_cannot_be_formed_or_tested_are_reported() {
     let work = Work::new();
     people(&work, ",place,note", &[("a", 5.0, ",north,"), ("b", 6.0, ",north,"), ("c", 7.0, ",south,"), ("d", 8.0, ",south,")]);
     work.grimace("run people -o out --by nation").exit(1).says(&["no sequence has a column `nation`", "note, place"]);
     work.grimace("run people -o out --by note").exit(1).says(&["column `note` is empty in all 4 sequences"]);
-    // Person c in both groups.
+    // Person c is in both groups.
     let manifest = work.read("people/manifest.csv") + "c,2,happiness,c.csv,north,\n";
     work.write("people/manifest.csv", manifest);
     work.grimace("run people -o out --by place --resample linear")
         .exit(0)
         .prints(&["c is in both groups; a test needs different people"]);
     assert_eq!(work.rows("out/comparisons.csv")[0]["not_tested"], "c is in both groups; a test needs different people");
-    // Two against two can never reach 5 %: all 6 splits are tried.
+    // Two against two can never reach 5 %: there are only 6 splits.
     work.grimace("analyze out/tracks/a_1.csv out/tracks/b_1.csv out/tracks/c_1.csv out/tracks/d_1.csv -o two --by place").exit(0);
     let row = work.rows("two/comparisons.csv").remove(0);
     assert_eq!((row["permutations"].as_str(), row["exhaustive"].as_str()), ("6", "true"));
     assert!(row["least_p"].parse::<f64>().unwrap() > 0.3);
     assert!(work.read("two/report.html").contains("cannot be shown to differ"));
-    // Very many groups are refused at once, before anything is tracked.
+    // Too many groups are refused at once, before anything is tracked.
     let rows: String = (0..1500).map(|k| format!("a,{k},happiness,a.csv,p{k},\n")).collect();
     work.write("people/manifest.csv", format!("subject,sequence,emotion,frames,place,note\n{rows}"));
     let many = work.grimace("run people -o many --by place --resample linear").exit(1);
@@ -260,7 +262,7 @@ fn groups_that_can_not_be_made_or_tested_are_named() {
 }
 
 #[test]
-fn designs_that_allow_no_test_say_why_and_no_table_has_a_nan() {
+fn designs_without_a_test_give_the_reason_and_no_table_has_a_nan() {
     let work = Work::new();
     let no_nan = |folder: &str| {
         for (name, bytes) in work.files(folder) {
@@ -270,7 +272,7 @@ fn designs_that_allow_no_test_say_why_and_no_table_has_a_nan() {
         }
     };
     let reason = |folder: &str, table: &str| work.rows(&format!("{folder}/{table}.csv")).remove(0)["not_tested"].clone();
-    // Group, site, age: sites coincide with groups, one age is missing, and one person is a stratum of their own.
+    // Group, site, age: sites coincide with groups, one age is missing, and one person is alone in a stratum.
     let rows: Vec<(String, f64, String)> = (0..12)
         .map(|k| {
             let (group, site) = if k < 6 { ("north", "here") } else { ("south", "there") };
@@ -296,12 +298,12 @@ fn designs_that_allow_no_test_say_why_and_no_table_has_a_nan() {
         }
         no_nan(folder);
     }
-    // A stratum of one person exchanges nothing and costs nothing.
+    // A stratum of one person has nobody to exchange with, but does no harm.
     work.grimace(&format!("{run} -o one --strata one")).exit(0);
     assert_eq!(reason("one", "comparisons"), "");
     no_nan("one");
     work.grimace(&format!("{run} -o none --strata nation")).exit(1).says(&["no sequence has a column `nation`"]);
-    // One person alone; and people who all smile alike.
+    // A single person; and people who all smile in the same way.
     people(&work, ",place", &[("a", 5.0, ",north")]);
     let alone = work.grimace("run people -o alone --resample linear").exit(0);
     alone.prints(&["no amplitudes, because there is only one person: happiness"]);
@@ -345,7 +347,7 @@ fn spellings_are_one_group_near_twins_are_named_and_people_count_once() {
 }
 
 #[test]
-fn words_for_one_emotion_are_kept_apart_and_said_once() {
+fn different_words_for_one_emotion_stay_separate_and_are_reported_once() {
     let work = Work::new();
     let [one, other] = ["a", "b"].map(|name| (name, 5.0, ""));
     people(&work, "", &[one, other]);
@@ -358,7 +360,7 @@ fn words_for_one_emotion_are_kept_apart_and_said_once() {
 }
 
 #[test]
-fn ages_as_groups_are_said() {
+fn ages_used_as_groups_are_reported() {
     let work = Work::new();
     people(&work, ",age", &[("a", 5.0, ",23"), ("b", 6.0, ",31"), ("c", 7.0, ",45.5"), ("d", 8.0, ",23")]);
     let said = "each number forms its own group: `age` (3 numbers of 4 people); to test whether expressions change with numbers, use \
@@ -386,7 +388,7 @@ fn a_smile_that_grows_with_age_is_found_and_shown() {
     assert_eq!((row["subjects"].as_str(), row["without"].as_str(), row["permutations"].as_str()), ("6", "1", "720"));
     assert_eq!((row["low"].as_str(), row["high"].as_str(), row["exhaustive"].as_str()), ("21", "60", "true"));
     assert!(row["p_either_holm"].parse::<f64>().unwrap() <= 0.05);
-    // The mouth's corner goes farther out at 60 than at 21.
+    // The corner of the mouth is farther out at 60 than at 21.
     let [low, high] = ["low", "high"].map(|end| moved(&work, &format!("out/covariates/happiness_age_{end}.csv"), "31"));
     assert!(0.0 < low && low < high, "{low} {high}");
     let face = work.rows("out/covariate_amplitudes.csv").into_iter().find(|r| r["region"] == "face").unwrap();
@@ -397,10 +399,10 @@ fn a_smile_that_grows_with_age_is_found_and_shown() {
     }
     let sequences = work.rows("out/sequences.csv");
     assert_eq!((sequences.len(), sequences[2]["age"].as_str(), sequences[2]["verdict"].as_str()), (7, "32,5", "good"));
-    // Within three people of one site and three of the other there are 36 ways.
+    // With three people at each of two sites there are 3! * 3! = 36 permutations.
     work.grimace("analyze out/tracks -o again --resample linear --covariate age --strata site --permutations 99").exit(0);
     assert_eq!(work.rows("again/covariates.csv")[0]["permutations"], "36");
-    // Every column of which `units.json` gives the unit is in the table of that name.
+    // Every column that `units.json` lists is in the table of that name.
     work.grimace("analyze out/tracks -o units --resample linear --covariate age --by site --permutations 99").exit(0);
     assert_eq!((work.rows("units/comparisons.csv").len(), work.rows("units/covariates.csv").len()), (1, 1));
     let units: serde_json::Value = serde_json::from_str(&work.read("units/units.json")).unwrap();
@@ -422,7 +424,7 @@ fn a_smile_that_grows_with_age_is_found_and_shown() {
 }
 
 #[test]
-fn numbers_of_like_names_have_files_of_their_own_that_are_not_written_over() {
+fn covariates_with_similar_names_have_separate_files() {
     let work = Work::new();
     let long = "x".repeat(300);
     let word = |k: usize| if k == 2 { "3O".to_owned() } else { k.to_string() };
@@ -440,7 +442,7 @@ fn numbers_of_like_names_have_files_of_their_own_that_are_not_written_over() {
     let models: Vec<&str> = tests.iter().map(|r| r["models"].as_str()).collect();
     assert_eq!((models.len(), &models[..2]), (3, ["covariates/happiness_a-b", "covariates/happiness_a-b~2"].as_slice()));
     let corner = |stem: &str| moved(&work, &format!("out/{stem}_low.csv"), "31");
-    assert!(corner(models[0]) < corner(models[1]), "one rises with the smile, the other falls");
+    assert!(corner(models[0]) < corner(models[1]), "one increases with the smile, the other decreases");
     work.write(&format!("out/{}_low.csv", models[0]), "mine");
     run().exit(1).says(&["covariates/happiness_a-b_low.csv"]);
     assert_eq!(work.read(&format!("out/{}_low.csv", models[0])), "mine");
@@ -483,12 +485,12 @@ fn people_are_counted_not_sequences_and_a_majority_of_one_is_named() {
     for k in 0..6 {
         add("P", k, "alone", 5.0 + k as f64);
     }
-    // Trimming takes two of P's eleven, so that Q alone outweighs the other nine.
+    // Trimming drops two of P's eleven sequences; then Q alone outweighs the other nine.
     add("Q", 0, "pair", 5.0);
     for k in 0..11 {
         add("P", k, "pair", 4.0 + k as f64);
     }
-    // Nine people, one of them twice: the farthest is a whole person, more than a tenth of nine.
+    // Nine people, one of them with two sequences: the farthest sequence weighs a whole person, more than a tenth of nine.
     for k in 0..8 {
         add(&format!("m{k}"), 0, "many", if k == 0 { 30.0 } else { 5.0 + 0.1 * k as f64 });
     }
@@ -509,7 +511,7 @@ fn people_are_counted_not_sequences_and_a_majority_of_one_is_named() {
     work.grimace("figures out -o figures -q").exit(0);
     let rows = work.rows("figures/captions.csv");
     let of = |name: &str| rows.iter().find(|r| r["figure"] == name).unwrap().clone();
-    let expected = "10 % of the models trimmed per displacement field (of alone; many nothing: 10 % of so few is none)";
+    let expected = "10 % of the models trimmed per displacement field (nothing of alone; many: too few models for 10 %)";
     let overview = of("representatives");
     assert!(overview["caption"].contains(expected) && overview["method"].contains(expected), "{overview:?}");
     assert!(of("fields_ten")["method"].contains("10 % of the models trimmed per displacement field,"));
@@ -545,8 +547,9 @@ fn a_columnar_file_gives_the_statistics_of_the_tracks() {
     for file in ["statistics.csv", "trimming.csv", "representatives/happiness.csv", "fap/happiness.fap"] {
         assert_eq!(work.read(&format!("out/{file}")), work.read(&format!("again/{file}")), "{file}");
     }
-    // Node by node, when memory is short: the same median and dispersion to the digits written, trimming certified. Displacements lie on a
-    // line here, and an odd number of them is kept: between the middle two of an even number every point is a median.
+    // With little memory the computation is node by node: the same median and dispersion in the written digits, with certified
+    // trimming. The displacements lie on a line, and an odd number of them is kept: between the middle two of an even number,
+    // every point is a median.
     write_between(&work.path("out/models.parquet"), 901, &work.path("many.parquet"));
     work.grimace("analyze --models many.parquet -o all --median exact").exit(0).prints(&["901 models"]);
     work.grimace("analyze --models many.parquet -o streamed --median exact --memory 16MB").exit(0);
@@ -597,7 +600,7 @@ fn recognition_leaves_one_subject_out() {
     let confusion = work.rows("recognition/confusion.csv");
     assert_eq!(confusion.len(), 2);
     let count = |row: usize, name: &str| confusion[row][name].parse::<usize>().unwrap();
-    // A simulated smile and a simulated surprise are not to be mistaken for each other.
+    // A simulated smile and a simulated surprise must not be confused.
     assert_eq!((count(0, "happiness"), count(0, "surprise"), count(1, "surprise")), (3, 0, 3));
     assert_eq!(work.rows("recognition/recognition.csv").len(), 6);
     assert!(work.read("recognition/confusion.svg").starts_with("<svg"));
@@ -611,7 +614,7 @@ fn recognition_leaves_one_subject_out() {
 fn the_smiles_of_ninety_real_people_are_smiles() {
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/people");
     if !data.is_dir() {
-        eprintln!("SKIPPED the_smiles_of_ninety_real_people_are_smiles: ../shared/data/people is not there");
+        eprintln!("SKIPPED the_smiles_of_ninety_real_people_are_smiles: ../shared/data/people does not exist");
         return;
     }
     let work = Work::new();
@@ -620,7 +623,7 @@ fn the_smiles_of_ninety_real_people_are_smiles() {
     assert!(made.success());
     let options = "--resample linear --permutations 999 --bootstrap 100";
     work.grimace(&format!("run people -o out --by gender --columnar {options}")).exit(0).prints(&["90 sequences: 90 tracked"]);
-    // Node 31 is the left corner of the mouth, on the positive side of x: a smile goes out and up on both sides, in every group.
+    // Node 31 is the left corner of the mouth, at positive x: a smile moves both corners out and up, in every group.
     for stem in ["happiness", "happiness_gender-female", "happiness_gender-male"] {
         let rows = work.rows(&format!("out/representatives/{stem}.csv"));
         let at = |frame: &str, node: &str, axis: &str| {
@@ -629,7 +632,7 @@ fn the_smiles_of_ninety_real_people_are_smiles() {
         let moved = |node: &str, axis: &str| at("4", node, axis) - at("0", node, axis);
         assert!(moved("31", "x") > 20.0 && moved("64", "x") < -20.0, "{stem}");
         assert!(moved("31", "y") > 20.0 && moved("64", "y") > 20.0, "{stem}");
-        // Corners of the eyes hold the head: they hardly move.
+        // Corners of the eyes move with the head only, so they hardly move.
         assert!(moved("23", "x").abs() < 10.0 && moved("56", "y").abs() < 10.0, "{stem}");
     }
     work.grimace(&format!("analyze --models out/models.parquet -o ethnicity --by ethnicity {options}")).exit(0);

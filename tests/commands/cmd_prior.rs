@@ -86,7 +86,7 @@ fn datasets_and_several_files_are_read() {
             let body = format!("{}1{}\n2{}\n", header("frame"), landmarks(k), landmarks(k + 3));
             write(&folder, &format!("data/S{k}/{sequence}/l.csv"), &body);
             for frame in [1, 2] {
-                // Names are all that is looked at.
+                // Only the names matter.
                 write(&folder, &format!("data/S{k}/{sequence}/f_{frame:08}.png"), "");
             }
         }
@@ -106,7 +106,7 @@ fn datasets_and_several_files_are_read() {
 }
 
 #[test]
-fn what_makes_no_prior_is_refused_with_the_reason() {
+fn inputs_that_give_no_prior_are_refused_with_the_reason() {
     let folder = tempfile::tempdir().unwrap();
     write(&folder, "nine.csv", &people(9));
     write(&folder, "points.csv", "person,x0,y0\nA,1,2\n");
@@ -130,7 +130,7 @@ fn what_makes_no_prior_is_refused_with_the_reason() {
     error(&["many.csv", "many.csv"], "P0 is in many.csv and in many.csv; each face must appear once");
     let of_one = landmarks(4);
     let mut values: Vec<&str> = of_one.split(',').collect();
-    // The row starts with a comma: x48 is the value behind 96 others.
+    // The row starts with a comma: x48 is the value after 96 others.
     values[97] = "5000";
     write(
         &folder,
@@ -167,9 +167,9 @@ fn the_prior_of_a_fit_is_chosen_by_word_or_file() {
         fits.push(fs::read_to_string(folder.path().join(output)).unwrap());
     }
     for (k, fit) in fits.iter().enumerate() {
-        assert!(fits[..k].iter().all(|other| other != fit), "fit {k} is that of another prior");
+        assert!(fits[..k].iter().all(|other| other != fit), "fit {k} equals that of another prior");
     }
-    // No --prior is `auto`.
+    // Without --prior, the prior is `auto`.
     grimace(&folder, &["fit", "face.png", "-c", "marks.csv", "-o", "default.csv", "-q"]).success();
     assert_eq!(fs::read_to_string(folder.path().join("default.csv")).unwrap(), fits[3]);
 
@@ -181,7 +181,7 @@ fn the_prior_of_a_fit_is_chosen_by_word_or_file() {
     refused("marks.csv", "a prior file as written by `grimace prior` was expected");
     write(&folder, "old.json", "{\"schema_version\": 9}");
     refused("old.json", "schema version 9; this program reads 1");
-    // A prior over another wireframe: one node less everywhere.
+    // A prior for another wireframe: every face has one node less.
     let mut short = json(&folder.path().join("p.json"));
     for list in ["mean", "residuals"] {
         short[list].as_array_mut().unwrap().pop();
@@ -207,7 +207,7 @@ fn a_run_remembers_the_content_of_its_prior_file() {
     let hash = blake3::hash(&fs::read(folder.path().join("p.json")).unwrap()).to_hex().to_string();
     assert_eq!(record["options"]["fit"]["prior"]["file"]["blake3"], hash.as_str());
     let inputs = record["sequences"][0]["inputs_blake3"].clone();
-    // The same content under another name changes nothing; other content under the same name is another run.
+    // The same content under another name changes nothing; other content under the same name makes another run.
     fs::copy(folder.path().join("p.json"), folder.path().join("copy.json")).unwrap();
     run("copy.json").success();
     assert_eq!(json(&folder.path().join("out/run.json")), record);

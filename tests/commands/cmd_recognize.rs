@@ -9,20 +9,20 @@ fn pictures_are_recognized_as_their_tracks_are() {
     let ran = work.grimace("recognize --with R R/tracks/S001_005.csv R/tracks/S001_007.csv -o tracks.csv -q").exit(0);
     assert!(!ran.stderr.contains("run.json"), "{}", ran.stderr);
     let before = work.files("faces");
-    // A dataset without a word of emotions, of which one sequence has nothing to track.
+    // A dataset without emotions, in which one sequence cannot be tracked.
     work.write("faces/manifest.csv", "subject,sequence\nS001,005\nS001,007\nS009,001\n");
     let ran = work.grimace("recognize --with R faces -o unlabelled.csv -j 1").exit(3);
     let ran = ran.prints(&["2 sequences recognized"]).says(&["failed: S009_001 at dataset: "]);
     assert!(ran.stderr.contains("2 of the sequences show people of the training data"), "{}", ran.stderr);
     let unlabelled = work.read("tracks.csv").replace("005,happiness,", "005,,").replace("007,surprise,", "007,,");
     assert_eq!(work.read("unlabelled.csv"), unlabelled);
-    // With emotions they are in the table; a folder of frames is a sequence of its own.
+    // If emotions are given, they are in the table; a folder of frames is a sequence.
     work.write("faces/manifest.csv", "subject,sequence,emotion\nS001,005,Happiness\nS001,007,?\n");
     work.grimace("recognize --with R faces -o labelled.csv -j 3").exit(0);
     assert_eq!(work.read("labelled.csv"), unlabelled.replace("005,,", "005,happiness,"));
     let printed = work.grimace("recognize --with R faces/S001/005").exit(0).stdout;
     assert_eq!(printed.lines().collect::<Vec<_>>(), unlabelled.lines().take(2).collect::<Vec<_>>());
-    // Options that are said in other words, and those of another wireframe.
+    // Options with other names, and options of another wireframe.
     let run_json = work.read("R/run.json");
     work.write("R/run.json", run_json.replace("\"even_light\"", "\"light\""));
     let ran = work.grimace("recognize --with R R/tracks/S001_005.csv").exit(0);
@@ -31,13 +31,13 @@ fn pictures_are_recognized_as_their_tracks_are() {
     let other = "R holds a run with another wireframe (previously a file, now Candide-3)";
     work.grimace("recognize --with R R/tracks/S001_005.csv").exit(1).says(&[other]);
     work.write("R/run.json", run_json);
-    // What is recognized is left as it was.
+    // The input of the recognition is unchanged.
     work.write("faces/manifest.csv", &before["manifest.csv"]);
     crate::common::assert_same_files(&before, &work.files("faces"));
 }
 
 #[test]
-fn what_shows_no_motion_is_refused() {
+fn inputs_without_motion_are_refused() {
     let work = Work::after_run(&SEQUENCES, "R");
     let portrait = root().join("fixtures/portraits/P01.jpg");
     let said = "P01.jpg: recognition needs the motion from a neutral frame to the expression, so a single picture is not enough";
@@ -52,14 +52,14 @@ fn what_shows_no_motion_is_refused() {
     work.grimace("recognize --with R faces/S001/005 -o faces/S001/005/correspondences.csv --force")
         .exit(1)
         .says(&["would overwrite"]);
-    // Nor are files beside a manifest, and those of the results that are learned from.
+    // It also protects the files that a manifest names, and the results that it learns from.
     work.grimace("recognize --with R faces/manifest.csv -o faces/S001/005/correspondences.csv --force")
         .exit(1)
         .says(&["would overwrite a file that this command did not write"]);
     work.grimace("recognize --with R R/tracks/S001_005.csv -o R/run.json --force")
         .exit(1)
         .says(&["would overwrite a file that this command did not write"]);
-    // That nothing can be learned is known before anything is tracked.
+    // If nothing can be learned, the command says so before it tracks anything.
     work.write("few/S001_005.csv", work.bytes("R/tracks/S001_005.csv"));
     work.write("few/S001_005.json", work.bytes("R/tracks/S001_005.json"));
     let ran = work.grimace("recognize --with few faces").exit(1).says(&["cannot learn from few"]);
@@ -67,7 +67,7 @@ fn what_shows_no_motion_is_refused() {
 }
 
 #[test]
-fn what_is_good_is_recognized_beside_what_is_not() {
+fn good_inputs_are_recognized_beside_bad_ones() {
     let work = Work::after_run(&SEQUENCES, "R");
     // A recording that is too short, in two datasets.
     let rows = "subject,sequence,emotion,frames,segment\nS009,talk,unlabelled,../faces/S001/005,auto\n";

@@ -63,7 +63,7 @@ fn every_output_is_there_with_its_header_and_shape() {
             assert_eq!(row["frame"], (k / NODES + 1).to_string());
             assert_eq!(row["node"], (k % NODES).to_string());
             assert!(row["x"].parse::<f64>().unwrap().is_finite() && row["y"].parse::<f64>().unwrap().is_finite());
-            // In the neutral frame where the node sits, later how it moved.
+            // In the neutral frame it is the error of the position, later that of the motion.
             assert!(row["expected_error"].parse::<f64>().is_ok_and(|e| e > 0.0), "{row:?}");
         }
         check_model(&work, &format!("out/models/{id}.csv"));
@@ -74,7 +74,7 @@ fn every_output_is_there_with_its_header_and_shape() {
         assert_eq!(json["sequences"].as_array().unwrap().len(), 3);
         assert!(json["unit"].as_str().unwrap().contains("face unit"));
         assert!(json["dispersion"].as_f64().unwrap() > 0.0);
-        // 5 key frames with 5 frames between two of them.
+        // 5 key frames with 5 frames between every two.
         let fap = work.read(&format!("out/fap/{emotion}.fap"));
         assert!(fap.starts_with(&format!("2.1 {emotion} 25 25\n")), "{}", fap.lines().next().unwrap());
         work.grimace(&format!("fap check out/fap/{emotion}.fap")).exit(0);
@@ -108,7 +108,8 @@ fn check_model(work: &Work, name: &str) {
     for (k, row) in rows.iter().enumerate() {
         assert_eq!((&row["frame"], &row["node"]), (&(k / NODES).to_string(), &(k % NODES).to_string()));
     }
-    // Candide-3 has its left mouth corner (31) opposite to the right one (64), y up and below the eyes' middle (y = 0 is near them).
+    // In Candide-3 the left mouth corner (31) mirrors the right one (64); y points up, and the mouth is below the eyes (y near
+    // 0).
     let at = |node: usize, axis: &str| rows[node][axis].parse::<f64>().unwrap();
     assert_eq!(at(31, "x"), -at(64, "x"));
     assert!(at(31, "x") > 0.0 && at(31, "y") < at(20, "y"));
@@ -149,7 +150,7 @@ fn a_second_run_over_the_same_dataset_writes_nothing() {
     let before = work.files("out");
     work.grimace("run faces -o out").exit(0).prints(&["nothing changed since the last run: 6 sequences; nothing written"]);
     assert_eq!(written(&work, "out"), BTreeSet::new());
-    // Another date of the frames is no change of content.
+    // A new date of the frames is not a change of content.
     date_back(&work, "faces");
     work.grimace("run faces -o out --threads 2").exit(0).prints(&["nothing changed"]);
     assert_same_files(&before, &work.files("out"));
@@ -178,7 +179,7 @@ fn a_track_that_was_damaged_or_removed_is_made_again() {
     fs::remove_file(work.path("out/models/S002_005.csv")).unwrap();
     let said = "note: tracks/S001_005.csv was changed by hand and is overwritten";
     work.grimace("run faces -o out").exit(0).prints(&["1 tracked, 1 unchanged", said]);
-    // The record differs by that note alone.
+    // The record differs only by this note.
     let (mut before, mut after) = (before, work.files("out"));
     let [was, mut is] = [&mut before, &mut after]
         .map(|files| serde_json::from_slice::<serde_json::Value>(&files.remove("run.json").unwrap()).unwrap());
@@ -188,7 +189,7 @@ fn a_track_that_was_damaged_or_removed_is_made_again() {
 }
 
 #[test]
-fn corrections_that_do_not_read_cost_their_sequence_until_they_are_mended() {
+fn unreadable_corrections_fail_their_sequence_until_they_are_repaired() {
     let work = Work::after_run(&["S001_005", "S002_005"], "out");
     let before = work.files("out/tracks");
     work.write("out/corrections/S001_005.csv", "frame,node,x,y\n3,abc,1,2\n");
@@ -198,7 +199,7 @@ fn corrections_that_do_not_read_cost_their_sequence_until_they_are_mended() {
     work.write("out/corrections/S001_005.csv", "frame,node,x,y\n3,31,90.5,100.25\n");
     work.grimace("run faces -o out").exit(0).prints(&["1 unchanged, 0 failed"]);
     assert!(work.read("out/tracks/S001_005.csv").contains("3,31,90.5,100.25,corrected"));
-    // Broken once more, and taken away.
+    // A damaged file again, which is then removed.
     work.write("out/corrections/S001_005.csv", "none");
     work.grimace("run faces -o out").exit(3);
     fs::remove_file(work.path("out/corrections/S001_005.csv")).unwrap();
@@ -207,7 +208,7 @@ fn corrections_that_do_not_read_cost_their_sequence_until_they_are_mended() {
 }
 
 #[test]
-fn a_sequence_taken_out_of_the_dataset_leaves_the_results() {
+fn a_sequence_removed_from_the_dataset_is_removed_from_the_results() {
     let work = Work::after_run(&["S001_005", "S002_005", "S001_007"], "out");
     let manifest = work.read("faces/manifest.csv");
     work.write("faces/manifest.csv", manifest.lines().filter(|l| !l.starts_with("S001,007")).collect::<Vec<_>>().join("\n"));
@@ -220,7 +221,7 @@ fn a_sequence_taken_out_of_the_dataset_leaves_the_results() {
 fn a_new_label_or_column_is_a_change() {
     let work = Work::after_run(&["S001_005", "S002_005"], "out");
     work.replace("faces/manifest.csv", "S002,005,happiness", "S002,005,joy");
-    // Nothing is tracked again for it.
+    // Nothing is tracked again for this.
     work.grimace("run faces -o out").exit(0).prints(&["0 tracked, 2 unchanged"]);
     work.grimace("run faces -o fresh").exit(0);
     assert_same_files(&work.files("fresh"), &work.files("out"));
@@ -248,16 +249,16 @@ fn another_dataset_of_the_same_name_does_not_replace_results() {
     work.write("faces/manifest.csv", rows("S001")).grimace("run faces -o both").exit(0);
     work.write("faces/manifest.csv", rows("S002"));
     work.grimace("run faces -o both").exit(1).says(&["that has no sequence in common with this one"]);
-    // Forced, nothing of the first is left.
+    // With --force nothing of the first dataset remains.
     work.grimace("run faces -o both --force").exit(0);
     work.grimace("run faces -o fresh").exit(0);
     assert_same_files(&work.files("fresh"), &work.files("both"));
 }
 
 #[test]
-fn results_of_an_interrupted_run_do_not_linger_and_nothing_else_goes() {
+fn only_results_of_an_interrupted_run_are_removed() {
     let work = Work::after_run(&["S001_005"], "out");
-    // As if an interrupted run had tracked a sequence that has left the dataset since; and files that no run made.
+    // Files as from an interrupted run with a sequence that has left the dataset since; and files that no run wrote.
     let track = work.bytes("out/tracks/S001_005.csv");
     let ours = ["tracks/S009_001.csv", "models/S009_001.csv"];
     let mine = [
@@ -280,14 +281,14 @@ fn results_of_an_interrupted_run_do_not_linger_and_nothing_else_goes() {
     for name in mine {
         assert_eq!(work.bytes(&format!("out/{name}")), track, "{name}");
     }
-    // Killed between its last two steps, a run leaves its journal; the next one has nothing to do but that.
+    // A run that is killed between its last two steps leaves its journal; the next run only has to finish this.
     work.write("out/run.journal", "fap/joy.fap\t\n");
     work.grimace("run faces -o out").exit(0);
     assert!(!work.path("out/run.journal").exists() && work.path("out/fap/joy.fap").exists());
 }
 
 #[test]
-fn a_result_that_was_changed_is_kept_when_it_is_stale_and_said() {
+fn a_changed_stale_result_is_kept_and_reported() {
     let work = Work::after_run(&["S001_005", "S002_005"], "out");
     work.write("out/models/S002_005.csv", "mine");
     let manifest = work.read("faces/manifest.csv");
@@ -312,14 +313,14 @@ fn a_result_that_was_changed_is_not_replaced_without_force() {
         .prints(&["note: statistics.csv was not written by a run into this folder, or was \
          changed since; it was replaced"]);
     assert_eq!(work.bytes("out/statistics.csv"), table);
-    // A result that is gone is made again.
+    // A missing result is made again.
     fs::remove_file(work.path("out/statistics.csv")).unwrap();
     work.grimace("run faces -o out").exit(0).prints(&["0 tracked, 2 unchanged"]);
     assert_eq!(work.bytes("out/statistics.csv"), table);
 }
 
 #[test]
-fn what_no_run_made_is_not_replaced_without_force() {
+fn files_of_no_run_are_not_replaced_without_force() {
     let work = Work::with_sequences(&["S001_005", "S002_005"]);
     let manifest = work.read("faces/manifest.csv");
     work.write("faces/manifest.csv", manifest.lines().filter(|l| !l.starts_with("S002")).collect::<Vec<_>>().join("\n"));
@@ -351,20 +352,21 @@ fn corrections_by_hand_are_applied_after_every_new_tracking_and_kept() {
     work.grimace("run faces -o out").exit(0).prints(&["1 tracked, 0 unchanged"]);
     assert_eq!(state(), corrected);
     work.grimace("run faces -o out").exit(0).prints(&["nothing changed"]);
-    // Another option, another mark: tracked again, corrected again.
+    // Another option, another mark: tracked and corrected again.
     work.grimace("run faces -o out --window 0.2 --force").exit(0).prints(&["1 tracked"]);
     assert_eq!(state(), corrected);
     // The same inputs and corrections give the same bytes.
     work.write("fresh/corrections/S001_005.csv", file);
     work.grimace("run faces -o fresh --window 0.2 --force").exit(0);
     assert_eq!(work.bytes("fresh/tracks/S001_005.csv"), work.bytes("out/tracks/S001_005.csv"));
-    // A frame that is gone: said, and kept.
+    // A correction of a missing frame is reported and kept.
     work.write("out/corrections/S001_005.csv", format!("{file}99,31,1,1\n"));
     let said = "corrections/S001_005.csv no longer fits the track and is kept, but not applied: frame 99, node 31";
     work.grimace("run faces -o out --window 0.2").exit(0).prints(&[said]);
     assert_eq!(state(), corrected);
     assert_eq!(work.read("out/corrections/S001_005.csv"), format!("{file}99,31,1,1\n"));
-    // A track of an older version has its corrections in itself alone: they get their file before it is made again.
+    // A track of an older version has its corrections only inside: they are copied to their file before the track is made
+    // again.
     fs::remove_dir_all(work.path("out/corrections")).unwrap();
     let json = work.read("out/tracks/S001_005.json");
     let mut json: serde_json::Value = serde_json::from_str(&json).unwrap();
@@ -375,7 +377,7 @@ fn corrections_by_hand_are_applied_after_every_new_tracking_and_kept() {
 }
 
 #[test]
-fn a_column_that_is_not_there_is_found_before_anything_is_tracked() {
+fn a_missing_column_is_reported_before_anything_is_tracked() {
     let work = Work::with_sequences(&["S001_005"]);
     for option in ["--by shoesize", "--by sex --strata shoesize"] {
         work.grimace(&format!("run faces -o out {option}")).exit(1).says(&["shoesize"]);
@@ -385,18 +387,18 @@ fn a_column_that_is_not_there_is_found_before_anything_is_tracked() {
 }
 
 #[test]
-fn other_options_are_refused_without_force_and_the_difference_is_named() {
+fn other_options_are_refused_without_force_and_the_difference_is_reported() {
     let work = Work::after_run(&["S001_005", "S002_005"], "out");
     let before = work.files("out");
     work.grimace("run faces -o out --alpha 0.2").exit(1).says(&["statistics", "0.1", "0.2", "--force"]);
     work.grimace("run faces -o out --by sex").exit(1).says(&["by: previously none", "now sex", "--force"]);
     work.grimace("run faces -o out --window 0.2").exit(1).says(&["window", "0.2", "--force"]);
-    // Of files it is said which, not their hashes.
+    // For files the message gives the names, not the hashes.
     let (picture, marks) = ("faces/S001/005/S001_005_00000001.png", "faces/S001/005/correspondences.csv");
     let portrait = format!("other options (portrait: previously the built-in one, now {picture}); choose another folder");
     work.grimace(&format!("run faces -o out --portrait {picture} -c {marks}")).exit(1).says(&[&portrait]);
     assert_same_files(&before, &work.files("out"));
-    // With --force tracks that do not depend on the option are kept.
+    // With --force, tracks that do not depend on the option are kept.
     work.grimace("run faces -o out --alpha 0.2 --force").exit(0).prints(&["0 tracked, 2 unchanged"]);
     work.grimace("run faces -o out --alpha 0.2 --window 0.2 --force").exit(0).prints(&["2 tracked, 0 unchanged"]);
     work.grimace("run faces -o fresh --alpha 0.2 --window 0.2").exit(0);
@@ -406,14 +408,14 @@ fn other_options_are_refused_without_force_and_the_difference_is_named() {
 #[test]
 fn options_of_any_digits_are_recognized_in_the_next_run() {
     let work = Work::with_sequences(&["S001_005"]);
-    // Numbers whose shortest text a fast but inexact reader of JSON gets wrong in the last bit.
+    // Numbers whose shortest text is read wrongly in the last bit by a fast but inexact JSON reader.
     let options = "--alpha 0.12345678901234566 --extreme 7.038531e-1 --window 0.11700000000000001 --fit-force 19.999999999999996";
     work.grimace(&format!("run faces -o out {options}")).exit(0);
     work.grimace(&format!("run faces -o out {options}")).exit(0).prints(&["nothing changed"]);
 }
 
 #[test]
-fn a_folder_with_something_else_in_it_is_refused() {
+fn a_folder_with_other_files_is_refused() {
     let work = Work::with_sequences(&["S001_005"]);
     work.write("out/holiday.txt", "sun");
     work.grimace("run faces -o out").exit(1).says(&["out is not empty", "another folder, or give --force"]);
@@ -425,7 +427,7 @@ fn a_folder_with_something_else_in_it_is_refused() {
 }
 
 #[test]
-fn one_bad_sequence_costs_that_sequence() {
+fn one_bad_sequence_fails_alone() {
     let work = Work::with_faces();
     work.write("faces/S002/007/correspondences.csv", "node,x,y\n20,80,60\n53,120,60\n");
     let frame = "faces/S003/005/S003_005_00000004.png";
@@ -440,9 +442,9 @@ fn one_bad_sequence_costs_that_sequence() {
     assert!(failures[1]["reason"].contains("S003_005_00000004.png"));
     assert!(!work.path("out/tracks/S003_005.csv").exists());
     assert_eq!(work.rows("out/statistics.csv").iter().map(|r| r["sequences"].clone()).collect::<Vec<_>>(), ["2", "2"]);
-    // The failures are remembered: nothing changed, and still some failed.
+    // Failures are remembered: nothing changed, and some sequences are still failed.
     work.grimace("run faces -o out").exit(3).prints(&["nothing changed"]).says(&["failed: S002_007 at fit"]);
-    // Mended, only what failed is done.
+    // After a repair, only the failed sequences are processed.
     work.write(frame, &bytes);
     work.write("faces/S002/007/correspondences.csv", &FACES["S002/007/correspondences.csv"]);
     work.grimace("run faces -o out").exit(0).prints(&["6 sequences: 2 tracked, 4 unchanged, 0 failed"]);
@@ -490,13 +492,13 @@ fn groups_get_representatives_fap_files_and_rows() {
             assert_eq!(rows.iter().filter(of).count(), 1, "{stem}");
         }
     }
-    // Beside the groups stands the class over all people.
+    // In addition to the groups there is the class of all people.
     let all: Vec<_> = rows.iter().filter(|r| r["cohort"].is_empty() && r["sex"].is_empty()).map(|r| &r["sequences"]).collect();
     assert_eq!(all, ["3", "3"]);
     assert_eq!(rows.len(), 2 * 4);
     work.grimace("run faces -o persons --by subject").exit(0);
     assert_eq!(work.read("persons/models/S002_007.csv"), work.read("persons/representatives/surprise_subject-S002.csv"));
-    // A column that is not there shows before anything is tracked or written.
+    // A missing column is reported before anything is tracked or written.
     work.grimace("run faces -o other --by nationality").exit(1).says(&["no sequence has a column `nationality`", "cohort, sex"]);
     assert!(work.files("other").is_empty());
 }
@@ -507,7 +509,7 @@ fn overlays_show_the_neutral_and_the_apex_frame() {
     work.grimace("run faces -o out --overlay pictures").exit(0);
     let names: Vec<_> = work.files("pictures").into_keys().collect();
     assert_eq!(names, ["S001_005_00000001_overlay.png", "S001_005_00000006_overlay.png", "overlays.b3"]);
-    // A file of somebody else with such a name stays; what is not of the sequence any more goes.
+    // Another user's file with such a name is kept; overlays that no longer belong to the sequence are removed.
     work.write("others/S001_005_00000001_overlay.png", "mine");
     let ran = work.grimace("run faces -o out --overlay others").exit(0);
     ran.prints(&["1 overlay picture not written, because files of the same name exist that grimace did not write"]);
@@ -568,7 +570,7 @@ fn long_dataset() -> Work {
 
 #[cfg(unix)]
 #[test]
-fn an_interrupted_run_leaves_whole_files_and_the_next_one_finishes_it() {
+fn an_interrupted_run_leaves_complete_files_and_the_next_one_finishes_it() {
     let work = long_dataset();
     for signal in ["-INT", "-TERM"] {
         let out = format!("out{signal}");
@@ -593,7 +595,7 @@ fn an_interrupted_run_leaves_whole_files_and_the_next_one_finishes_it() {
 
 #[cfg(unix)]
 #[test]
-fn a_killed_run_leaves_no_half_file_under_a_result_s_name() {
+fn a_killed_run_leaves_no_partial_file_with_the_name_of_a_result() {
     let work = long_dataset();
     let ran = interrupt(&work, "out", "-KILL", 5);
     assert_eq!(ran.status, None);
@@ -608,7 +610,7 @@ fn a_killed_run_leaves_no_half_file_under_a_result_s_name() {
 }
 
 #[test]
-fn an_output_that_can_not_be_written_is_named() {
+fn an_output_that_cannot_be_written_is_reported() {
     let work = Work::with_sequences(&["S001_005"]);
     work.write("file", "x");
     work.grimace("run faces -o file/out").exit(1).says(&["cannot write file/out"]);
@@ -619,14 +621,14 @@ fn an_output_that_can_not_be_written_is_named() {
 /// `ulimit -f` simulates a full disk: it limits the size of a file in blocks of 512 bytes, and writing more is an error.
 #[cfg(unix)]
 #[test]
-fn a_full_disk_ends_the_run_with_a_clear_error_and_no_half_file() {
+fn a_full_disk_ends_the_run_with_a_clear_error_and_no_partial_file() {
     let work = Work::with_sequences(&["S001_005", "S002_005"]);
     for (blocks, file) in [(0, "run.json"), (16, "out16/tracks/S00"), (120, "report.html")] {
         let out = format!("out{blocks}");
         let ran = work.shell(&format!(
             "trap '' XFSZ; ulimit -f {blocks}; exec \"$GRIMACE\" run faces -o {out} -j 1 2>{out}.txt || exit $?"
         ));
-        // The limit holds for the file of standard error too: with 0 blocks nothing can be said.
+        // The limit also applies to the file of standard error: with 0 blocks no message can be written.
         assert_eq!(ran.status, Some(1), "{blocks}");
         let said = work.read(&format!("{out}.txt"));
         if blocks > 0 {
@@ -636,7 +638,7 @@ fn a_full_disk_ends_the_run_with_a_clear_error_and_no_half_file() {
         let files = work.files(&out);
         assert!(leftovers(&files).is_empty(), "{:?}", leftovers(&files));
         assert!(files.keys().all(|name| !name.contains("report.html")));
-        // With room again the run goes on.
+        // With free space the run continues.
         work.grimace(&format!("run faces -o {out}")).exit(0);
     }
     assert_same_files(&work.files("out16"), &work.files("out120"));

@@ -24,13 +24,13 @@ fn a_manifest_is_read_as_spreadsheets_write_it() {
         let work = with_manifest(manifest);
         work.grimace("run faces -o out").exit(0).prints(&["2 sequences: 2 tracked"]);
         assert_same_files(&plain.files("out"), &work.files("out"));
-        // The manifest itself may be named.
+        // The manifest file itself may be given.
         work.grimace("run faces/manifest.csv -o out").exit(0).prints(&["nothing changed"]);
     }
 }
 
 #[test]
-fn a_row_may_run_over_lines_and_a_bad_one_keeps_its_name() {
+fn a_row_may_span_lines_and_a_bad_row_keeps_its_name() {
     let manifest = "subject,sequence,emotion,note\nS001,005,happiness,\"a\n\nb\"\nS002,005,happiness\n";
     let work = with_manifest(manifest);
     work.grimace("run faces -o out").exit(3).prints(&["2 sequences: 1 tracked, 0 unchanged, 1 failed"]);
@@ -42,8 +42,8 @@ fn a_row_may_run_over_lines_and_a_bad_one_keeps_its_name() {
 
 #[test]
 #[cfg(target_os = "linux")]
-fn names_are_the_same_however_their_accents_are_written() {
-    // Folders as macOS writes them, an accent behind its letter, and a table as everybody else writes it.
+fn names_match_however_their_accents_are_encoded() {
+    // Folders named as macOS does, with the accent after its letter, and a table with composed letters.
     let work = Work::new();
     for ((name, bytes), at) in FACES.iter().flat_map(|file| ["S001", "S002"].map(|at| (file, at))) {
         if let Some(rest) = name.strip_prefix(&format!("{at}/005/")) {
@@ -69,7 +69,7 @@ fn names_are_the_same_however_their_accents_are_written() {
 
 #[test]
 #[cfg(unix)]
-fn a_link_to_nowhere_is_named() {
+fn a_dangling_link_is_reported() {
     let work = with_manifest(PLAIN);
     std::os::unix::fs::symlink(work.path("nowhere"), work.path("link")).unwrap();
     work.grimace("run faces -o link").exit(1).says(&["cannot write link: it is a link to a folder that does not exist"]);
@@ -79,8 +79,8 @@ fn a_link_to_nowhere_is_named() {
 }
 
 #[test]
-fn a_plan_of_nothing_is_no_plan() {
-    // A folder, no file, no table, a table without rows, and one of which no row can be used: the first by id is named.
+fn an_empty_dataset_has_no_plan() {
+    // A folder, no file, no table, a table without rows, and a table without any usable row: the first by id is reported.
     let of = |manifest: &str| with_manifest(manifest);
     let (none, folder) = (of(PLAIN), of(PLAIN));
     for work in [&none, &folder] {
@@ -103,16 +103,16 @@ fn a_plan_of_nothing_is_no_plan() {
 }
 
 #[test]
-fn accents_of_either_kind_are_one_label() {
+fn accents_of_either_encoding_are_one_label() {
     let rows = "S001,005,de\u{301}gou\u{302}t,cafe\u{301}\nS002,005,d\u{e9}go\u{fb}t,caf\u{e9}\n";
     let work = with_manifest(format!("subject,sequence,emotion,place\n{rows}"));
     work.grimace("run faces -o plan --plan").exit(0).prints(&["{\"sequences\":2,\"emotions\":[[\"d\u{e9}go\u{fb}t\",2]]}"]);
     work.grimace("run faces -o out --by place").exit(0);
-    assert_eq!(work.read("out/statistics.csv").lines().count(), 3, "the whole, and one group");
+    assert_eq!(work.read("out/statistics.csv").lines().count(), 3, "the class of all people, and one group");
 }
 
 #[test]
-fn a_manifest_that_is_none_is_refused_as_a_whole() {
+fn an_invalid_manifest_is_refused_as_a_whole() {
     let refused = |manifest: &[u8], texts: &[&str]| {
         let work = with_manifest(manifest);
         work.grimace("run faces -o out").exit(1).says(&["manifest.csv"]).says(texts);
@@ -122,7 +122,7 @@ fn a_manifest_that_is_none_is_refused_as_a_whole() {
         b"subject,sequence,emoton\nS001,005,happiness\n",
         &["has no column `emotion`", "found `subject`, `sequence`, `emoton`"],
     );
-    // Taken for a column to group by, the marks would only be missed one sequence after the other.
+    // If this counted as a column to group by, marks would be reported missing for each sequence instead.
     refused(
         b"subject,sequence,emotion,correspondence\nS001,005,happiness,a.csv\n",
         &["the column `correspondence` is unknown; if it is the column `correspondences`, rename it to that"],
@@ -131,7 +131,7 @@ fn a_manifest_that_is_none_is_refused_as_a_whole() {
         b"subject,sequence,emotion,First frame\nS001,005,happiness,1\n",
         &["if it is the column `first_frame`, rename it to that"],
     );
-    // Consent, and what would silently count for nothing.
+    // Consent, and other columns that would be ignored silently.
     refused(
         b"subject,sequence,emotion,publsh\nS001,005,happiness,no\n",
         &["the column `publsh`", "if it is the column `publish`, rename it to that"],
@@ -154,7 +154,7 @@ fn a_manifest_that_is_none_is_refused_as_a_whole() {
 }
 
 #[test]
-fn a_bad_row_costs_its_sequence_and_names_its_line() {
+fn a_bad_row_fails_its_sequence_with_its_line() {
     let rows: [(&[u8], &[&str]); 9] = [
         (b"S001,005,joy", &["line 4", "subject `S001`, sequence `005` is already in line 2"]),
         (b"S009,005,", &["line 4", "emotion is empty"]),
@@ -202,7 +202,7 @@ fn values_of_optional_columns_are_checked() {
 }
 
 #[test]
-fn a_dataset_that_is_none_is_refused() {
+fn an_invalid_dataset_is_refused() {
     let work = Work::with_sequences(&["S001_005"]);
     work.grimace("run nowhere -o out").exit(1).says(&["nowhere: there is no such dataset; give a folder with manifest.csv"]);
     std::fs::remove_file(work.path("faces/manifest.csv")).unwrap();
@@ -214,7 +214,7 @@ fn a_dataset_that_is_none_is_refused() {
 }
 
 #[test]
-fn a_sequence_without_marks_says_where_they_go() {
+fn a_sequence_without_marks_is_reported_with_the_place_for_them() {
     let work = with_manifest(PLAIN);
     std::fs::remove_file(work.path("faces/S002/005/correspondences.csv")).unwrap();
     let ran = work.grimace("run faces -o out --marks default").exit(3);
@@ -222,7 +222,7 @@ fn a_sequence_without_marks_says_where_they_go() {
 }
 
 #[test]
-fn a_sequence_of_one_frame_is_no_sequence() {
+fn a_sequence_of_one_frame_is_refused() {
     let work = with_manifest(PLAIN);
     for number in 2..=6 {
         std::fs::remove_file(work.path(&format!("faces/S002/005/S002_005_{number:08}.png"))).unwrap();
@@ -232,7 +232,7 @@ fn a_sequence_of_one_frame_is_no_sequence() {
 }
 
 #[test]
-fn a_sequence_that_is_played_backwards_is_one_to_look_at_again() {
+fn a_reversed_sequence_has_the_verdict_look_again() {
     let work = Work::new();
     let is_frame = |name: &str| name.starts_with("S001/005/") && name.ends_with(".png");
     let frames: Vec<_> = FACES.iter().filter(|(name, _)| is_frame(name)).collect();
@@ -267,6 +267,47 @@ fn landmarks(id: &str) -> Vec<(f64, f64)> {
         if row.nodes.is_empty() { (1.0, 1.0) } else { (sum(|p| p.0), sum(|p| p.1)) }
     };
     Tables::candide3().landmarks.iter().map(place).collect()
+}
+
+#[test]
+fn the_report_shows_images_beside_landmarks_that_drive_a_sequence() {
+    let work = Work::with_sequences(&["S001_005"]);
+    let points = landmarks("S001_005");
+    let names: Vec<String> = (0..68).map(|k| format!("x{k},y{k}")).collect();
+    // The lips are the points 48 to 67.
+    let row = |frame: u32, wider: f64| {
+        let x = |k: usize, x: f64| {
+            if k == 48 {
+                x - wider
+            } else if k == 54 {
+                x + wider
+            } else {
+                x
+            }
+        };
+        let fields: Vec<String> = points.iter().enumerate().map(|(k, p)| format!("{},{}", x(k, p.0), p.1)).collect();
+        format!("{frame},{}\n", fields.join(","))
+    };
+    work.write("faces/points.csv", format!("frame,{}\n{}{}", names.join(","), row(1, 0.0), row(6, 4.0)));
+    let manifest = |publish: &str| {
+        let row = format!("S001,005,happiness,S001/005,points.csv,{publish}\n");
+        work.write("faces/manifest.csv", format!("subject,sequence,emotion,frames,landmarks,publish\n{row}"));
+    };
+    let run = |out: &str| work.grimace(&format!("run faces -o {out} --prefer-landmarks --resample linear")).exit(0);
+    let pictures = |out: &str| work.read(&format!("{out}/report.html")).matches("\"/9j/").count();
+    manifest("no");
+    run("hidden");
+    manifest("");
+    run("out").prints(&["1 sequence: 1 tracked"]);
+    assert_eq!(pictures("out"), pictures("hidden") + 2);
+    run("out").prints(&["nothing changed"]);
+    // Another picture is another report; one that does not read costs the pictures alone.
+    let frame = |number: u32| format!("faces/S001/005/S001_005_{number:08}.png");
+    work.write(&frame(6), work.bytes(&frame(5)));
+    run("out").prints(&["1 sequence: 1 tracked"]);
+    work.write(&frame(6), "no picture");
+    run("out").prints(&["1 sequence: 1 tracked"]);
+    assert_eq!(pictures("out"), pictures("hidden"));
 }
 
 /// Makes a dataset in the layout of CK+: three labelled sequences and one without a label.
@@ -305,7 +346,7 @@ fn the_layout_of_cohn_kanade_is_read_as_it_is() {
 }
 
 #[test]
-fn bad_labels_and_landmarks_cost_their_sequence() {
+fn bad_labels_and_landmarks_fail_their_sequence() {
     let work = cohn_kanade();
     let landmark_file = "ck/Landmarks/S002/005/S002_005_00000001_landmarks.txt";
     let whole = work.read(landmark_file);
@@ -355,7 +396,7 @@ fn a_frame_that_cannot_be_read_fails_alike_in_every_run() {
     assert!(first.contains("S001,005,track,") && first.contains("S001_005_00000004.png: cannot be read"), "{first}");
     work.grimace("run faces -o out").exit(3).prints(&["2 sequences: 0 tracked, 1 unchanged, 1 failed"]);
     assert_eq!(work.read("out/failures.csv"), first);
-    // The same where the frame was there once and a track is.
+    // The same if the frame existed once and its track exists.
     std::fs::remove_file(&frame).unwrap();
     std::fs::write(&frame, bytes).unwrap();
     work.grimace("run faces -o out").exit(0);
@@ -401,7 +442,7 @@ fn a_neutral_photograph_and_one_of_an_expression_are_a_sequence() {
     let info: serde_json::Value = serde_json::from_str(&work.read("out/tracks/S001_smiling.json")).unwrap();
     assert_eq!(info["source"], serde_json::json!(["neutral/S001.png", "smiling/S001.png"]));
     work.grimace("run photos -o out --resample linear").exit(0).prints(&["nothing changed"]);
-    // The same as a folder of its own.
+    // The same sequence in a folder of its own.
     let folder = |number: u32| format!("faces/S001/two/{number}.png");
     work.write(&folder(1), work.bytes("photos/neutral/S001.png")).write(&folder(2), work.bytes("photos/smiling/S001.png"));
     let marks = "faces/S001/005/correspondences.csv";
@@ -412,12 +453,12 @@ fn a_neutral_photograph_and_one_of_an_expression_are_a_sequence() {
     // Another order is another sequence, and so are other numbers.
     work.replace("photos/manifest.csv", "neutral/S002.png;smiling/S002.png", "\"smiling/S002.png ; neutral/S002.png\"");
     work.grimace("run photos -o out --resample linear").exit(0).prints(&["2 sequences: 1 tracked, 1 unchanged"]);
-    // Overlay pictures stay apart from the photographs.
+    // Overlay pictures are kept apart from the photographs.
     work.grimace("run photos -o other --overlay photos/smiling").exit(1).says(&["would lie among the frames of S001_smiling"]);
 }
 
 #[test]
-fn listed_pictures_that_are_no_sequence_are_named() {
+fn listed_pictures_that_are_not_a_sequence_are_reported() {
     let work = photographs();
     let small = image::load_from_memory(&work.bytes("photos/neutral/S001.png")).unwrap().crop_imm(0, 0, 180, 160);
     small.save(work.path("photos/small.png")).unwrap();

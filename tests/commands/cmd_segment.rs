@@ -46,7 +46,7 @@ fn record_before_a_wall(work: &Work, folder: &str, frames: &[Vec<(&str, i64, f64
     let mut drawn = BTreeMap::new();
     for (k, faces) in frames.iter().enumerate() {
         let target = work.path(&format!("{folder}/r_{:05}.jpg", k + 1));
-        // The same as an earlier one, as most are.
+        // Most frames equal an earlier one.
         if let Some(same) = frames[..k].iter().position(|other| other == faces) {
             fs::copy(work.path(&format!("{folder}/r_{:05}.jpg", same + 1)), target).unwrap();
             continue;
@@ -78,7 +78,7 @@ fn is_apex(frame: i64, start: i64) -> bool {
 }
 
 #[test]
-fn expressions_of_a_recording_become_sequences_that_run_takes() {
+fn expressions_of_a_recording_become_sequences_for_run() {
     let work = Work::new();
     const GAP: i64 = 16;
     let gap = vec![Shot::Black(320); GAP as usize];
@@ -102,10 +102,10 @@ fn expressions_of_a_recording_become_sequences_that_run_takes() {
     let frames = work.rows("segments/talk_frames.csv");
     assert!(frames.iter().any(|r| r["phase"] == "apex") && frames.iter().filter(|r| r["phase"] == "rest").count() > 40);
     assert!(!frames.iter().any(|r| (LENGTH + 4..=second - 4).contains(&number(r, "frame"))), "black frames have no row");
-    // What is written is a manifest.
+    // The output is a manifest.
     work.grimace("run segments.csv -o out").exit(0);
     assert!(work.path("out/tracks/P1_talk-01.csv").is_file() && work.path("out/fap/happiness.fap").is_file());
-    // A recording that did not change is kept; results are not written over.
+    // A recording that has not changed is kept; results are not overwritten.
     let before = work.files("segments");
     work.grimace("segment talk -o segments.csv --subject P1 --emotion happiness").exit(1).says(&["segments.csv", "--force"]);
     work.grimace("segment talk -o segments.csv --subject P1 --emotion happiness --force").exit(0);
@@ -113,7 +113,7 @@ fn expressions_of_a_recording_become_sequences_that_run_takes() {
 }
 
 #[test]
-fn labels_that_a_person_wrote_stay_when_a_recording_is_cut_again() {
+fn labels_by_a_person_are_kept_when_a_recording_is_segmented_again() {
     let work = Work::new();
     record(&work, "talk", &expression("005")[10..78]);
     let segment = |more: &str| work.grimace(&format!("segment talk -o segments.csv --no-faces --force {more}")).exit(0);
@@ -127,7 +127,7 @@ fn labels_that_a_person_wrote_stay_when_a_recording_is_cut_again() {
     work.write("segments.csv", &edited);
     segment("").says(&["labels kept from the old table: 1 sequence", "columns kept from the old table: publish"]);
     assert_eq!(work.read("segments.csv"), edited);
-    // Frames that were changed on the page are found again; the label stays.
+    // Frames that were changed on the page are kept; so is the label.
     let first = work.rows("segments.csv")[0]["first_frame"].clone();
     let moved = edited.replace(&format!(",{first},"), &format!(",{},", first.parse::<u32>().unwrap() + 1));
     assert_ne!(moved, edited);
@@ -139,7 +139,7 @@ fn labels_that_a_person_wrote_stay_when_a_recording_is_cut_again() {
     assert_eq!(work.read("segments.csv"), edited);
     segment("--emotion joy").says(&["the old table had other labels: talk-01 (happiness, now joy)"]);
     assert_eq!(work.rows("segments.csv")[0]["emotion"], "joy");
-    // A recording of which a later version knows more leaves the table as it is.
+    // A record of a newer version of the program leaves the table unchanged.
     let (table, known) = (work.read("segments.csv"), work.read("segments/talk.json"));
     record(&work, "dark", &DARK);
     work.write("segments/talk.json", known.replacen("\"schema_version\": 2", "\"schema_version\": 9", 1));
@@ -155,7 +155,7 @@ fn labels_that_a_person_wrote_stay_when_a_recording_is_cut_again() {
 }
 
 #[test]
-fn corrected_marks_stay_and_pictures_come_and_go() {
+fn corrected_marks_are_kept_and_pictures_are_updated() {
     let work = Work::new();
     record(&work, "talk", &expression("005")[10..78]);
     let segment = |more: &str| work.grimace(&format!("segment talk -o segments.csv --force {more}"));
@@ -170,22 +170,22 @@ fn corrected_marks_stay_and_pictures_come_and_go() {
     assert_eq!(work.read("segments/talk-01.csv"), corrected);
     segment("--no-faces").exit(0);
     assert!(!picture.exists());
-    // Corrected marks are worth more than a picture; another option cuts it anew.
+    // Corrected marks have precedence over a picture; another option divides the recording again.
     segment("").exit(0);
     assert!(!picture.exists() && work.read("segments/talk-01.csv") == corrected);
     segment("--shortest 0.21").exit(0).prints(&["talk-01.csv were edited; they are kept as talk-01_edited.csv"]);
     assert!(picture.is_file());
     assert_eq!((work.read("segments/talk-01_edited.csv"), work.read("segments/talk-01.csv")), (corrected, marks));
-    // What is not proposed any more leaves nothing behind.
+    // Files of sequences that are no longer proposed are removed.
     segment("--high 60").exit(1).prints(&["0 sequences proposed", "no expression was found"]);
     segment("--high 60 -q").exit(1).says(&["failed: talk: found no expression"]);
     assert!(!picture.exists() && !work.path("segments/talk-01.csv").exists());
 }
 
 #[test]
-fn a_recording_in_a_manifest_is_cut_by_run() {
+fn a_recording_in_a_manifest_is_segmented_by_run() {
     let work = Work::new();
-    // It begins in the middle of the expression: the rest behind it is the neutral one.
+    // The recording begins in the middle of the expression: the rest after it is the neutral.
     let shots = &expression("005")[34..];
     record(&work, "data/talk", shots);
     work.write("data/manifest.csv", "subject,sequence,emotion,frames,segment\nP1,talk,happiness,talk,auto\n");
@@ -196,7 +196,7 @@ fn a_recording_in_a_manifest_is_cut_by_run() {
     let frames: Vec<i64> = work.rows("out/tracks/P1_talk-01.csv").iter().map(|r| number(r, "frame")).collect();
     assert!(frames.is_sorted() && frames[0] == apex && *frames.last().unwrap() == neutral, "{neutral} {apex}");
     work.grimace("run data -o out").exit(0).prints(&["nothing changed"]);
-    // A person who may not be shown any more is not.
+    // A person who may no longer be shown is not shown.
     let picture = work.path("out/segments/P1/talk-01.png");
     assert!(picture.is_file());
     let manifest = work.read("data/manifest.csv");
@@ -206,7 +206,7 @@ fn a_recording_in_a_manifest_is_cut_by_run() {
     work.write("data/manifest.csv", manifest);
     work.grimace("run data -o out --force").exit(0);
     assert!(picture.is_file());
-    // Nothing is found in one of two: it is named.
+    // Nothing is found in one of two recordings: it is reported.
     record(&work, "data/still", &[Shot::Face("005", 1); 26]);
     work.grimace("segment data/talk data/still -o some.csv")
         .exit(3)
@@ -221,14 +221,14 @@ fn a_recording_in_a_manifest_is_cut_by_run() {
     work.grimace("run data -o out").exit(3).prints(&["nothing changed"]);
     work.write("alone.csv", "subject,sequence,emotion,frames,segment\nP2,still,happiness,data/still,auto\n");
     work.grimace("run alone.csv -o nothing").exit(1).says(&["none of the 1 sequences", "no expression was found"]);
-    // A row that is called as a part of it is, and one with frames of its own.
+    // A row with the name of a part of another row, and a row with its own frames.
     let rows = "P1,talk,happiness,talk,auto,,\nP1,talk-01,surprise,talk,,1,20\nP3,part,happiness,talk,auto,1,20\n";
     work.write("data/doubles.csv", format!("subject,sequence,emotion,frames,segment,first_frame,last_frame\n{rows}"));
     work.grimace("run data/doubles.csv -o out --force").exit(3);
     let reasons: Vec<String> = work.rows("out/failures.csv").iter().map(|r| r["reason"].clone()).collect();
     assert!(reasons.iter().any(|r| r.contains("would be named P1_talk-01, but P1_talk-01 exists already")), "{reasons:?}");
     assert!(reasons.iter().any(|r| r.contains("leave them empty")), "{reasons:?}");
-    // A table of segments is a manifest for `locate`, too.
+    // `locate` accepts a table of segments as a manifest, too.
     work.grimace("locate some.csv -o points.csv").exit(0).prints(&["1 picture, 1 face"]);
 }
 
@@ -236,7 +236,7 @@ fn a_recording_in_a_manifest_is_cut_by_run() {
 fn a_recording_keeps_the_times_of_its_frames() {
     let work = Work::new();
     record(&work, "talk", &expression("005"));
-    // 40 ms apart, from the middle on 60 ms; no rate is stated.
+    // Frames are 40 ms apart, from the middle on 60 ms; no rate is stated.
     let files = work.files("talk");
     let frames: Vec<Vec<u8>> = files.values().cloned().collect();
     let times: Vec<u64> = (0..LENGTH as u64).map(|k| 40 * k + 20 * k.saturating_sub(43)).collect();
@@ -246,12 +246,12 @@ fn a_recording_keeps_the_times_of_its_frames() {
     ran.prints(&["talk.mkv: 1 sequence proposed", "the frames are 40 to 60 ms apart (mean rate: 19.95 frames per second)"]);
     let rows = work.rows("segments.csv");
     assert!(rows.len() == 1 && is_apex(number(&rows[0], "last_frame"), 1), "{rows:?}");
-    assert_eq!(rows[0]["fps"], "", "the video tells it better");
+    assert_eq!(rows[0]["fps"], "", "the rate of the video is better known");
     for row in work.rows("segments/talk_frames.csv") {
         let time = times[number(&row, "frame") as usize - 1] as f64 / 1e3;
         assert!((row["timestamp"].parse::<f64>().unwrap() - time).abs() < 1e-9, "{row:?}");
     }
-    // From the middle of the expression on: that is enough to propose a sequence.
+    // The part from the middle of the expression on is enough to propose a sequence.
     let (frames, times) = (&frames[34..], &times[34..]);
     let times: Vec<u64> = times.iter().map(|time| time - times[0]).collect();
     work.write("part.mkv", matroska(frames, &times, None, (times[times.len() - 1] + 60) as f64));
@@ -276,19 +276,19 @@ fn a_sequence_may_go_back_in_time() {
     work.write("forth/manifest.csv", "subject,sequence,emotion,frames,correspondences\nS001,005,happiness,../faces/S001/005,../faces/S001/005/correspondences.csv\n");
     work.grimace("run forth -o there").exit(0);
     work.grimace("run back -o out").exit(0);
-    // The same pictures in the same order, whatever their numbers: the same model.
+    // The same pictures in the same order give the same model, whatever their numbers.
     assert_eq!(work.read("there/models/S001_005.csv"), work.read("out/models/S001_005.csv"));
     let rows = work.rows("out/features/S001_005.csv");
     assert!(rows.iter().map(|r| number(r, "frame")).is_sorted());
     let info: serde_json::Value = serde_json::from_str(&work.read("out/tracks/S001_005.json")).unwrap();
     assert_eq!((info["neutral_frame"].as_u64(), info["apex_frame"].as_u64()), (Some(count as u64), Some(1)));
-    // Read back from the files it is the same again.
+    // Reading the files again gives the same result.
     work.grimace("analyze out/tracks -o again").exit(0);
     assert_eq!(work.read("again/representatives/happiness.csv"), work.read("out/representatives/happiness.csv"));
 }
 
 #[test]
-fn what_is_no_recording_is_said() {
+fn an_input_that_is_not_a_recording_is_reported() {
     let work = Work::new();
     record(&work, "dark", &DARK);
     work.grimace("segment dark -o a.csv").exit(1).says(&["dark", "no face was found"]);
@@ -312,7 +312,7 @@ fn what_is_no_recording_is_said() {
     work.grimace("segment short -o a.csv --correspondences c.csv").exit(2).says(&["--neutral-frame"]);
     work.write("c.csv", "node,x,y\n20,1,1\n23,2,2\n56,3,1\n");
     work.grimace("segment short -o a.csv -c c.csv --neutral-frame 99").exit(1).says(&["frame 99", "frames 1 to 12"]);
-    // Marks beside the face, in a frame that is looked at.
+    // Marks beside the face, in a frame that is read.
     record(&work, "whole", &expression("005")[..40]);
     work.grimace("locate whole/r_00001.jpg -o found.csv").exit(0);
     let shifted = work
@@ -324,13 +324,13 @@ fn what_is_no_recording_is_said() {
     work.grimace("segment whole -o a.csv -c shifted.csv --neutral-frame 1")
         .exit(1)
         .says(&["frame 1: the marks are not on the face"]);
-    // In a manifest it costs that recording.
+    // In a manifest only that recording fails.
     work.write("manifest.csv", "subject,sequence,emotion,frames,segment\nP1,dark,anger,dark,auto\n");
     work.grimace("run manifest.csv -o out").exit(1).says(&["no face was found"]);
 }
 
 #[test]
-fn a_person_who_is_cut_to_is_another_one_and_frames_beside_a_gap_are_kept() {
+fn a_cut_to_another_person_is_detected_and_frames_beside_a_gap_are_kept() {
     let work = Work::new();
     let (first, second, nobody) = (vec![("P01.jpg", 130, 1.0)], vec![("P10.jpg", 130, 1.0)], Vec::new());
     let frames: Vec<_> = [(27, &first), (8, &nobody), (26, &first), (26, &second)]
@@ -349,13 +349,13 @@ fn a_person_who_is_cut_to_is_another_one_and_frames_beside_a_gap_are_kept() {
     let stretches: Vec<(i64, i64)> = rows.iter().map(|r| (number(r, "frame"), number(r, "stretch"))).collect();
     let expected = (1..=27).map(|k| (k, 1)).chain((36..=61).map(|k| (k, 2))).chain((62..=87).map(|k| (k, 3)));
     assert_eq!(stretches, expected.collect::<Vec<_>>());
-    // The share of nodes that were seen is the last column.
+    // The share of visible nodes is the last column.
     assert!(work.read("segments/talk_frames.csv").lines().next().unwrap().ends_with(",confidence"));
     assert!(rows.iter().all(|r| r["confidence"].parse::<f64>().is_ok_and(|c| (0.5..=1.0).contains(&c))));
 }
 
 #[test]
-fn of_two_people_one_is_followed_and_that_is_said() {
+fn of_two_people_one_is_followed_and_this_is_reported() {
     let work = Work::new();
     let frames = vec![vec![("P01.jpg", 10, 1.0), ("P10.jpg", 250, 0.9)]; 40];
     record_before_a_wall(&work, "two", &frames);

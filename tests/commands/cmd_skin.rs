@@ -24,7 +24,7 @@ fn json(work: &Work, name: &str) -> Value {
 #[test]
 fn a_run_collects_the_skin_of_a_class_and_a_clone_puts_it_on() {
     let work = work();
-    // Another emotion is shown by fewer people than a skin is made of.
+    // The other emotion is shown by fewer people than a skin needs.
     let row = |s: &str| format!("{s},006,surprise,{s}/005,{s}/005/correspondences.csv\n");
     let rows = work.read("faces/manifest.csv") + &row("S001") + &row("S002");
     work.write("faces/manifest.csv", rows);
@@ -48,7 +48,7 @@ fn a_run_collects_the_skin_of_a_class_and_a_clone_puts_it_on() {
     let first = |out: &str| work.bytes(&format!("{out}/frames/S002_005_00000001_00000001.png"));
     assert_eq!(first("with"), first("without"));
 
-    // A FAP file has no class of its own: it gets the folds of its form, and so does a representative when asked.
+    // A FAP file has no class: it gets the folds of its form. On request a representative does, too.
     let of_form = clone("out/fap/happiness.fap", "fap", "");
     assert_eq!((&of_form["skin"], &of_form["skin_blake3"]), (&Value::from("form"), &Value::Null));
     assert_eq!(clone("out/representatives/happiness.csv", "form", "--skin form")["skin"], "form");
@@ -60,7 +60,7 @@ fn a_run_collects_the_skin_of_a_class_and_a_clone_puts_it_on() {
         .exit(1)
         .says(&["this is not a representative"]);
 
-    // The same bytes again; and none where nobody is to be shown: the earlier one goes.
+    // The same bytes again. Without consent there is no skin, and the earlier one is removed.
     work.grimace("run faces -o again -q").exit(0);
     assert_eq!(work.bytes("again/representatives/happiness_skin.png"), skin);
     work.grimace("run faces -o again -q --no-faces --force").exit(0);
@@ -70,7 +70,7 @@ fn a_run_collects_the_skin_of_a_class_and_a_clone_puts_it_on() {
 }
 
 #[test]
-fn four_people_have_no_skin_in_common_and_the_reason_is_said() {
+fn four_people_have_no_common_skin_and_the_reason_is_given() {
     let work = work();
     let four: String = work.read("faces/manifest.csv").lines().take(5).map(|l| format!("{l}\n")).collect();
     work.write("faces/manifest.csv", four);

@@ -15,7 +15,7 @@ fn representative() -> String {
         for (node, point) in wireframe.frontal().iter().enumerate() {
             let (mut x, mut y) = (point.x * 1024.0 / 0.613, point.y * 1024.0 / 0.613);
             let share = f64::from(frame) / 4.0;
-            // Corners and their neighbours; everything else jitters by less than a hundredth of that.
+            // Corners and their neighbours move; everything else jitters by less than a hundredth of that.
             match node {
                 31 | 88 => (x, y) = (x + 90.0 * share, y + 100.0 * share),
                 64 | 89 => (x, y) = (x - 90.0 * share, y + 100.0 * share),
@@ -38,7 +38,7 @@ fn a_representative_drives_the_embedded_bank() {
     let report = report(&work, "out");
     assert!(report["fitness"].as_f64().unwrap() > 0.7, "{report}");
     assert!((0.9..=1.0).contains(&report["share_of_bound"].as_f64().unwrap()), "{report}");
-    // What a fitness does not say stands beside it: in the summary, the report and frame by frame.
+    // The share shown, which the fitness does not contain, is in the summary, the report and the table of frames.
     let shown = report["shown"].as_f64().unwrap();
     ran.prints(&[&format!("share shown       {shown:.4}")]);
     let rows = work.rows("out/fitness.csv");
@@ -57,27 +57,27 @@ fn a_representative_drives_the_embedded_bank() {
     }
     assert!(work.bytes("out/turntable.gif").starts_with(b"GIF89a"));
     assert_eq!(work.read("out/weights.csv").lines().count(), 26);
-    // Candide's units have no ARKit names.
+    // The units of Candide have no ARKit names.
     assert!(!work.path("out/arkit.csv").exists());
     assert!(!work.path("out/unfinished.txt").exists());
     work.grimace("synthesize -b candide -m happiness.csv -o out").exit(1).says(&["out is not empty", "--force"]);
 }
 
 #[test]
-fn only_what_it_wrote_itself_is_written_over_and_removed() {
+fn only_its_own_files_are_overwritten_and_removed() {
     let work = Work::new();
     work.write("a.csv", "frame,fp,dx,dy\n0,8.3,0,0\n1,8.3,0.1,0\n").write("b.csv", "frame,fp,dx,dy\n0,8.3,0,0\n1,8.3,0.2,0\n");
     let command = "synthesize -b candide --bound-starts 0 --solver nnls --format glb,obj -q -o out";
     work.grimace(&format!("{command} -m a.csv b.csv")).exit(0);
     assert!(work.path("out/a/obj/frame_001.obj").exists() && !work.path("out/unfinished.txt").exists());
-    // Interrupted: the next one takes what it left, and what it does not make anew goes.
+    // After an interruption the next run adopts its files and removes those that it does not make again.
     work.write("out/unfinished.txt", "").write("out/a/mine.txt", "mine").write("out/b/fitness.csv", "cut off");
     work.grimace(&format!("{command} -m a.csv"))
         .exit(0)
         .says(&["b/fitness.csv: this file of an earlier `synthesize` was changed by hand and is kept"]);
     assert!(!work.path("out/unfinished.txt").exists() && !work.path("out/a/obj").exists());
     assert!(work.path("out/obj/frame_001.obj").exists() && work.path("out/a/mine.txt").exists());
-    // With --force it writes over its own results, and over nobody else's.
+    // With --force it overwrites its own results, but no other files.
     work.grimace(&format!("{command} -m a.csv")).exit(1).says(&["out is not empty", "--force"]);
     work.grimace(&format!("{command} -m b.csv --force")).exit(0);
     work.write("out/animation.glb", "mine");
@@ -87,7 +87,7 @@ fn only_what_it_wrote_itself_is_written_over_and_removed() {
         .says(&["out/animation.glb: this file exists and differs from what an earlier `synthesize` wrote; move it away, or choose another folder"]);
     crate::common::assert_same_files(&kept, &work.files("out"));
     std::fs::remove_file(work.path("out/animation.glb")).unwrap();
-    // Two at once.
+    // Two runs at the same time.
     let record = std::fs::File::options().append(true).open(work.path("out/synthesize.b3")).unwrap();
     record.lock().unwrap();
     work.grimace(&format!("{command} -m b.csv --force")).exit(1).says(&["another command is writing into this folder"]);
@@ -99,9 +99,9 @@ fn only_what_it_wrote_itself_is_written_over_and_removed() {
 }
 
 #[test]
-fn a_motion_that_the_bank_cannot_show_rests_and_is_said_so() {
+fn a_motion_that_the_bank_cannot_show_is_reported_and_rests() {
     let work = Work::new();
-    // The jaw goes sideways, the nose bends: no member of `head`, both sides of which move alike, does either.
+    // The jaw moves sideways, the nose bends: no member of `head` does this, because both sides of its members move alike.
     for (fap, name) in [(15, "jaw"), (64, "nose")] {
         let mask = mask(&[fap]);
         work.write(&format!("{name}.fap"), format!("2.1 {name} 25 3\n{mask}\n0 0\n{mask}\n1 150\n{mask}\n2 300\n"));
@@ -124,7 +124,7 @@ fn a_motion_that_the_bank_cannot_show_rests_and_is_said_so() {
             assert_eq!(report(&work, &out)["fitness"], 0.0);
         }
     }
-    // What is advised runs, and shows it.
+    // The suggested commands work and show the motion.
     work.write("W.csv", "member,shape,weight\njawLeft,jawLeft,1\njawRight,jawRight,1\n");
     work.grimace("bank mix head --weights W.csv -o own.bank").exit(0);
     let ran = work.grimace("synthesize -b own.bank -m jaw.fap -o own --format npy --bound-starts 0").exit(0);
@@ -181,7 +181,7 @@ fn a_truth_with_holes_and_a_face_in_other_units_are_refused() {
 }
 
 #[test]
-fn another_rate_is_said_and_keeps_the_frames() {
+fn another_rate_is_reported_and_keeps_the_frames() {
     let work = Work::new();
     let jaw = mask(&[3]);
     work.write("jaw.fap", format!("2.1 jaw 25 3\n{jaw}\n0 0\n{jaw}\n1 200\n{jaw}\n2 400\n"));
@@ -215,7 +215,7 @@ fn a_head_wears_a_portrait_in_gltf_and_pictures() {
     assert_eq!(work.bytes("plain/weights.csv"), work.bytes("worn/weights.csv"));
     assert_ne!(work.bytes("plain/turntable.png"), work.bytes("worn/turntable.png"));
     assert_eq!(report(&work, "worn")["portrait"]["correspondences"]["file"], "marks.csv");
-    // What is written is a bank's source, with each vertex once, though three materials name it.
+    // The output can be the source of a bank. Each vertex appears once, although three materials use it.
     let vertices = report(&work, "worn")["bank"]["vertices"].as_u64().unwrap();
     let points = |last: u64| format!("fp,vertex\n8.3,10\n8.4,20\n3.11,{last}\n");
     work.write("points.csv", points(vertices - 1)).write("beyond.csv", points(vertices));
@@ -260,7 +260,7 @@ fn several_motions_are_animations_of_one_file_in_metres_and_loop() {
     let bounds = document.meshes().next().unwrap().primitives().next().unwrap().bounding_box();
     let height = scale * (bounds.max[1] - bounds.min[1]);
     assert!((0.15..0.35).contains(&height), "{height} m");
-    // What belongs to one motion has a folder each.
+    // The files of each motion are in a separate folder.
     for name in names {
         assert!(
             work.path(&format!("out/{name}/weights.csv")).exists() && !work.path(&format!("out/{name}/animation.glb")).exists()
@@ -294,7 +294,7 @@ fn tracks_and_fap_files_are_motions_too() {
         work.grimace(&format!("synthesize -b candide -m {motion} -o {kind} --format npy --bound-starts 1")).exit(0);
         let report = report(&work, kind);
         assert_eq!(report["motion"]["kind"], kind);
-        // How fit a noisy track of small frames can be is the bank's affair; that it is nearly reached is ours.
+        // The fitness for a noisy track of small frames depends on the bank; the solver must nearly reach the bound.
         assert!(report["share_of_bound"].as_f64().unwrap() > 0.8, "{report}");
     }
     // All 6 frames of the track; the FAP file has 25.
@@ -302,9 +302,9 @@ fn tracks_and_fap_files_are_motions_too() {
 }
 
 #[test]
-fn what_a_fap_file_does_not_set_rests() {
+fn faps_that_a_file_does_not_set_rest() {
     let work = Work::new();
-    // The upper lids alone: as with all other FAPs at 0.
+    // Only the upper lids: as if all other FAPs were 0.
     let mask = (1..=68).map(|k| if k == 19 || k == 20 { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
     work.write("lids.fap", format!("2.1 blink 25 3\n{mask}\n0 0 0\n{mask}\n1 450 450\n{mask}\n2 900 900\n"));
     work.grimace("fap convert lids.fap --mask all -o all.fap").exit(0);
@@ -335,11 +335,11 @@ fn faps_that_only_some_frames_set_are_0_in_the_others() {
         work.grimace(&clone).exit(0);
     }
     assert_eq!(work.read("some/weights.csv"), work.read("all/weights.csv"));
-    // But for the name in the first line.
+    // Equal except for the name in the first line.
     let values =
         |name: &str| work.read(&format!("{name}-clone/clone.fap")).lines().skip(1).map(str::to_owned).collect::<Vec<_>>();
     assert_eq!(values("some"), values("all"));
-    // Frames put between take no time: the motion has a rate of its own.
+    // Inserted frames add no time: the motion has its own rate.
     let report = report(&work, "some");
     assert_eq!((report["frames"].clone(), report["motion"]["fps"].clone()), (9.into(), 100.0.into()), "{report}");
 }
@@ -353,16 +353,17 @@ fn key_frames_of_feature_points_have_frames_between() {
 }
 
 #[test]
-fn what_should_rest_is_not_torn_along_for_a_few_points() {
+fn resting_points_are_not_moved_to_fit_a_few_others() {
     let work = Work::new();
-    // The wings of the nose alone, which no member of the bank moves much.
+    // Only the wings of the nose, which no member of the bank moves much.
     let mask = (1..=68).map(|k| if k == 61 || k == 62 { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
     work.write("flare.fap", format!("2.1 flare 25 3\n{mask}\n0 0 0\n{mask}\n1 100 100\n{mask}\n2 200 200\n"));
     for solver in ["refined", "ga"] {
         work.grimace(&format!("synthesize -b head -m flare.fap -o {solver} --bound-starts 0 --format npy --solver {solver}"))
             .exit(0)
             .says(&["flare.fap: the bank also moves points that should rest", "% of the motion is shown"]);
-        // The surface went 3 cm, and 6 by the genetic algorithm alone; the wings of the nose are asked to go 0.9.
+        // Without this limit the surface moved by 3 cm, and by 6 cm with the genetic algorithm alone; the wings of the nose
+        // should move by 0.9 cm.
         let bytes = work.bytes(&format!("{solver}/surface.npy"));
         let (_, data) = bytes.split_at(10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]])));
         let numbers: Vec<f32> = data.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
@@ -397,7 +398,7 @@ fn a_motion_of_zeros_is_the_neutral_face_and_says_so() {
     let work = Work::new();
     work.write("m.csv", "frame,fp,dx,dy,dz\n0,8.3,0,0,0\n1,8.3,0,0,0\n");
     for solver in ["best", "rbf", "nnls", "ga", "refined", "cosine"] {
-        // Of a face at rest there are pictures too.
+        // Pictures are made of a face at rest, too.
         let formats = if solver == "best" { "npy,pictures" } else { "npy" };
         let ran =
             work.grimace(&format!("synthesize -b candide -m m.csv -o {solver} --solver {solver} --format {formats}")).exit(0);
@@ -408,9 +409,9 @@ fn a_motion_of_zeros_is_the_neutral_face_and_says_so() {
 }
 
 #[test]
-fn a_target_opposite_to_everything_is_answered() {
+fn a_target_opposite_to_every_member_has_a_result() {
     let work = Work::new();
-    // No expression pushes the chin up by so much and everything else nowhere.
+    // No expression pushes the chin up by so much without moving anything else.
     work.write("m.csv", "frame,fp,dx,dy,dz\n0,2.1,0,1,0\n0,2.11,0,1,0\n0,2.12,0,1,0\n");
     let ran = work.grimace("synthesize -b candide -m m.csv -o out --solver ga --format npy").exit(0);
     ran.prints(&["share of the bound"]);
@@ -429,7 +430,7 @@ fn bad_input_is_named() {
     says("-b gone.bank -m m.csv", &["gone.bank"]);
     says("-b candide -m gone.csv", &["gone.csv"]);
     work.grimace("synthesize -o out -b candide -m m.csv --regions 3").exit(2).says(&["expected 1, 2 or 4"]);
-    // What would end in no number, in no memory or never.
+    // Values that would give no number, take all memory or never end.
     for beyond in
         ["--generations 18446744073709551615", "--population 1000000000000", "--fps 1e-40", "--fps 1e60", "--scale 1e40"]
     {
@@ -475,7 +476,7 @@ fn a_bank_of_one_member_and_arkit_names_work() {
             .exit(0)
             .prints(&["fitness           1.0000"]);
         let live_link = work.read(&format!("{solver}/livelink.csv"));
-        // Ten frames a second: the second frame is number 1 of second 0.
+        // Ten frames per second: the second frame is number 1 of second 0.
         assert!(live_link.starts_with("Timecode,BlendShapeCount,EyeBlinkLeft,"), "{live_link}");
         assert!(live_link.lines().nth(2).unwrap().starts_with("00:00:00:01.000,61,0,"), "{live_link}");
         let arkit = work.read(&format!("{solver}/arkit.csv"));
@@ -487,7 +488,7 @@ fn a_bank_of_one_member_and_arkit_names_work() {
         assert!((values[0] - 0.5).abs() < 1e-6 && (values[1] - 1.0).abs() < 1e-6, "{solver}: {values:?}");
         assert!(arkit.lines().nth(2).unwrap().starts_with("1,0.1,"));
     }
-    // The other way the member can only be subtracted: it rests.
+    // In the opposite direction the member could only be subtracted: it stays at rest.
     work.write("up.csv", "frame,fp,dx,dy,dz\n0,2.1,0,0.5,0\n");
     work.grimace("synthesize -b one.bank -m up.csv -o up --solver ga --format npy")
         .exit(0)
@@ -510,7 +511,7 @@ fn evaluate_synthesis_repeats_the_papers_tables() {
     {
         assert!(work.path(&format!("out/{file}")).is_file(), "{file}");
     }
-    // Six solvers with the whole face, five each with two and four regions.
+    // Six solvers with the whole face, five each with two and with four regions.
     assert_eq!(work.read("out/solvers.csv").lines().count(), 1 + 6 + 5 + 5);
     work.grimace(&format!("{args} -o again -j 1 -q")).exit(0);
     let (mut first, mut again) = (work.files("out"), work.files("again"));
@@ -521,9 +522,9 @@ fn evaluate_synthesis_repeats_the_papers_tables() {
 }
 
 #[test]
-fn what_a_bank_cannot_show_is_named_and_a_still_file_is_valid() {
+fn faps_that_a_bank_cannot_show_are_reported_and_a_still_file_is_valid() {
     let work = Work::new();
-    // The head nods (48); in the second file the jaw opens, too (3).
+    // The head nods (48); in the second file the jaw also opens (3).
     let (nod, jaw) = (mask(&[48]), mask(&[3, 16, 48]));
     work.write("nod.fap", format!("2.1 nod 25 2\n{nod}\n0 0\n{nod}\n1 9000\n"));
     work.write("jaw.fap", format!("2.1 jaw 25 2\n{jaw}\n0 0 0 0\n{jaw}\n1 500 40 9000\n"));
@@ -547,7 +548,7 @@ fn what_a_bank_cannot_show_is_named_and_a_still_file_is_valid() {
     assert_eq!(report(&work, "jaw")["motion"]["faps_not_shown"], serde_json::json!([16, 48]));
     let (document, ..) = gltf::import(work.path("jaw/animation.glb")).unwrap();
     assert_eq!(document.animations().count(), 1);
-    // Still, beside one that moves: an animation of two key frames, whose weights are 0.
+    // A still face beside a moving one: an animation of two key frames with weights 0.
     work.grimace(&format!("synthesize -b head -m still.fap jaw.fap {options} -o both")).exit(0);
     assert_eq!(gltf::import(work.path("both/animation.glb")).unwrap().0.animations().count(), 2);
 }

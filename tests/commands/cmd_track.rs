@@ -33,7 +33,7 @@ fn mean_difference(work: &Work, a: &str, b: &str) -> f64 {
 }
 
 #[test]
-fn a_track_has_every_node_of_every_frame_and_says_what_it_was_made_from() {
+fn a_track_has_every_node_of_every_frame_and_records_its_inputs() {
     let work = work();
     let ran = work.grimace(&format!("{TRACK} --emotion Happiness --fps 25 --overlay pictures")).exit(0);
     ran.prints(&["6 frames, ", "% of the nodes tracked, mean forward-backward distance", "eye distance"]);
@@ -81,7 +81,7 @@ fn the_paper_s_method_is_one_switch_and_each_of_its_parts_a_flag() {
     assert_eq!(prior, "none");
     assert_eq!((&kp["forces"], &kp["forward_backward"], &kp["align"]["gain"]), (&"same".into(), &0.0.into(), &0.0.into()));
     assert_eq!((&kp["lip_probes"], &kp["rigid_eyes"], &kp["deform"]), (&false.into(), &false.into(), &true.into()));
-    // Without a way back nothing is measured by it.
+    // Without tracking backward there is no residual.
     assert!(work.rows("S001_005.csv").iter().filter(|r| r["frame"] != "1").all(|r| r["residual"].is_empty()));
     assert_eq!((&kp["align"]["corners"], &kp["read_lids"], &kp["locate_lost"]), (&0.0.into(), &false.into(), &false.into()));
     let parts = "--prior none --forces same --forward-backward 0 --align-gain 0 --corner-stiffness 0 --lip-probes off \
@@ -89,7 +89,7 @@ fn the_paper_s_method_is_one_switch_and_each_of_its_parts_a_flag() {
     let by_hand = TRACK.replace("-o S001_005.csv", "-o S001_006.csv");
     work.grimace(&format!("{by_hand} {parts}")).exit(0);
     assert_eq!(work.read("S001_005.csv"), work.read("S001_006.csv"));
-    // What is given beside the switch counts.
+    // Options given together with --method have precedence.
     work.grimace(&format!("{TRACK} --force --method kp --lip-probes on --deform off")).exit(0);
     let (_, changed) = options("S001_005.json");
     assert_eq!((&changed["lip_probes"], &changed["deform"], &changed["forces"]), (&true.into(), &false.into(), &"same".into()));
@@ -118,7 +118,7 @@ fn tracks_are_not_written_over_without_force() {
 }
 
 #[test]
-fn corrections_by_hand_are_put_into_a_track_that_is_made_again() {
+fn corrections_by_hand_are_applied_to_a_track_that_is_made_again() {
     let work = work();
     work.grimace(&format!("track faces/S001/005 -c {MARKS} -o tracks/S001_005.csv")).exit(0);
     let file = "frame,node,x,y\n3,31,90.5,140.25\n";
@@ -126,7 +126,7 @@ fn corrections_by_hand_are_put_into_a_track_that_is_made_again() {
     work.grimace(&format!("track faces/S001/005 -c {MARKS} -o tracks/S001_005.csv --force")).exit(0);
     assert!(work.read("tracks/S001_005.csv").contains("\n3,31,90.5,140.25,corrected"));
     assert_eq!(work.read("corrections/S001_005.csv"), file);
-    // The track of a part knows no frame 99: said, and kept.
+    // The track of a part has no frame 99: the correction is reported and kept.
     work.write("corrections/S001_005.csv", format!("{file}99,31,1,1\n"));
     let ran = work.grimace(&format!("track faces/S001/005 -c {MARKS} -o tracks/S001_005.csv --force")).exit(0);
     ran.prints(&["corrections/S001_005.csv no longer fits the track and is kept, but not applied: frame 99, node 31"]);
@@ -136,7 +136,7 @@ fn corrections_by_hand_are_put_into_a_track_that_is_made_again() {
 fn track_as(work: &Work, name: &str, extension: &str, encode: impl Fn(&[u8]) -> Vec<u8>) {
     for number in 1..=6 {
         let bytes = encode(&work.bytes(&frame(number)));
-        // Not padded with zeros: frame 10 must come behind frame 9.
+        // Numbers without leading zeros: frame 10 must follow frame 9.
         work.write(&format!("{name}/f{}.{extension}", number + 6), bytes);
     }
     work.grimace(&format!("track {name} -c {MARKS} -o {name}.csv")).exit(0).prints(&["6 frames"]);
@@ -205,7 +205,8 @@ fn the_same_grey_pixels_give_the_same_track_in_every_lossless_format() {
 
 #[test]
 fn colour_is_read_in_every_format_and_depth() {
-    // Decoders round or cut off when they convert to grey: one grey level, which moves nodes by some hundredths of a pixel.
+    // Decoders round or truncate when they convert to grey: this changes a grey level by one and moves nodes by some hundredths
+    // of a pixel.
     let near = 0.05;
     assert!(tracked_as("png", with_image(ImageFormat::Png, |i| i)) == 0.0, "the same pixels");
     assert!(tracked_as("png", with_image(ImageFormat::Png, |i| i.to_luma8().into())) < near, "grey PNG");
@@ -266,7 +267,7 @@ fn rate_and_times(work: &Work, json: &str) -> (f64, Option<Vec<f64>>) {
 fn frames_of_a_video_have_their_own_times() {
     let work = work();
     let frames = jpegs(&work);
-    // No rate is stated: OpenCV takes the time base for one, 1000 frames per second.
+    // No rate is stated: OpenCV takes the time base for the rate, 1000 frames per second.
     let uneven = [0, 40, 80, 160, 240, 320];
     work.write("films/uneven.mkv", matroska(&frames, &uneven, None, 400.0));
     work.write("films/even.mkv", matroska(&frames, &[40, 120, 200, 280, 360, 440], None, 520.0));
@@ -282,16 +283,17 @@ fn frames_of_a_video_have_their_own_times() {
     };
     let of = |sequence: u32| rate_and_times(&work, &format!("out/tracks/S001_{sequence}.json"));
     assert_eq!((of(1), times(1)), ((15.625, Some(own.clone())), own.clone()));
-    assert_eq!((of(2), times(2)), ((15.625, Some(own.clone())), own.clone()), "back in time");
-    // Who gives a rate is believed.
+    assert_eq!((of(2), times(2)), ((15.625, Some(own.clone())), own.clone()), "times that decrease");
+    // A stated rate is used.
     assert_eq!((of(3), times(3)), ((25.0, None), vec![0.0, 0.04, 0.08, 0.12, 0.16, 0.2]));
     assert_eq!((of(4), times(4)), ((12.5, None), vec![0.0, 0.08, 0.16, 0.24, 0.32, 0.4]));
-    // Its FAPs are even: 0.32 s at 16 frames per second.
+    // Its FAPs are equally spaced: 0.32 s at 16 frames per second.
     let fap = work.read("out/fap/tracks/S001_1.fap");
     assert!(fap.starts_with("2.1 S001_1 16 6\n"), "{}", &fap[..40]);
-    // Models take their frames evenly in time: the second of five is the third, of 0.08 s; by place it would be the second.
+    // Models take frames at equal times: their second frame is the third of the track, at 0.08 s. By frame number it would be
+    // the second.
     assert_ne!(work.read("out/models/S001_1.csv"), work.read("out/models/S001_3.csv"));
-    // From the files it is the same again.
+    // Reading the files again gives the same result.
     work.grimace("features out/tracks -o again").exit(0);
     assert_eq!(work.read("again/S001_1.csv"), work.read("out/features/S001_1.csv"));
     let ran = work.grimace(&format!("track films/uneven.mkv -c {MARKS} -o S001_9.csv")).exit(0);
@@ -301,7 +303,7 @@ fn frames_of_a_video_have_their_own_times() {
 }
 
 #[test]
-fn a_rate_that_is_given_no_more_leaves_frames_to_their_own_times() {
+fn without_a_stated_rate_frames_have_their_recorded_times() {
     let work = work();
     let frames = jpegs(&work);
     work.write("films/uneven.mkv", matroska(&frames, &[0, 40, 80, 160, 240, 320], None, 400.0));
@@ -322,7 +324,7 @@ fn a_rate_that_is_given_no_more_leaves_frames_to_their_own_times() {
         }
         assert_same_files(&work.files("out"), &work.files(&format!("fresh{fps}")));
     }
-    // A run that ended early and left no more than its tracks.
+    // The state after a run that ended early and left only its tracks.
     work.write("films/manifest.csv", table(""));
     for name in work.files("out").keys().filter(|name| !name.starts_with("tracks/")) {
         std::fs::remove_file(work.path("out").join(name)).unwrap();
@@ -332,17 +334,18 @@ fn a_rate_that_is_given_no_more_leaves_frames_to_their_own_times() {
 }
 
 #[test]
-fn a_video_with_dropped_frames_is_whole_and_a_cut_one_is_not() {
+fn a_video_with_dropped_frames_is_complete_and_a_truncated_one_is_not() {
     let work = work();
     let frames = jpegs(&work);
-    // 25 frames per second are stated, and 9 or 25 frames follow from the length.
+    // The rate is 25 frames per second, and 9 or 25 frames follow from the duration.
     let times = [0, 40, 120, 160, 240, 320];
     work.write("dropped.mkv", matroska(&frames, &times, Some(40), 360.0));
     work.write("cut.mkv", matroska(&frames, &times, Some(40), 1000.0));
     work.grimace(&format!("track dropped.mkv -c {MARKS} -o S001_1.csv")).exit(0).prints(&["6 frames", "40 to 80 ms apart"]);
     let ran = work.grimace(&format!("track cut.mkv -c {MARKS} -o S001_2.csv")).exit(1);
     ran.says(&["cut.mkv: ends unexpectedly at frame 6 of 25; the file is truncated or damaged"]);
-    // An AVI says how many frames it has. 5 times the sequence, cut where the last frame begins: the decoder leaves out the one before it, too.
+    // An AVI states its number of frames. 5 times the sequence, cut where the last frame begins: the decoder also omits the one
+    // before it.
     for copy in 1..=4 {
         for number in 1..=6 {
             work.write(&format!("faces/S001/005/copy_{copy}_{number}.png"), work.bytes(&frame(number)));
@@ -387,7 +390,7 @@ fn refused(work: &Work, texts: &[&str]) {
 }
 
 #[test]
-fn frames_that_are_none_are_named() {
+fn files_that_are_not_frames_are_reported() {
     let work = work();
     let bytes = work.bytes(&frame(4));
     work.write(&frame(4), "");
@@ -406,7 +409,7 @@ fn frames_that_are_none_are_named() {
 }
 
 #[test]
-fn a_jpeg_and_a_tiff_cut_off_are_named() {
+fn a_truncated_jpeg_and_tiff_are_reported() {
     for (extension, encode) in [(".jpg", with_opencv(".jpg", false, &[])), (".tif", with_opencv(".tif", false, &[]))] {
         let work = work();
         let whole = encode(&work.bytes(&frame(4)));
@@ -428,13 +431,13 @@ fn frames_of_another_size_are_named() {
 }
 
 #[test]
-fn folders_that_are_no_sequence_are_refused() {
+fn folders_that_are_not_sequences_are_refused() {
     let work = work();
     let track = |sequence: &str| work.grimace(&format!("track {sequence} -c {MARKS} -o S001_005.csv")).exit(1);
     work.write("one/f1.png", work.bytes(&frame(1))).write("none/a.txt", "x");
     track("one").says(&["one: 1 frame from neutral to apex; at least 2 are needed"]);
     track("none").says(&["none: no images in the folder (extensions of images: png"]);
-    // What would be a frame is not left out in silence, nor what may be one.
+    // A file that is or may be a frame is never left out silently.
     work.write("heic/f1.png", work.bytes(&frame(1))).write("heic/f2.png", work.bytes(&frame(2))).write("heic/f3.HEIC", "x");
     track("heic").says(&["heic/f3.HEIC: this looks like a frame, but its format is not supported; convert it to PNG"]);
     track("nowhere").says(&["nowhere: there is no such folder of frames or video file"]);
@@ -456,7 +459,7 @@ fn marks_that_do_not_make_a_fit_name_their_file() {
 }
 
 #[test]
-fn a_face_that_is_not_there_is_said_to_be_lost() {
+fn a_missing_face_is_reported_as_lost() {
     let work = work();
     let grey = image::GrayImage::from_pixel(200, 160, image::Luma([128]));
     for number in 3..=6 {
@@ -466,7 +469,7 @@ fn a_face_that_is_not_there_is_said_to_be_lost() {
 }
 
 #[test]
-fn corrections_off_the_face_are_applied_and_said_and_those_off_the_picture_are_not_applied() {
+fn corrections_off_the_face_are_applied_and_reported_and_those_off_the_picture_are_refused() {
     let work = work();
     work.grimace(TRACK).exit(0);
     let place = |node: &str| {

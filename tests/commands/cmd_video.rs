@@ -18,7 +18,7 @@ const BITS: u32 = 10;
 
 /// Returns a picture that shows its number: a white or black column for each bit.
 fn picture(number: u32) -> RgbImage {
-    // Rows of bits are all the same: drawn once, as tests draw many of these.
+    // Every row of bits is the same: it is drawn once, because the tests draw many of these.
     let bits: Vec<u8> = (0..20 * BITS).flat_map(|x| [255 * (number >> (x / 20) & 1) as u8; 3]).collect();
     let mut pixels = bits.repeat(140);
     for y in 140..160 {
@@ -57,11 +57,11 @@ fn check_damage(path: &Path) {
     assert!((8..=13).contains(&last), "{}: {last}", path.display());
     let (frames, error) = read(path, Some(3), Some(last));
     assert!(error.is_none() && frames.len() as u32 == last - 2, "{error:?}");
-    // Frames behind it are refused, in whatever direction they are asked for, and whether those before are wanted or not.
+    // Frames after the damage are refused, in either direction, whether earlier frames are requested or not.
     for (first, last) in [(Some(last + 2), None), (Some(1), Some(last + 1)), (Some(last + 2), Some(2))] {
         let (frames, error) = read(path, first, last);
-        let is_told = matches!(error, Some(SequenceError::Damaged { .. }));
-        assert!(is_told && frames.iter().all(|(number, shown)| number == shown), "{first:?} {last:?}: {frames:?} {error:?}");
+        let is_reported = matches!(error, Some(SequenceError::Damaged { .. }));
+        assert!(is_reported && frames.iter().all(|(number, shown)| number == shown), "{first:?} {last:?}: {frames:?} {error:?}");
     }
 }
 
@@ -73,7 +73,7 @@ fn without_cluster(mut video: Vec<u8>, place: usize) -> Vec<u8> {
 }
 
 #[test]
-fn no_frame_behind_damage_has_a_wrong_number() {
+fn no_frame_after_damage_has_a_wrong_number() {
     let work = Work::new();
     let jpegs: Vec<Vec<u8>> = (1..=20)
         .map(|number| {
@@ -87,12 +87,12 @@ fn no_frame_behind_damage_has_a_wrong_number() {
         work.write(name, matroska(frames, times, Some(40), 800.0));
         work.path(name)
     };
-    // A cluster whose head is broken: the reader goes on with the next one.
+    // A cluster with a damaged header: the reader continues with the next one.
     let whole = write("whole.mkv", &jpegs, &even);
     assert!(read(&whole, None, None).1.is_none());
     work.write("cluster.mkv", without_cluster(work.bytes("whole.mkv"), 10));
     check_damage(&work.path("cluster.mkv"));
-    // A camera that left frames out.
+    // A camera that left out frames.
     let mut uneven = even.clone();
     uneven[10..].iter_mut().for_each(|time| *time += 200);
     let (frames, error) = read(&write("camera.mkv", &jpegs, &uneven), None, None);
@@ -106,7 +106,8 @@ fn no_frame_behind_damage_has_a_wrong_number() {
         check_damage(&work.path("chunk.avi"));
         assert!(read(&work.path("whole.avi"), None, None).1.is_none());
     }
-    // A picture that the decoder passes over, or ends at: no frame is another one than its number says, and none is missing without a word.
+    // A picture that the decoder skips, or at which it stops: every frame has the right number, and no frame is missing without
+    // an error.
     if write_pictures(&work, (1..=80).map(picture), "whole.webm") {
         assert!(read(&work.path("whole.webm"), None, None).1.is_none());
         let whole = work.bytes("whole.webm");
@@ -116,7 +117,7 @@ fn no_frame_behind_damage_has_a_wrong_number() {
             webm[place..place + 100].fill(0);
             work.write("picture.webm", &webm);
             let (frames, error) = read(&work.path("picture.webm"), None, None);
-            // Of a frame that is given the bits may be damaged, but those behind the next key frame are whole.
+            // The bits of a returned frame may be damaged, but those after the next key frame are complete.
             assert!(frames.iter().zip(1..).all(|((number, _), expected)| *number == expected));
             assert!(frames.len() == 80 || error.is_some(), "{share}: {} frames", frames.len());
         }
@@ -144,9 +145,9 @@ fn the_command_says_up_to_which_frame_a_damaged_video_can_be_used() {
 }
 
 #[test]
-fn a_long_video_is_the_same_back_in_time() {
+fn a_long_video_is_the_same_in_reverse() {
     let work = Work::new();
-    // More frames than are held at a time; numbers to 1023 have bits.
+    // More frames than are held at a time; the bits encode numbers up to 1023.
     const COUNT: u32 = 1100;
     let numbers = || (1..=COUNT).map(|number| picture(number % 1024));
     for name in ["film.avi", "film.mp4"] {
@@ -168,7 +169,7 @@ fn a_long_video_is_the_same_back_in_time() {
 
 #[test]
 #[cfg(unix)]
-fn a_video_back_in_time_is_opened_once() {
+fn a_reversed_video_is_opened_once() {
     let work = Work::with_sequences(&["S001_005"]);
     if !write_video(&work, "faces/S001/005", "face.avi") {
         return;
@@ -185,6 +186,6 @@ fn a_video_back_in_time_is_opened_once() {
     assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
     let starts = work.read("bin/grimace-opencv.log");
     assert!(starts.lines().filter(|word| *word == "back").count() >= 1, "{starts}");
-    // One look at the neutral frame for what is told of it, one through all.
+    // One pass for information about the neutral frame, one over all frames.
     assert!(starts.lines().count() <= 2, "{starts}");
 }

@@ -20,6 +20,7 @@ mod cmd_figures;
 mod cmd_fit;
 mod cmd_lab;
 mod cmd_locate;
+mod cmd_looked;
 mod cmd_opencv;
 mod cmd_package;
 mod cmd_play;

@@ -10,7 +10,7 @@ fn sequences() -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/sequences");
     let found = folder.join("manifest.csv").is_file();
     if !found {
-        eprintln!("SKIPPED, NOTHING WAS TESTED: {} is not there", folder.display());
+        eprintln!("SKIPPED, NOTHING WAS TESTED: {} does not exist", folder.display());
     }
     found.then_some(folder)
 }
@@ -45,14 +45,14 @@ fn real_sequences_give_representatives_with_the_signs_of_their_expressions() {
 }
 
 #[test]
-fn parted_lips_of_real_smiles_are_found_and_said() {
+fn parted_lips_of_real_smiles_are_found_and_reported() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/faces");
     if !folder.join("smiling").is_dir() {
-        eprintln!("SKIPPED, NOTHING WAS TESTED: {} is not there", folder.display());
+        eprintln!("SKIPPED, NOTHING WAS TESTED: {} does not exist", folder.display());
         return;
     }
     let work = Work::new();
-    // The teeth of the last are told by colour alone.
+    // The teeth of the last person can be detected by colour only.
     let people = ["L030", "L096", "L130", "L114"];
     let pictures = ["neutral", "smiling"].map(|state| people.map(|p| folder.join(state).join(format!("{p}.jpg"))));
     let located = work.command().arg("locate").args(pictures.concat()).args(["-o", "points.csv"]).output().unwrap();
@@ -69,7 +69,8 @@ fn parted_lips_of_real_smiles_are_found_and_said() {
     let parted = [0.10..0.30, 0.10..0.30, 0.10..0.30, 0.05..0.20];
     for (state, ranges) in pictures.iter().zip([closed, parted]) {
         for (picture, range) in state.iter().zip(ranges) {
-            // Inner edges of the lips over the distance of the outer corners of the eyes, which is 1.4 to 1.5 of the eye distance.
+            // Distance of the inner edges of the lips over that of the outer corners of the eyes, which is 1.4 to 1.5 times the
+            // eye distance.
             let gap = (at(picture, "40")[1] - at(picture, "87")[1])
                 / (1.45_f64.recip() * (at(picture, "20")[0] - at(picture, "53")[0]));
             assert!(range.contains(&gap), "{}: {gap:.3}", picture.display());

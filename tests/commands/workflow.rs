@@ -21,7 +21,7 @@ fn root() -> &'static Path {
 fn snakemake() -> Option<PathBuf> {
     let path = std::env::var_os("SNAKEMAKE").map_or_else(|| root().join("target/workflow-venv/bin/snakemake"), PathBuf::from);
     if !path.exists() {
-        eprintln!("SKIPPED tests of the workflow: {} is not there; scripts/workflow_setup installs it", path.display());
+        eprintln!("SKIPPED tests of the workflow: {} does not exist; scripts/workflow_setup installs it", path.display());
         return None;
     }
     Some(path)
@@ -39,13 +39,13 @@ fn workflow(snakemake: &Path, work: &Work, profile: &str, grimace: &Path) -> Com
 }
 
 #[test]
-fn killed_in_the_middle_and_resumed_it_gives_the_bytes_of_a_plain_run() {
+fn a_killed_and_resumed_workflow_gives_the_bytes_of_a_plain_run() {
     let Some(snakemake) = snakemake() else { return };
     let work = Work::with_faces();
-    // A sequence that fails is a part of it.
+    // One sequence fails on purpose.
     std::fs::remove_dir_all(work.path("faces/S003/007")).unwrap();
     work.grimace(&format!("run faces -o plain {OPTIONS}")).exit(3);
-    // Slow enough to be caught in the middle.
+    // Slow enough to be interrupted.
     let slow = work.path("slow.sh");
     work.write("slow.sh", format!("#!/bin/sh\nsleep 1\nexec {} \"$@\"\n", crate::common::grimace().display()));
     Command::new("chmod").arg("+x").arg(&slow).status().unwrap();
@@ -59,17 +59,17 @@ fn killed_in_the_middle_and_resumed_it_gives_the_bytes_of_a_plain_run() {
         assert!(running.try_wait().unwrap().is_none(), "the workflow ended early");
         thread::sleep(Duration::from_millis(50));
     }
-    // The group is the workflow with all its jobs, and nothing else.
+    // The process group has the workflow with all its jobs, and nothing else.
     Command::new("kill").args(["-KILL", "--", &format!("-{}", running.id())]).status().unwrap();
     running.wait().unwrap();
-    assert!(done() < 6 && !work.path("flow.workflow/complete").exists(), "it was killed too late to show anything");
+    assert!(done() < 6 && !work.path("flow.workflow/complete").exists(), "the workflow was killed too late for the test");
 
     let program = crate::common::grimace();
     assert!(workflow(&snakemake, &work, "local", program).arg("--unlock").output().unwrap().status.success());
     let resumed = workflow(&snakemake, &work, "local", program).output().unwrap();
     assert!(resumed.status.success(), "{}", String::from_utf8_lossy(&resumed.stderr));
     assert_same_files(&work.files("plain"), &work.files("flow"));
-    // What is complete is not done again.
+    // Complete parts are not repeated.
     let again = workflow(&snakemake, &work, "local", program).output().unwrap();
     assert!(String::from_utf8_lossy(&again.stderr).contains("Nothing to be done"));
 }
@@ -82,7 +82,7 @@ fn batches_of_sequences_give_the_same_bytes_in_fewer_jobs() {
     let mut command = workflow(&snakemake, &work, "local", crate::common::grimace());
     let ran = command.arg("batch=4").output().unwrap();
     assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
-    // 6 sequences by 4: 2 jobs.
+    // 6 sequences, 4 per job: 2 jobs.
     assert!(work.path("flow.workflow/part-2-of-2").exists());
     assert_same_files(&work.files("plain"), &work.files("flow"));
 }
@@ -107,7 +107,7 @@ fn on_a_slurm_cluster_it_gives_the_bytes_of_a_plain_run() {
     command.current_dir(work.path(".")).arg(snakemake);
     command.arg("--snakefile").arg(root().join("workflow/Snakefile"));
     command.arg("--workflow-profile").arg(root().join("workflow/profiles/slurm"));
-    // The cluster keeps no accounts, and is looked at often.
+    // The cluster keeps no accounting, and is polled often.
     command.args(["--slurm-status-command", "squeue", "--slurm-init-seconds-before-status-checks", "2"]);
     command.args(["--seconds-between-status-checks", "2", "--jobs", "2", "--config", "dataset=faces", "out=flow", "threads=1"]);
     command.arg(format!("grimace={}", crate::common::grimace().display())).arg(format!("options={OPTIONS}")).arg("batch=4");

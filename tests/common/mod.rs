@@ -1,6 +1,6 @@
 //! A temporary work folder, a command runner, and a small simulated dataset, made once per test program and kept in memory.
 
-// Every test program uses only a part of this module.
+// Each test program uses only a part of this module.
 #![allow(dead_code)]
 
 pub mod video;
@@ -27,7 +27,7 @@ pub fn shared_data(name: &str, skipped: &str) -> Option<PathBuf> {
     if path.exists() {
         return Some(path);
     }
-    eprintln!("SKIPPED: ../shared/data/{name} is not there; {skipped}");
+    eprintln!("SKIPPED: ../shared/data/{name} does not exist; {skipped}");
     None
 }
 
@@ -37,7 +37,7 @@ pub fn shared_data(name: &str, skipped: &str) -> Option<PathBuf> {
 /// unless an earlier build left them.
 pub fn grimace() -> &'static Path {
     static PROGRAM: LazyLock<PathBuf> = LazyLock::new(|| {
-        // The tests lie in the folder `deps` beside the programs.
+        // The tests are in the folder `deps` beside the programs.
         let test = std::env::current_exe().unwrap();
         let folder = test.parent().and_then(Path::parent).unwrap();
         let program = |name: &str| folder.join(format!("{name}{}", std::env::consts::EXE_SUFFIX));
@@ -46,7 +46,7 @@ pub fn grimace() -> &'static Path {
                 let mut build = std::process::Command::new(env!("CARGO"));
                 build.args(["build", "--quiet", "--package", package, "--bin", name, "--manifest-path"]);
                 build.arg(root().join("Cargo.toml")).args(if folder.ends_with("release") { &["--release"][..] } else { &[] });
-                assert!(build.status().unwrap().success(), "{name} is not there and cannot be built");
+                assert!(build.status().unwrap().success(), "{name} does not exist and cannot be built");
             }
         }
         program("grimace")

@@ -18,7 +18,7 @@ pub fn write_video(work: &Work, folder: &str, name: &str) -> bool {
 
 /// Writes pictures of 200 x 160 px like [`write_video`].
 pub fn write_pictures(work: &Work, pictures: impl Iterator<Item = image::RgbImage>, name: &str) -> bool {
-    // Builds what this test starts where only one test program was built.
+    // Builds the programs that this test starts, in case only one test program was built.
     grimace();
     let kind = name.rsplit('.').next().unwrap();
     let words = ["encode", kind, "25", "200", "160"].map(OsString::from);
@@ -26,7 +26,7 @@ pub fn write_pictures(work: &Work, pictures: impl Iterator<Item = image::RgbImag
     match writer.receive(0).unwrap() {
         Answer::Said(Reply::Ready) => {}
         Answer::Said(Reply::NoEncoder { tried }) => {
-            eprintln!("SKIPPED: this OpenCV does not write {tried}");
+            eprintln!("SKIPPED: this OpenCV cannot write {tried}");
             return false;
         }
         other => panic!("{other:?}"),
@@ -43,7 +43,7 @@ pub fn write_pictures(work: &Work, pictures: impl Iterator<Item = image::RgbImag
 /// without it), and `length_ms` the stated duration of the video.
 pub fn matroska(frames: &[Vec<u8>], times: &[u64], frame_ms: Option<u64>, length_ms: f64) -> Vec<u8> {
     let element = |number: &[u8], content: &[u8]| {
-        // A length of 8 bytes, the first of which says so.
+        // A length of 8 bytes, as the first byte states.
         let length = (content.len() as u64 | 1 << 56).to_be_bytes();
         [number, &length, content].concat()
     };

@@ -134,13 +134,13 @@ impl Bench {
         let wrong = differing(&found, &self.expected);
         let half: Vec<_> =
             wrong.iter().filter(|name| found.contains_key(*name) && *name != "run.json" && *name != "run.journal").collect();
-        assert!(half.is_empty(), "{fault}: half files {half:?}");
+        assert!(half.is_empty(), "{fault}: partly written files {half:?}");
     }
 
     /// Checks that the next run completes the work and gives the results of an undisturbed run.
     fn assert_recovers(&self, out: &str, fault: &str) {
         let (status, said) = self.end(self.run(out));
-        assert_eq!(status, Some(0), "{fault}: the next run says {said}");
+        assert_eq!(status, Some(0), "{fault}: the next run printed {said}");
         let wrong = differing(&files_in(&self.path(out)), &self.expected);
         assert!(wrong.is_empty(), "{fault}: after the next run these differ: {wrong:?}");
     }
@@ -148,7 +148,7 @@ impl Bench {
     /// Checks that a failed run states the reason, without a panic.
     fn assert_said(status: Option<i32>, said: &str, fault: &str) {
         assert!(matches!(status, Some(0 | 1 | 3)), "{fault}: exit status {status:?}: {said}");
-        assert!(status == Some(0) || said.contains("error:") || said.contains("failed"), "{fault}: nothing is said: {said}");
+        assert!(status == Some(0) || said.contains("error:") || said.contains("failed"), "{fault}: no error message: {said}");
         assert!(!said.contains("panicked"), "{fault}: {said}");
     }
 
@@ -159,7 +159,7 @@ impl Bench {
     fn kills(&mut self, rounds: u64) {
         let mut killed = 0;
         for round in 0..rounds {
-            // Every third folder is killed over and over, as on a machine that fails again and again.
+            // Every third folder is killed again and again, as on a machine that keeps failing.
             let out = format!("killed-{}", round / 3);
             let moment = self.moment();
             let mut child = self.run(&out);
@@ -261,7 +261,7 @@ impl Bench {
         for round in 0..rounds {
             let (call, error) = faults[round as usize % faults.len()];
             let out = format!("injected-{round}");
-            // Opening of libraries at the start is not ours to survive.
+            // The first files that are opened are libraries; without them no program can start.
             let first = if call == "openat" { 10 } else { 1 };
             let when = first + self.random.random_range(0..40);
             let inject = format!("inject={call}:error={error}:when={when}");
@@ -337,7 +337,7 @@ impl Bench {
             let (mut with, mut without) = (files_in(&self.path("with")), files_in(&self.path("without")));
             let failures = String::from_utf8_lossy(&with["failures.csv"]).into_owned();
             assert!(failures.contains(&name) && failures.lines().count() == 2, "{failures}");
-            // What tells of the failure differs, and the record with their hashes; every number is the same.
+            // The files that describe the failure differ, and the record with their hashes; all numbers are the same.
             for name in ["analyze.b3", "failures.csv", "report.html", "run.json"] {
                 with.remove(name);
                 without.remove(name);
@@ -362,13 +362,13 @@ fn disturb(faults: impl FnOnce(&mut Bench, u64)) {
 }
 
 #[test]
-fn a_bad_file_among_many_costs_itself() {
+fn a_bad_file_among_many_fails_alone() {
     let batch = if std::env::var_os("GRIMACE_FAULTS_ROUNDS").is_some() { BATCH.1 } else { BATCH.0 };
     disturb(|bench, _| bench.one_bad_file(batch));
 }
 
 #[test]
-fn after_kills_and_two_runs_at_once_results_are_whole_and_the_next_run_finishes_them() {
+fn after_kills_and_two_runs_at_once_results_are_complete_and_the_next_run_finishes_them() {
     disturb(|bench, rounds| {
         bench.kills(rounds * 3);
         bench.two_at_once(rounds);
@@ -376,7 +376,7 @@ fn after_kills_and_two_runs_at_once_results_are_whole_and_the_next_run_finishes_
 }
 
 #[test]
-fn after_failing_disks_and_calls_results_are_whole_and_the_next_run_finishes_them() {
+fn after_failing_disks_and_calls_results_are_complete_and_the_next_run_finishes_them() {
     disturb(|bench, rounds| {
         bench.small_disk(rounds);
         bench.full_disk(rounds);

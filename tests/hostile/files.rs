@@ -34,7 +34,7 @@ fn clone_folder(wild: &str) -> TempDir {
 const CLONE: [&str; 8] = ["clone", "-t", "face.jpg", "-c", "marks.csv", "-o", "out", "-q"];
 
 #[test]
-fn motion_beyond_a_face_is_refused_wherever_it_enters() {
+fn impossible_motion_is_refused_in_every_input() {
     let folder = clone_folder("1e30");
     let (status, said) = grimace(&folder, &[&CLONE[..], &["-s", "wild.csv"]].concat());
     assert_eq!(status, Some(1), "{said}");
@@ -56,7 +56,7 @@ fn motion_beyond_a_face_is_refused_wherever_it_enters() {
 }
 
 #[test]
-fn motion_of_a_face_is_taken() {
+fn possible_motion_is_accepted() {
     let folder = clone_folder("200");
     let (status, said) = grimace(&folder, &["synthesize", "--bank", "candide", "--motion", "wild.csv", "-o", "faces", "-q"]);
     assert_eq!(status, Some(0), "{said}");
@@ -78,7 +78,7 @@ fn a_film_is_the_same_bytes_in_every_run() {
 }
 
 #[test]
-fn what_a_terminal_obeys_is_escaped_and_long_fields_are_cut() {
+fn terminal_escapes_are_escaped_and_long_fields_are_shortened() {
     let folder = tempfile::tempdir().unwrap();
     let marks = format!("node,x,y\n1,\u{1b}]0;pwned\u{7},2\n2,{},3\n", "9e".repeat(20_000_000));
     fs::write(folder.path().join("marks.csv"), marks).unwrap();
@@ -87,7 +87,7 @@ fn what_a_terminal_obeys_is_escaped_and_long_fields_are_cut() {
     assert_eq!(status, Some(1));
     assert!(said.contains("marks.csv, line 2: x is `\\u{1b}]0;pwned\\u{7}`"), "{said:?}");
     assert!(said.len() < 3000, "{} bytes", said.len());
-    // A file's own name, and what another crate quotes.
+    // The name of the file itself, and text quoted by another crate.
     fs::write(folder.path().join("\u{1b}[2J.csv"), "a,b\n").unwrap();
     let (_, said) = grimace(&folder, &["fit", "face.jpg", "--correspondences", "\u{1b}[2J.csv", "-o", "fit.csv"]);
     assert!(said.contains("\\u{1b}[2J.csv, line 1: has no column `node`"), "{said:?}");

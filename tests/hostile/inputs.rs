@@ -23,7 +23,7 @@ fn grimace(folder: &TempDir, arguments: &[&str], input: &[u8]) -> (Option<i32>, 
     let mut command = Command::new(env!("CARGO_BIN_EXE_grimace"));
     command.args(arguments).current_dir(folder.path());
     let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    // A command that reads nothing closes its end.
+    // A command that reads no input closes the pipe.
     let _ = child.stdin.take().unwrap().write_all(input);
     let mut out = child.stdout.take().unwrap();
     let reader = std::thread::spawn(move || {
@@ -72,7 +72,7 @@ fn pipe(path: &Path) {
 
 #[cfg(unix)]
 #[test]
-fn a_pipe_where_a_file_belongs_is_an_error_at_once() {
+fn a_pipe_in_place_of_a_file_is_an_error_at_once() {
     let folder = folder();
     let at = |name: &str| folder.path().join(name);
     let expected = "it is a named pipe; a regular file was expected";
@@ -107,7 +107,7 @@ fn a_pipe_where_a_file_belongs_is_an_error_at_once() {
 
 #[cfg(unix)]
 #[test]
-fn devices_are_no_pictures() {
+fn devices_are_not_pictures() {
     let folder = folder();
     let link = folder.path().join("zero.png");
     std::os::unix::fs::symlink("/dev/zero", &link).unwrap();
@@ -117,7 +117,7 @@ fn devices_are_no_pictures() {
 }
 
 #[test]
-fn what_is_piped_is_read_through_a_dash() {
+fn standard_input_is_read_through_a_dash() {
     let folder = folder();
     let fap = fs::read(repository("fixtures/golden/fap/happiness.fap")).unwrap();
     fs::write(folder.path().join("happiness.fap"), &fap).unwrap();
@@ -186,7 +186,7 @@ fn a_picture_bomb_is_refused_by_its_header_in_every_command() {
 
 /// A successful run with --quiet prints nothing on either stream, including messages of libraries.
 #[test]
-fn quiet_is_quiet() {
+fn quiet_prints_nothing() {
     let folder = folder();
     let (status, out, said) =
         grimace(&folder, &["track", "faces", "--correspondences", "marks.csv", "-o", "S001_005.csv", "-q"], b"");
@@ -219,7 +219,7 @@ fn quiet_is_quiet() {
         }
         assert_eq!((status, out.as_str(), said.as_str()), (Some(0), "", ""), "{film}");
     }
-    // Video frames come through libraries that like to talk; this film is broken.
+    // Video frames are read by libraries that print messages of their own; this film is damaged.
     fs::write(folder.path().join("broken.mp4"), b"\0\0\0\x18ftypmp42\0\0\0\0mp42isom\0\0\0\x08moov").unwrap();
     let (status, out, said) =
         grimace(&folder, &["track", "broken.mp4", "--correspondences", "marks.csv", "-o", "S001_006.csv", "-q"], b"");

@@ -36,19 +36,19 @@ fn a_folder_of_frames_becomes_a_fap_file_and_a_larger_one() {
 }
 
 #[test]
-fn the_representative_of_ones_own_models_leaves_the_outlier_out() {
+fn the_representative_of_custom_models_leaves_the_outlier_out() {
     let smile = own_statistics::run(&[0.6, 0.8, 1.0, 1.1, 5.0]).unwrap();
-    // floor(0.2 * 5) = 1 is dropped from each of the four fields: the smile of strength 5.
+    // floor(0.2 * 5) = 1 model is dropped from each of the four fields: the smile of strength 5.
     let dropped: Vec<_> = smile.trimming.iter().filter(|row| row.dropped).map(|row| (row.field, row.id.to_string())).collect();
     assert_eq!(dropped, (0..4).map(|field| (field, "S005_smile".to_owned())).collect::<Vec<_>>());
-    // Between the two middle ones of the four that are left.
+    // Between the middle two of the remaining four.
     let corner = smile.model.frames()[4].nodes()[31] - smile.model.frames()[0].nodes()[31];
     let strength = corner.y / (0.05 * 1024.0);
     assert!((0.8..=1.0).contains(&strength), "{strength}");
 }
 
 #[test]
-fn a_tracker_of_ones_own_is_asked_and_its_lost_node_recovered() {
+fn a_custom_tracker_is_called_and_its_lost_node_is_recovered() {
     let fixtures = root().join("fixtures/simulated");
     let track = point_tracker::run(&fixtures.join("S001/005"), &fixtures.join("truth/S001_005.csv"), 20).unwrap();
     let last = track.frames.last().unwrap();

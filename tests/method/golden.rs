@@ -42,10 +42,11 @@ fn model(bench: &Workbench, units: &[(u16, f64)], subject: u32) -> SequenceModel
         let mut nodes: Vec<Point2<f64>> = canonical.neutral.nodes().to_vec();
         for (k, &(number, strength)) in units.iter().enumerate() {
             let unit = bench.wireframe.action_units().iter().find(|u| u.kind == UnitKind::Action { number }).unwrap();
-            // Strengths from 70 % to 130 %, spread differently in every unit; the last subject moves the other way.
+            // Strengths from 70 % to 130 %, distributed differently in every unit; the last subject moves in the opposite
+            // direction.
             let spread = 0.7 + 0.06 * f64::from((subject * (k as u32 + 2)) % SUBJECTS);
             let sign = if subject == SUBJECTS - 1 { -1.0 } else { 1.0 };
-            // Some are quick and some slow: the share of the way after m of 4 steps.
+            // Some are quick and some slow: the share of the motion after m of 4 steps.
             let way = f64::from(m) / 4.0;
             let share = if subject.is_multiple_of(2) { way } else { way * way };
             for (node, offset) in &unit.offsets {
@@ -77,7 +78,7 @@ fn made() -> Files {
     let folder = tempfile::tempdir().unwrap();
     write_analysis(&analysis, folder.path(), "golden", &bench, |_, _| Ok(())).unwrap();
     let mut files = files_in(folder.path());
-    // The report has tests of its own, the JSON repeats what the tables say, and bands and what people vary to are long.
+    // The report has its own tests, the JSON files repeat the tables, and the bands and the variation are long.
     files.retain(|name, _| {
         [".csv", ".fap"].iter().any(|end| name.ends_with(end))
             && !["failures.csv", "bands.csv"].contains(&name.as_str())
@@ -98,7 +99,7 @@ fn compare(name: &str, golden: &str, made: &str) {
                 (Ok(x), Ok(y)) => (x - y).abs() <= TOLERANCE,
                 _ => a == b,
             };
-            assert!(same, "{name}:{line}: {b} where the golden file has {a}");
+            assert!(same, "{name}:{line}: found {b}, but the golden file has {a}");
         }
     }
 }

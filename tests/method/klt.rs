@@ -41,7 +41,7 @@ fn probes() -> Vec<Probe> {
 
 #[test]
 fn points_are_found_where_opencv_finds_them() {
-    // Builds what OpenCV's tracker starts where only these tests were built.
+    // Builds the program that OpenCV's tracker starts, in case only these tests were built.
     crate::common::grimace();
     for window in [9, 15] {
         let (mut ours, mut theirs) = (Klt::new(4, window), OpenCvKlt::new(4, window).unwrap());
@@ -63,8 +63,12 @@ fn points_are_found_where_opencv_finds_them() {
             }
         }
         distances.sort_by(f64::total_cmp);
-        // A search that runs away ends somewhere else after the last digit of a sum.
-        assert!(distances.len() > 5000 && odd < 60, "{} found, {odd} of them by one alone", distances.len());
+        // A search that diverges ends elsewhere when the last digit of a sum changes.
+        assert!(
+            distances.len() > 5000 && odd < 60,
+            "{} points found, {odd} of them by only one of the trackers",
+            distances.len()
+        );
         let (middle, most) = (distances[distances.len() / 2], distances[distances.len() * 95 / 100]);
         assert!(middle < 1e-4 && most < 1e-2, "window {window}: median {middle}, 95 % {most}");
     }
@@ -77,7 +81,7 @@ fn gradients_are_those_of_opencv() {
     let mat = mat_of(&frame(1));
     let (mut pyramid, window) = (Vector::<Mat>::new(), Size::new(11, 11));
     build_optical_flow_pyramid(&mat, &mut pyramid, window, 0, true, BORDER_REFLECT_101, BORDER_CONSTANT, false).unwrap();
-    // The image and its Scharr derivatives, 32 a grey level per px.
+    // The image and its Scharr derivatives, 32 times the grey levels per px.
     let derivatives = pyramid.get(1).unwrap();
     let inside: Vec<_> = points().into_iter().filter(|p| p.x > 0.0 && p.y > 0.0 && p.x < 232.0 && p.y < 186.0).collect();
     for (point, found) in inside.iter().zip(ours.gradients(Slot::Neutral, 11, &inside).unwrap()) {

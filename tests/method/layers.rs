@@ -60,7 +60,7 @@ fn imports(text: &str) -> Vec<(usize, String)> {
             found.push((line_of(start), word(&text[after..])));
             continue;
         };
-        // Names stand at the start of the group and after the commas that are in no inner group.
+        // Names are at the start of the group and after commas that are not in an inner group.
         let (mut depth, mut starts) = (1, vec![after + 1]);
         for (offset, c) in group.char_indices() {
             match c {
@@ -147,7 +147,7 @@ fn the_facade_stays_small() {
     let shown = shown(&fs::read_to_string(root().join("src/lib.rs")).unwrap());
     assert!(shown.iter().any(|name| name == "fit::Fitter") && shown.iter().any(|name| name == "statistics::CompareOptions"));
     assert!((150..250).contains(&shown.len()), "{} names", shown.len());
-    // No two of one name, and none of a name that everybody's code has already.
+    // No two items have the same name, and none has a name of Rust's prelude.
     let mut names: Vec<&str> = shown.iter().filter_map(|name| name.rsplit("::").next()).collect();
     names.sort_unstable();
     let doubled: Vec<&&str> = names.windows(2).filter(|pair| pair[0] == pair[1]).map(|pair| &pair[0]).collect();
@@ -199,6 +199,6 @@ fn every_name_of_the_facade_has_an_example() {
 fn an_item_without_an_example_is_found() {
     let text = "/// One.\n///\n/// ```\n/// f();\n/// ```\n#[must_use]\npub fn one() {}\n\n/// Two.\npub struct Two;\n";
     assert!(has_example(text, "one") && !has_example(text, "Two"));
-    // Neither the start of a name nor an item that is not there will do.
+    // Neither the beginning of a name nor a missing item counts.
     assert!(!has_example(text, "on") && !has_example(text, "three"));
 }

@@ -98,7 +98,7 @@ fn strange_marks(face: &Face, size: usize, depth: &[f64], random: &mut ChaCha8Rn
     let zoom: f64 = eye_distance / face.eye_distance;
     let yaw = random.random_range(-15.0_f64..15.0).to_radians();
     let roll = nalgebra::Rotation2::new(random.random_range(-0.35..0.35));
-    // Landmarkers have habits: all marks of one are off together, by up to 2 px of 100, and each by 2 px more.
+    // Detectors are biased: all marks of one are shifted together, by up to 2 px of 100, and each mark by up to 2 px more.
     let noise = 2.0 * (eye_distance / 100.0).sqrt();
     let middle = mean_of(&face.places.iter().map(|p| p.1).collect::<Vec<_>>());
     let whole = random.random_bool(0.5);
@@ -129,7 +129,7 @@ fn refusals(faces: &[Face], rounds: usize, seed: u64) -> (usize, BTreeMap<String
             let most = face.places.len();
             let size = 3 + (k + round * 7) % (most - 2);
             let marks = strange_marks(face, size, &depth, &mut random);
-            // Three marks on one line place nothing; that is said, and right.
+            // Three marks on one line determine no placement; the fit rightly says so.
             if validate_correspondences(&marks, 800, 800).is_err() {
                 continue;
             }

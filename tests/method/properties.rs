@@ -92,7 +92,7 @@ proptest! {
     fn roll_size_and_place_are_gone_after_track_file_and_normalization(strengths in strengths(), view in similarity()) {
         let plain = normalized(&tracked(&strengths, 9, |_| Similarity::identity()));
         let seen = normalized(&tracked(&strengths, 9, |_| view));
-        // Nine digits of coordinates of up to some thousand pixels: 1e-5 px, 1e-4 face units in a face of 36 px and more.
+        // Nine digits for coordinates up to some thousand pixels: 1e-5 px, or 1e-4 face units in a face 36 px or more wide.
         let difference = largest_difference(&plain, &seen);
         prop_assert!(difference < 2e-3, "{difference} face units");
     }
@@ -115,7 +115,8 @@ proptest! {
         };
         for (fap, (one, two)) in FapNumber::low_level().zip(apex(&strengths).into_iter().zip(apex(&twice))) {
             let row = FapCatalog::mpeg4().row(fap);
-            // Angles are sines, and values at the end of a range are clamped; half a unit is rounded away on either side.
+            // Angles are sines, and values at the end of a range are clamped; rounding loses up to half a unit in either
+            // direction.
             let clamped = |v: f64| row.range.is_some_and(|(min, max)| v <= f64::from(min) || v >= f64::from(max));
             let (Some(one), Some(two)) = (one, two) else { continue };
             if !row.motion.is_some_and(FapMotion::is_angle) && !clamped(one) && !clamped(two) {

@@ -26,7 +26,7 @@ fn every_emotion_has_a_section_and_its_dispersion() {
     for published in ["11.13", "9.80", "11.39", "10.89", "13.46", "13.57"] {
         assert!(html.contains(&format!(r#"<td class="num">{published}</td>"#)));
     }
-    assert!(html.contains("Krinidis &amp; Pitas, Cohn-Kanade, their units are not stated"));
+    assert!(html.contains("values of Krinidis &amp; Pitas for the Cohn-Kanade database. Their units are not stated"));
 }
 
 #[test]
@@ -34,7 +34,7 @@ fn the_data_holds_the_models_of_live_nodes() {
     let fixture = Fixture::new("Data", [2, 3, 4, 5, 6, 7], &[]);
     let data = payload(&render_html(&fixture.data()).unwrap());
     let anger = &data["representatives"][0];
-    // 104 live nodes, x and y in turn; four frames after the neutral one.
+    // 104 live nodes, x and y alternating; four frames after the neutral one.
     assert_eq!(anger["neutral"].as_array().unwrap().len(), 208);
     assert_eq!(anger["offsets"].as_array().unwrap().len(), 4);
     // The first live node is node 0, at (0, 1.061) model units; 1.061 * 1024 / 0.613 = 1772.37.
@@ -58,7 +58,7 @@ fn a_user_s_text_can_not_become_markup() {
     assert!(!html.contains("<script>alert"), "script element");
     assert!(!html.contains("<!-- "), "comment");
     assert!(html.contains("{{ 7 * 7 }}"), "not a template");
-    // The page's own: the data and the script.
+    // Those of the page itself: the data and the script.
     assert_eq!(html.matches("<script").count(), 2);
     assert_eq!(html.matches("</script").count(), 2);
     assert_eq!(payload(&html)["ids"].as_array().unwrap().iter().filter(|id| id[0] == evil).count(), 2);
@@ -95,7 +95,7 @@ fn numbers_that_are_not_finite_become_dashes() {
 }
 
 #[test]
-fn a_single_sequence_and_a_small_class_are_said_to_be_so() {
+fn a_single_sequence_and_a_small_class_are_marked() {
     let fixture = Fixture::new("Few", [1, 4, 5, 9, 9, 9], &[]);
     let html = render_html(&fixture.data()).unwrap();
     assert_eq!(html.matches("single sequence: no dispersion").count(), 1);
@@ -143,10 +143,10 @@ fn same_input_same_bytes() {
 fn the_file_is_small() {
     let size = |count: usize| render_html(&Fixture::new("Size", [count; 6], &[]).data()).unwrap().len();
     let (small, large) = (size(20), size(120));
-    // Six classes, each with its fields, its map and its courses as drawings: 180 kB a class.
+    // Six classes, each with drawings of its fields, map and courses: 180 kB per class.
     assert!(small < 1_300_000, "{small} bytes for 120 sequences");
-    // 6 * (120 - 20) = 600 sequences more.
+    // 6 * (120 - 20) = 600 more sequences.
     let each = (large - small) / 600;
-    // A row, and two numbers for each of its 8 to 36 frames.
+    // One row, and two numbers for each of its 8 to 36 frames.
     assert!(each <= 400, "{each} bytes per sequence");
 }

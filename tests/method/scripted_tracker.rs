@@ -124,7 +124,7 @@ fn a_face_that_only_moves_is_followed_exactly() {
     let truth = shifted(5, Vector2::new(2.0, -1.0));
     let track = track(&truth, &[], &TrackOptions::default()).unwrap();
     assert_eq!(track.frames.iter().map(|f| f.number).collect::<Vec<_>>(), [1, 2, 3, 4, 5]);
-    // The springs of a wireframe that moves as a whole are at rest.
+    // If the whole wireframe moves, its springs are at rest.
     let error = largest_error(&track, &truth, 4);
     assert!(error < AT_REST, "{error:e} px");
     for (k, node) in track.frames[4].nodes.iter().enumerate() {
@@ -155,13 +155,13 @@ fn without_deformation_a_lost_node_stays_behind() {
     let truth = shifted(3, Vector2::new(3.0, 4.0));
     let options = TrackOptions { deform: false, ..TrackOptions::default() };
     let track = track(&truth, &[(1, 20, Fault::Lost)], &options).unwrap();
-    // One step of 5 px is missing from then on.
+    // From then on, one step of 5 px is missing.
     assert!(((node(&track, 2, 20).position - truth[2][20]).norm() - 5.0).abs() < 1e-9);
     assert!((node(&track, 2, 21).position - truth[2][21]).norm() < 1e-9);
 }
 
 #[test]
-fn a_node_that_runs_away_is_extreme_and_stays_with_its_face() {
+fn a_node_that_runs_away_is_extreme_and_returns_to_its_face() {
     let truth = shifted(3, Vector2::new(1.0, 1.0));
     let track = track(&truth, &[(1, 31, Fault::Astray(12.0, 0.0))], &TrackOptions::default()).unwrap();
     assert_eq!(node(&track, 1, 31).state, NodeState::Recovered(LossReason::Extreme));
@@ -171,7 +171,7 @@ fn a_node_that_runs_away_is_extreme_and_stays_with_its_face() {
 }
 
 #[test]
-fn a_way_back_that_ends_elsewhere_is_measured_and_refused() {
+fn a_failed_forward_backward_check_is_measured_and_refused() {
     let truth = shifted(3, Vector2::new(1.0, 0.0));
     // The limit is forward_backward times 100 px.
     let options = TrackOptions { forward_backward: 0.04, ..TrackOptions::default() };
@@ -187,7 +187,7 @@ fn a_way_back_that_ends_elsewhere_is_measured_and_refused() {
 
 #[test]
 fn nodes_that_leave_the_image_are_placed_by_the_others() {
-    // The chin (10) is the lowest node, at 200 + 100 / 0.613 * |y| px; 8 steps carry it over the edge and the eyes not.
+    // The chin (10) is the lowest node, at 200 + 100 / 0.613 * |y| px; 8 steps move it over the edge, but not the eyes.
     let wireframe = Wireframe::candide3();
     let chin = neutral(&wireframe)[10].y;
     let step = (f64::from(HEIGHT) + 4.0 - chin) / 8.0;

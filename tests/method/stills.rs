@@ -57,7 +57,7 @@ fn lossless_formats_are_grey_as_opencv_makes_them() {
     for format in [ImageFormat::Png, ImageFormat::Bmp, ImageFormat::Tiff, ImageFormat::Pnm, ImageFormat::WebP] {
         let bytes = encoded(&picture, format);
         let (largest, share) = against_opencv(&bytes);
-        // OpenCV rounds the coefficients differently from format to format, and libpng rounds grey values down.
+        // OpenCV rounds the coefficients differently in each format, and libpng rounds grey values down.
         let most = if format == ImageFormat::Png { 0.6 } else { 0.02 };
         assert!(largest <= 1 && share < most, "{format:?}: {largest}, {share}");
         let grey = encoded(&picture.to_luma8().into(), format);
@@ -121,11 +121,11 @@ fn an_end_marker_does_not_make_a_jpeg_whole() {
             assert!(read_colour(&path).is_err(), "{flags:?}, {share}");
         }
     }
-    // 4:2:0 data, 16 rows of pixels a row of blocks: the message says what was there.
+    // 4:2:0 data with 16 rows of pixels per row of blocks: the message says what was decoded.
     let bytes = by_opencv(&picture, ".jpg", &[]);
     let message = grey(&bytes[..bytes.len() / 2]).unwrap_err().to_string();
     assert!(message.starts_with("the JPEG image is cut off: "), "{message}");
-    // A flat picture has rows of a few bits; the last of them must not be taken for missing.
+    // A uniform picture has rows of few bits; the last of them must not count as missing.
     let flat = RgbImage::from_pixel(200, 150, image::Rgb([90, 90, 90]));
     assert!(grey(&by_opencv(&flat, ".jpg", &[])).is_ok());
 }

@@ -26,7 +26,7 @@ fn data(name: &str) -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data").join(name);
     let found = folder.join("manifest.csv").is_file();
     if !found {
-        eprintln!("SKIPPED, NOTHING WAS TESTED: {} is not there", folder.display());
+        eprintln!("SKIPPED, NOTHING WAS TESTED: {} does not exist", folder.display());
     }
     found.then_some(folder)
 }
@@ -73,7 +73,7 @@ fn check(name: &str, picture: image::RgbImage, marks: &[Correspondence], bench: 
     let target = Target::new(name, picture, marks, bench.fitter(), bench).unwrap_or_else(|e| panic!("{name}: {e}"));
     let (warp, neutral) = (target.warp(), target.fitted.model.nodes());
     let still = warp.render(target.texture(), &warp.deform(neutral).unwrap(), &MouthInside::Dark);
-    assert!(still == target.picture, "{name}: the neutral face is not given back to the bit");
+    assert!(still == target.picture, "{name}: the neutral face is not reproduced bit for bit");
     let supports = supports(neutral);
     let reach = SURROUNDINGS * warp.eye_distance() + 1.0;
     let beyond: Vec<(u32, u32)> = (0..size.1)
@@ -92,12 +92,12 @@ fn check(name: &str, picture: image::RgbImage, marks: &[Correspondence], bench: 
         let deformation = warp.deform(&moved).unwrap();
         let audit = warp.audit(&deformation, size);
         assert_eq!((audit.folded, audit.holes), (0, 0), "{name}, {emotion:?}: {audit:?}");
-        // Pixels that two slivers share where closed lips meet their corner.
+        // Pixels that two thin triangles share where closed lips meet at the corner.
         assert!(audit.doubled <= audit.inside / 10_000, "{name}, {emotion:?}: {audit:?}");
         assert!(audit.inside > 100);
         let frame = warp.render(target.texture(), &deformation, &MouthInside::Dark);
         let changed = beyond.iter().find(|&&(x, y)| frame.get_pixel(x, y) != target.picture.get_pixel(x, y));
-        assert!(changed.is_none(), "{name}, {emotion:?}: pixel {changed:?} lies beyond the surroundings and changed");
+        assert!(changed.is_none(), "{name}, {emotion:?}: pixel {changed:?} outside the surroundings of the face changed");
         assert!(frame != target.picture, "{name}, {emotion:?}: nothing moved");
     }
 }
@@ -172,7 +172,7 @@ fn the_warp_of_a_grey_picture_is_grey() {
     let warp = grimace::internal::warp::Warp::new(&nodes).unwrap().with_eyes(&texture);
     let mut moved = nodes.clone();
     moved[31].x += 3.0;
-    // The middles of both upper lids on those of the lower ones: their skin, and the line of lashes.
+    // The middles of both upper lids are on those of the lower lids: their skin, and the line of lashes.
     for (upper, lower) in [(21, 22), (54, 55)] {
         moved[upper] = nodes[lower];
     }

@@ -119,7 +119,7 @@ fn gauss(rng: &mut ChaCha8Rng, mean: f64, deviation: f64) -> f64 {
 type Model = DynamicExpressionModel<FaceUnit>;
 
 fn model(wireframe: &Wireframe, scale: f64, recipe: &[(&str, f64)], k: usize, rng: &mut ChaCha8Rng) -> Model {
-    // Every eleventh person overdoes it: something to trim.
+    // Every eleventh person exaggerates, so that there is something to trim.
     let strength = if k % 11 == 5 { 1.9 } else { gauss(rng, 1.0, 0.18).clamp(0.4, 1.5) };
     let pace = gauss(rng, 1.0, 0.25).clamp(0.5, 1.8);
     let neutral: Vec<Point2<f64>> = wireframe.frontal().iter().map(|p| p * scale).collect();
@@ -185,6 +185,8 @@ fn track(id: &SequenceId, emotion: &str, live: &[NodeId], rng: &mut ChaCha8Rng) 
             })
             .collect(),
         pictures: None,
+        content: String::new(),
+        look: None,
     }
 }
 

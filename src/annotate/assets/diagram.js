@@ -1,4 +1,4 @@
-// The small wireframe: which node comes next, which are marked, and picking any other.
+// The small wireframe: shows the next node and the marked ones, and picks any other.
 
 const SVG = 'http://www.w3.org/2000/svg';
 const WIDTH = 300;
@@ -24,7 +24,7 @@ export class Diagram {
     const live = setup.nodes.filter((n) => n.live);
     const [xs, ys] = [live.map((n) => n.x), live.map((n) => n.y)];
     const left = Math.min(...xs);
-    // Nothing above the brows is marked often: the skull is cut to leave room for the face.
+    // Nodes above the brows are rarely marked: the skull is cut off to leave room for the face.
     const brows = setup.nodes.filter((n) => n.region === 'brow').map((n) => n.y);
     const top = Math.max(Math.min(...ys), Math.min(...brows) - LIFT * 3);
     const scale = (WIDTH - 2 * MARGIN) / (Math.max(...xs) - left);
@@ -38,7 +38,7 @@ export class Diagram {
     );
     this.nodes = new Map();
     const suggested = new Set(setup.suggested);
-    // The likeliest to be picked lie on top.
+    // The nodes that are picked most often are on top.
     const rank = (n) => (suggested.has(n.id) ? 2 : n.markable ? 1 : 0);
     for (const node of [...live].sort((a, b) => rank(a) - rank(b))) {
       const [x, y] = this.place(node.id);

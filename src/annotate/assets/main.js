@@ -13,56 +13,58 @@ const THEMES = ['', 'light', 'dark'];
 const KEYS = {
   marks: [
     ['Click or tap', 'mark the next node'],
-    ['Space', 'place the next node where it is expected'],
-    ['A', 'accept what is proposed'],
+    ['Space', 'place the next node at its expected position'],
+    ['A', 'accept the proposed marks'],
     ['← ↑ → ↓', 'move the selected node by 1 px'],
     ['Shift + arrow', '… by 0.1 px'],
     ['Ctrl + arrow', '… by 10 px'],
-    ['Del', 'delete a mark, release a node set by hand'],
+    ['Del', 'delete a mark, or release a node set by hand'],
     ['Ctrl + Z', 'undo'],
     ['Ctrl + Shift + Z', 'redo'],
-    ['[ and ]', 'node before, node behind'],
+    ['[ and ]', 'previous node, next node'],
     ['/', 'pick any node by name'],
     ['Enter', 'next sequence with too few marks'],
-    ['Page up, down', 'sequence before, behind'],
+    ['Page up, down', 'previous sequence, next sequence'],
     ['Q', 'all sequences'],
-    [', and .', 'frame back, frame on'],
+    [', and .', 'previous frame, next frame'],
     ['Home, End', 'neutral frame, apex frame'],
-    ['F and L', 'this frame is neutral, is the apex'],
+    ['F and L', 'make this the neutral frame, the apex frame'],
     ['+ − 0', 'zoom in, out, whole image'],
     ['Z', 'zoom to the face'],
-    ['W and M', 'wireframe, magnifier on and off'],
-    ['D', 'light or dark'],
-    ['Esc', 'select nothing'],
+    ['W and M', 'wireframe on or off, magnifier on or off'],
+    ['D', 'light or dark colours'],
+    ['Esc', 'clear the selection'],
   ],
   tracks: [
-    [', and .', 'frame back, frame on'],
+    [', and .', 'previous frame, next frame'],
     ['Home, End', 'neutral frame, apex frame'],
     ['Drag', 'correct a node in this frame'],
     ['[ and ]', 'previous, next lost node'],
     ['← ↑ → ↓', 'move the selected node by 1 px'],
     ['Shift + arrow', '… by 0.1 px'],
     ['Ctrl + arrow', '… by 10 px'],
-    ['R', 'track again from this frame on'],
+    ['R', 'track again from this frame'],
+    ['Y', 'this sequence looks right'],
+    ['X', 'leave this sequence out of the statistics'],
     ['Del', 'release a corrected node'],
     ['Ctrl + Z', 'undo a correction'],
     ['Ctrl + Shift + Z', 'redo'],
     ['/', 'pick any node by name'],
-    ['Enter', 'next track'],
-    ['Page up, down', 'track before, behind'],
+    ['Enter', 'next track to look at'],
+    ['Page up, down', 'previous track, next track'],
     ['Q', 'all tracks'],
     ['+ − 0', 'zoom in, out, whole image'],
     ['Z', 'zoom to the face'],
-    ['W and M', 'wireframe, magnifier on and off'],
-    ['D', 'light or dark'],
-    ['Esc', 'select nothing'],
+    ['W and M', 'wireframe on or off, magnifier on or off'],
+    ['D', 'light or dark colours'],
+    ['Esc', 'clear the selection'],
   ],
 };
 
 const get = (id) => document.getElementById(id);
 const on = (id, event, act) => get(id).addEventListener(event, act);
 
-/** All keys, from the first one on, also where the window is too low for them. */
+/** Shows all keys, scrolled to the first. */
 function showHelp() {
   get('help').showModal();
   get('help').scrollTop = 0;
@@ -93,7 +95,7 @@ class Page {
     else this.allDone();
   }
 
-  // What the stage asks and tells goes to the work at hand.
+  // Calls of the stage, passed to the current work.
 
   hit(...what) { return this.work.hit(...what); }
   tap(...what) {
@@ -106,26 +108,26 @@ class Page {
   dragEnd(...what) { this.work.dragEnd(...what); }
   wantsLoupe() { return this.work.wantsLoupe(); }
 
-  /** The part of a wireframe that is worth zooming to: without skull and outline. */
+  /** The part of a wireframe that the view zooms to: without skull and outline. */
   innerFace(nodes) {
     return this.setup.nodes.filter((n) => n.live && n.region !== 'forehead' && n.region !== 'contour').map((n) => nodes[n.id]);
   }
 
-  /** Whether a sequence or a track is there to work on: one that does not open leaves the stage empty. */
+  /** Whether a sequence or a track is open. If it cannot be opened, the stage is empty. */
   isOpen() {
     return Boolean(this.work.sequence ?? this.work.track);
   }
 
   // Sequences.
 
-  /** Its emotion, and what `grimace segment` says of it if it proposed it. */
+  /** Its emotion, and its confidence if `grimace segment` proposed it. */
   label(sequence) {
-    const sureness = sequence?.confidence === undefined ? '' : `confidence ${sequence.confidence.toFixed(2)}`;
-    return [sequence?.emotion, sureness].filter(Boolean).join(' · ');
+    const confidence = sequence?.confidence === undefined ? '' : `confidence ${sequence.confidence.toFixed(2)}`;
+    return [sequence?.emotion, confidence].filter(Boolean).join(' · ');
   }
 
   isLeft(sequence) {
-    return this.setup.mode === 'marks' && sequence.marks < this.setup.enough;
+    return this.setup.mode === 'marks' ? sequence.marks < this.setup.enough : sequence.doubtful && !['right', 'leave_out'].includes(sequence.look);
   }
 
   async refreshList() {
@@ -158,31 +160,39 @@ class Page {
     const at = this.sequences.findIndex((s) => s.id === this.id);
     const next = this.sequences[at + by];
     if (next) this.open(next.id);
-    else this.notice(by > 0 ? 'This is the last one.' : 'This is the first one.');
+    else this.notice(by > 0 ? `This is the last ${this.setup.mode === 'tracks' ? 'track' : 'sequence'}.` : `This is the first ${this.setup.mode === 'tracks' ? 'track' : 'sequence'}.`);
   }
 
-  /** The next sequence that needs marks, else the next one that was proposed; the next track. */
+  /** Opens the next sequence that needs marks, else the next proposed one; in the mode `tracks`, the next track to look at, else the next. */
   goOn() {
-    if (this.setup.mode === 'tracks') return this.step(1);
     const at = this.sequences.findIndex((s) => s.id === this.id);
     const round = [...this.sequences.slice(at + 1), ...this.sequences.slice(0, at)];
-    const next = round.find((s) => this.isLeft(s)) ?? this.sequences.slice(at + 1).find((s) => s.confidence !== undefined);
+    const left = round.find((s) => this.isLeft(s));
+    if (this.setup.mode === 'tracks') return left ? this.open(left.id) : this.step(1);
+    const next = left ?? this.sequences.slice(at + 1).find((s) => s.confidence !== undefined);
     if (next) this.open(next.id);
-    else if (this.sequences.some((s) => this.isLeft(s))) this.notice(`This sequence has fewer than ${this.setup.enough} marks yet; it is the last one left.`);
+    else if (this.sequences.some((s) => this.isLeft(s))) this.notice(`This sequence is the last one left: it has fewer than ${this.setup.enough} marks.`);
     else this.allDone();
   }
 
   allDone() {
     const text = this.sequences.length
-      ? `All ${this.sequences.length} sequences have ${this.setup.enough} marks or more. Next, in a terminal: grimace run DATASET -o results`
-      : `Every one of the ${this.total} sequences has its marks already. “grimace annotate DATASET --all” opens them.`;
-    this.askUser('Nothing left to mark', text, 'Good', null);
+      ? `All ${this.sequences.length} sequences have ${this.setup.enough} marks or more. Now run in a terminal: grimace run DATASET -o results`
+      : `All ${this.total} sequences have enough marks. “grimace annotate DATASET --all” opens them.`;
+    this.askUser('Nothing left to mark', text, 'Close', null);
   }
 
-  /** A sequence has another number of marks now. */
+  /** Updates the number of marks of a sequence. */
   counted(id, marks) {
     const sequence = this.sequences.find((s) => s.id === id);
     if (sequence) sequence.marks = marks;
+    this.showProgress();
+  }
+
+  /** A track was looked at. */
+  looked(id, look) {
+    const sequence = this.sequences.find((s) => s.id === id);
+    if (sequence) sequence.look = look;
     this.showProgress();
   }
 
@@ -190,7 +200,8 @@ class Page {
     const { sequences, setup } = this;
     const at = sequences.findIndex((s) => s.id === this.id) + 1;
     if (setup.mode === 'tracks') {
-      get('left').textContent = `${at || '–'} of ${sequences.length} tracks`;
+      const left = sequences.filter((s) => this.isLeft(s)).length;
+      get('left').textContent = `${at || '–'} of ${sequences.length} tracks${left ? `, ${left} to look at` : ''}`;
       get('done').hidden = true;
       return;
     }
@@ -210,7 +221,7 @@ class Page {
           const item = document.createElement('li');
           const button = document.createElement('button');
           const part = (className, text) => Object.assign(document.createElement('span'), { className, textContent: text });
-          const state = this.setup.mode === 'tracks' ? `${(100 * s.trackedShare).toFixed(1)} % tracked${s.corrected ? ` · ${s.corrected} corrected` : ''}` : s.marks ? `${s.marks} marks` : 'no marks';
+          const state = this.setup.mode === 'tracks' ? `${(100 * s.trackedShare).toFixed(1)} % tracked${s.corrected ? ` · ${s.corrected} corrected` : ''}${s.look === 'right' ? ' · right' : s.look === 'leave_out' ? ' · left out' : this.isLeft(s) ? ' · to look at' : ''}` : s.marks ? `${s.marks} marks` : 'no marks';
           button.append(part('id', s.id), part('emotion', this.label(s)), part(`state${this.isLeft(s) ? '' : ' done'}`, state));
           if (s.id === this.id) button.setAttribute('aria-current', 'true');
           button.addEventListener('click', () => {
@@ -235,11 +246,11 @@ class Page {
   async conflict(id, current, marks) {
     const mine = await this.askUser(
       'Changed elsewhere',
-      `Another tab or program has saved ${current.marks.length} marks for ${id} since this page read it; this page has ${marks.length}. Which ones are to stay?`,
-      'Keep mine', 'Take theirs', true);
+      `Another tab or program has saved ${current.marks.length} marks for ${id} since this page read them. This page has ${marks.length}. Which marks do you want to keep?`,
+      'Keep the marks of this page', 'Use the saved marks', true);
     if (mine === null) {
       this.saver.held.add(id);
-      this.showSaved('failed', 'Not saved: changed elsewhere. The next change asks again.');
+      this.showSaved('failed', 'Not saved: changed elsewhere. You are asked again at the next change.');
       return;
     }
     this.saver.held.delete(id);
@@ -248,17 +259,17 @@ class Page {
     else {
       this.drafts.drop(id);
       this.counted(id, current.marks.length);
-      this.showSaved('saved', 'Theirs taken');
+      this.showSaved('saved', 'Saved marks loaded');
       if (this.work.id === id) {
         this.work.take(current);
         this.work.showFrame(current.neutral);
-        // What this page had is one step back.
+        // Undo brings back the marks of this page.
         this.work.remember(marks);
       }
     }
   }
 
-  /** Back in this tab: shows what another one has saved meanwhile. */
+  /** When the user returns to this tab: shows what another tab has saved in the meantime. */
   async lookAgain() {
     if (document.hidden || !this.isOpen() || this.setup.mode !== 'marks' || !this.saver.isSaved(this.id)) return;
     try {
@@ -267,7 +278,7 @@ class Page {
       this.work.take(current);
       this.work.showFrame(current.neutral);
       this.counted(this.id, current.marks.length);
-      this.notice('Another tab has changed this sequence; what it saved is shown.');
+      this.notice('Another tab has changed this sequence. Its marks are now shown.');
     } catch (error) {
       if (!(error instanceof Refusal)) throw error;
     }
@@ -294,7 +305,7 @@ class Page {
     get('notice').hidden = true;
   }
 
-  /** What is wrong with the marks, for as long as it is. */
+  /** Shows a problem with the marks until it is solved. */
   showProblem(text) {
     const box = get('notice');
     if (text) {
@@ -307,8 +318,8 @@ class Page {
   }
 
   /**
-   * A question with two answers, or one: `true` for the first, `false` for the second, `null` where it was closed without one. One at a
-   * time. A `sudden` one comes while somebody works: no key that is meant for the work answers it.
+   * Asks a question with one or two answers, one question at a time. Gives `true` for the first answer, `false` for the second, `null` if
+   * the dialog was closed. A `sudden` question may appear while the user works; its buttons have no focus, so that no key answers it.
    */
   askUser(...what) {
     const answer = (this.asked ?? Promise.resolve()).then(() => this.askNow(...what));
@@ -348,7 +359,7 @@ class Page {
         const button = Object.assign(document.createElement('button'), { className: 'name' });
         button.dataset.pick = node;
         button.setAttribute('aria-pressed', selected);
-        button.append(Object.assign(document.createElement('i'), { className: `symbol ${kind}` }), Object.assign(document.createElement('span'), { textContent: name }), Object.assign(document.createElement('small'), { textContent: detail, title: kind === 'mark' ? 'from the mark to the fitted node' : '' }));
+        button.append(Object.assign(document.createElement('i'), { className: `symbol ${kind}` }), Object.assign(document.createElement('span'), { textContent: name }), Object.assign(document.createElement('small'), { textContent: detail, title: kind === 'mark' ? 'distance from the mark to the fitted node' : '' }));
         button.addEventListener('click', () => this.work.pick(node));
         const drop = Object.assign(document.createElement('button'), { className: 'drop', textContent: action === 'Release' ? 'Release' : '✕' });
         drop.dataset.drop = node;
@@ -403,13 +414,13 @@ class Page {
     document.documentElement.dataset.theme = name;
     try {
       localStorage.setItem('grimace:theme', name);
-    } catch { /* Then it is chosen again next time. */ }
+    } catch { /* Then the choice is not remembered. */ }
   }
 
   nextTheme() {
     const name = THEMES[(THEMES.indexOf(document.documentElement.dataset.theme) + 1) % THEMES.length];
     this.theme(name);
-    this.notice(name ? `${sentence(name)} colours.` : 'Colours as the system has them.');
+    this.notice(name ? `${sentence(name)} colours.` : 'Colours of the system.');
   }
 
   toggle(button, act) {
@@ -456,7 +467,7 @@ class Page {
     const name = event.key.length === 1 ? event.key.toLowerCase() : event.key;
     const command = event.ctrlKey || event.metaKey;
     const onButton = event.target.closest('button, [type=range]');
-    // A focused button keeps the keys that press it, the slider those that move it.
+    // A focused button keeps the keys that press it, a slider the keys that move it.
     if (onButton && (name === 'Enter' || name === ' ')) return;
     if (event.target.matches('[type=range]') && (name.startsWith('Arrow') || name === 'Home' || name === 'End')) return;
     if (command && (name === 'z' || name === 'y')) {

@@ -50,16 +50,16 @@ export class Marking {
     delete document.getElementById('proposal-bar').dataset.answered;
     for (const id of ['undo', 'redo', 'remove', 'set-neutral', 'set-apex']) document.getElementById(id).disabled = true;
     for (const id of ['step', 'target']) document.getElementById(id).textContent = '';
-    document.getElementById('hint').textContent = 'This sequence does not open. › goes on to the next one.';
+    document.getElementById('hint').textContent = 'This sequence cannot be opened. Press › for the next one.';
   }
 
-  /** Marks that were there before what is shown now: one step to undo. */
+  /** Remembers earlier marks as one step to undo. */
   remember(marks) {
     this.done.push([...marks].sort((a, b) => a.node - b.node));
     this.render();
   }
 
-  /** These marks and nothing done to them yet: nothing to undo, chosen, proposed or fitted. */
+  /** Starts with these marks, with nothing to undo, chosen, proposed or fitted. */
   startWith(marks) {
     this.marks = new Map(marks.map((m) => [m.node, m]));
     this.proposals = [];
@@ -70,13 +70,13 @@ export class Marking {
     this.fit = null;
   }
 
-  /** Shows a sequence as the server has it. */
+  /** Shows a sequence as saved on the server. */
   take(sequence) {
     this.sequence = sequence;
     this.page.saver.read(this.id, sequence.version);
     this.startWith(sequence.marks);
     this.problem = sequence.problem;
-    // The view goes to the face once, before anything is marked here: never under the pointer.
+    // The view zooms to the face once, before anything is marked here: it must not move while the user marks.
     this.fresh = sequence.marks.length >= this.setup.minimum;
     this.refit();
     this.render();
@@ -84,13 +84,13 @@ export class Marking {
 
   async offerDraft(draft) {
     const same = JSON.stringify([...draft].sort((a, b) => a.node - b.node)) === JSON.stringify(this.sequence.marks);
-    const restore = !same && (await this.page.askUser('Marks that were not saved', 'The last changes to this sequence did not reach the server. Bring them back?', 'Bring back', 'Drop them', true));
+    const restore = !same && (await this.page.askUser('Marks that were not saved', 'The last changes to this sequence did not reach the server. Do you want to restore them?', 'Restore', 'Discard', true));
     if (restore === null || this.sequence === null) return;
     if (restore) this.change(() => (this.marks = new Map(draft.map((m) => [m.node, m]))));
     else this.page.drafts.drop(this.id);
   }
 
-  // What is there.
+  // Current state.
 
   list() {
     return [...this.marks.values()].sort((a, b) => a.node - b.node);
@@ -113,7 +113,7 @@ export class Marking {
     return this.fit?.nodes[node] ?? null;
   }
 
-  // Changes: each is one step to undo, and saved at once.
+  // Changes. Each is one step to undo, and is saved at once.
 
   change(act) {
     const before = this.list();
@@ -166,7 +166,7 @@ export class Marking {
     this.render();
   }
 
-  /** Takes a proposal as it is, with the error to expect. */
+  /** Accepts a proposal unchanged, with its expected error. */
   adopt(proposal) {
     this.put({ ...proposal, kind: 'mark' });
   }
@@ -196,7 +196,7 @@ export class Marking {
     this.render();
   }
 
-  /** Picks a node: one that is marked is selected, any other is marked by the next tap. */
+  /** Picks a node: a marked node is selected, any other is marked by the next tap. */
   pick(node) {
     if (!this.sequence) return;
     this.selected = this.marks.has(node) || this.fit ? node : null;
@@ -206,7 +206,7 @@ export class Marking {
     if (point && this.onNeutral()) this.page.stage.showLoupeBriefly(point);
   }
 
-  /** Takes the next node to where it is expected, to be nudged from there: marking without a pointer. */
+  /** Places the next node at its expected position, from where the arrow keys move it: marking without a pointer. */
   placeExpected() {
     const node = this.next() ?? this.selected;
     if (node === null || this.marks.has(node) || !this.needsNeutral()) return;
@@ -218,7 +218,7 @@ export class Marking {
     }
     const [w, h] = this.page.stage.size;
     const { x, y } = this.setup.nodes[node];
-    // Candide's face is about 2 units high: here it fills half of the image.
+    // Candide's face is about 2 units high; here it fills half of the image.
     const scale = Math.min(w, h) / 4;
     const guess = [w / 2 + x * scale, h / 2 + y * scale];
     this.place(node, this.page.stage.clamp(this.fit?.nodes[node] ?? guess));
@@ -230,12 +230,12 @@ export class Marking {
     if (!point || !this.needsNeutral()) return;
     const [x, y] = this.page.stage.clamp([point[0] + dx, point[1] + dy]);
     const now = performance.now();
-    const goes = this.nudged && this.nudged.node === this.selected && now - this.nudged.time < NUDGE_PAUSE_MS;
+    const continues = this.nudged && this.nudged.node === this.selected && now - this.nudged.time < NUDGE_PAUSE_MS;
     const before = this.list();
     const kind = this.marks.get(this.selected)?.kind ?? 'hard';
     this.marks.set(this.selected, { node: this.selected, x, y, kind });
-    // One press after the other is one step to undo.
-    if (goes) this.changed();
+    // Presses in quick succession are one step to undo.
+    if (continues) this.changed();
     else this.commit(before);
     this.nudged = { node: this.selected, time: now };
     this.page.stage.showLoupeBriefly([x, y]);
@@ -315,7 +315,7 @@ export class Marking {
 
   needsNeutral() {
     if (this.onNeutral()) return true;
-    this.page.notice(`Marks belong to the neutral frame, ${this.sequence.neutral}. Home goes there; F makes this frame the neutral one.`);
+    this.page.notice(`Marks belong to the neutral frame, ${this.sequence.neutral}. Press Home to go there, or F to make this frame the neutral one.`);
     return false;
   }
 
@@ -327,20 +327,20 @@ export class Marking {
       const sequence = await ask(sequencePath(id, '/range'), 'PUT', { version, neutral, apex, createManifest });
       if (id !== this.id) return;
       const moved = sequence.neutral !== this.sequence.neutral;
-      // Of a long video other frames are there now.
+      // A long video now has other frames.
       if (String(sequence.frames) !== String(this.sequence.frames)) this.page.scrubber.open(id, sequence.frames);
       this.sequence = sequence;
       this.problem = sequence.problem;
       this.page.saver.read(id, sequence.version);
       this.page.showSaved('saved', 'Saved');
-      if (moved && this.marks.size) this.page.notice(`Frame ${neutral} is neutral now. The marks stay where they were: look whether they still fit.`);
+      if (moved && this.marks.size) this.page.notice(`Frame ${neutral} is now the neutral frame. The marks did not move: check whether they still fit.`);
       if (moved) this.refit();
       if (moved) this.propose();
     } catch (error) {
       if (!(error instanceof Refusal)) throw error;
       if (error.status === 409) return this.page.conflict(id, error.body.current, this.list());
       if (error.status === 428) {
-        if (await this.page.askUser('Write manifest.csv?', `${sentence(error.message)}.`, 'Write it', 'Leave it')) return this.setRange(neutral, apex, true);
+        if (await this.page.askUser('Write manifest.csv?', `${sentence(error.message)}.`, 'Write it', 'Cancel')) return this.setRange(neutral, apex, true);
         return;
       }
       this.page.notice(sentence(error.message));
@@ -348,7 +348,7 @@ export class Marking {
     this.render();
   }
 
-  // What the stage asks and tells.
+  // Calls of the stage.
 
   hit([x, y], scale) {
     if (!this.sequence || !this.onNeutral()) return null;
@@ -410,7 +410,7 @@ export class Marking {
     });
   }
 
-  // What is shown.
+  // Drawing.
 
   render() {
     if (!this.sequence) return;
@@ -438,7 +438,7 @@ export class Marking {
     document.getElementById('redo').disabled = !this.undone.length;
     document.getElementById('remove').disabled = !this.marks.has(this.selected);
     const { neutral, apex, frames } = this.sequence;
-    // What the manifest names and is not there is chosen anew, be it where it is shown.
+    // If the manifest names a frame that does not exist, any frame can be chosen, also the one shown.
     document.getElementById('set-neutral').disabled = (this.frame === neutral && !this.problem) || this.frame === apex;
     document.getElementById('set-apex').disabled = (this.frame === apex && !this.problem) || this.frame === neutral || frames.length < 2;
     page.scrubber.update(this.frame, { neutral, apex });
@@ -454,17 +454,17 @@ export class Marking {
     text('target', next === null ? 'All marked' : sentence(setup.nodes[next].name));
     const name = next === null ? '' : setup.nodes[next].name;
     const side = name.startsWith('left') ? 'On the right of the image. ' : name.startsWith('right') ? 'On the left of the image. ' : '';
-    let hint = `${side}Click it, or press Space.`;
+    let hint = `${side}Click it in the image, or press Space.`;
     if (!this.onNeutral()) hint = `Marks belong to the neutral frame, ${this.sequence.neutral}: press Home.`;
-    else if (next === null) hint = 'A node that lies off can be dragged to its place. Enter or › goes on.';
+    else if (next === null) hint = 'If a node is in the wrong place, drag it. Press Enter or › for the next sequence.';
     text('hint', hint);
     const bar = document.getElementById('proposal-bar');
     bar.hidden = !this.proposals.length && !(this.proposalNote && !count) && !this.waiting;
     document.getElementById('accept').parentElement.hidden = !this.proposals.length;
     const from = { landmarks: 'proposed from the dataset’s landmarks', found: 'found in the picture', cascades: 'proposed from OpenCV’s face cascades' }[this.source];
     const doubt = this.proposalNote ? ` ${sentence(this.proposalNote)}.` : '';
-    const how = this.source === 'found' ? ' Each disc is as large as the error to expect; drag what lies off.' : '';
-    text('proposal-text', this.proposals.length ? `${this.proposals.length} points ${from}.${how}${doubt} They count only once accepted.` : this.waiting ? 'Points are still being looked for: press A again when they are shown.' : `No proposals: ${this.proposalNote}.`);
+    const how = this.source === 'found' ? ' The size of a disc is the expected error. Drag points that are in the wrong place.' : '';
+    text('proposal-text', this.proposals.length ? `${this.proposals.length} points ${from}.${how}${doubt} They become marks when you accept them.` : this.waiting ? 'Still searching for points. Press A again when they are shown.' : `No proposals: ${this.proposalNote}.`);
   }
 
   draw() {
@@ -484,7 +484,7 @@ export class Marking {
     stage.drawMarks([...ghost, ...proposed, ...pointed, ...marks]);
   }
 
-  /** A key that means something here. */
+  /** Handles a key; returns whether it has a meaning here. */
   key(event, name) {
     const step = event.shiftKey ? 0.1 : event.ctrlKey || event.altKey || event.metaKey ? 10 : 1;
     const arrows = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
@@ -512,7 +512,7 @@ export class Marking {
     return true;
   }
 
-  /** Selects the node before or behind the selected one among the suggested and the marked. */
+  /** Selects the previous or the next node among the suggested and the marked ones. */
   cycle(by) {
     const nodes = [...new Set([...this.setup.suggested, ...this.marks.keys()])];
     const at = nodes.indexOf(this.selected ?? this.next());

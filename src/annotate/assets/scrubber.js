@@ -5,7 +5,7 @@ import { framePath } from './server.js';
 const MAX_PICTURES = 40;
 
 export class Scrubber {
-  /** `choose(number)` is called when another frame is wanted. */
+  /** `choose(number)` is called when the user chooses another frame. */
   constructor(choose) {
     this.choose = choose;
     this.strip = document.getElementById('strip');
@@ -21,7 +21,7 @@ export class Scrubber {
   /** The frames of a sequence, in order. */
   open(id, frames) {
     this.frames = frames;
-    // There is nothing to choose in a single picture.
+    // A single picture has no frames to choose from.
     document.getElementById('scrubber').hidden = frames.length < 2;
     this.range.max = frames.length - 1;
     const every = Math.ceil(frames.length / MAX_PICTURES);
@@ -53,13 +53,13 @@ export class Scrubber {
     this.text.textContent = '';
   }
 
-  /** Which frame is shown, which are neutral and apex, and what a frame is to look like. */
+  /** Updates the shown frame, the neutral and the apex frame, and the look of every frame. */
   update(number, { neutral, apex, classes = () => '', fill = () => 0, words = () => '' }) {
     this.index = this.frames.indexOf(number);
     this.range.value = this.index;
     const role = number === neutral ? 'neutral' : number === apex ? 'apex' : '';
-    const said = [role, words(number)].filter(Boolean).join(', ');
-    this.text.textContent = `Frame ${number}${said ? ` · ${said}` : ''}`;
+    const facts = [role, words(number)].filter(Boolean).join(', ');
+    this.text.textContent = `Frame ${number}${facts ? ` · ${facts}` : ''}`;
     this.range.setAttribute('aria-valuetext', this.text.textContent);
     const numbers = [...this.pictures.keys()];
     const shown = numbers.filter((n) => n <= number).pop();

@@ -1,15 +1,15 @@
-// Talking to the server: questions, and the queue that saves every change at once.
+// Communication with the server: requests, and the queue that saves every change at once.
 
-/** An answer that is not a success: `status` 0 when there is no server. */
+/** An unsuccessful answer; `status` is 0 if the server does not answer. */
 export class Refusal extends Error {
   constructor(status, body) {
-    super(body.error || `the server answered ${status}`);
+    super(body.error || `the server answered with status ${status}`);
     this.status = status;
     this.body = body;
   }
 }
 
-/** Asks for an address below the page's own and gives the JSON that comes back. */
+/** Requests a path below the page's own address and returns the JSON of the answer. */
 export async function ask(path, method = 'GET', body = undefined) {
   let response;
   try {
@@ -30,7 +30,7 @@ export async function ask(path, method = 'GET', body = undefined) {
 export const sequencePath = (id, rest = '') => `api/sequences/${encodeURIComponent(id)}${rest}`;
 export const framePath = (id, number) => sequencePath(id, `/frames/${number}`);
 
-/** Asks for the newest question only: while one is under way, the last of those that came since waits. */
+/** Asks only the newest question: while one is being answered, only the last of the later ones waits. */
 export class Newest {
   constructor(question) {
     this.question = question;
@@ -63,7 +63,7 @@ const RETRY_MS = 1500;
 
 /** Marks that could not be sent yet, kept by the browser. */
 export class Drafts {
-  /** `key` tells a dataset from others of its name. */
+  /** `key` distinguishes a dataset from others of the same name. */
   constructor(key) {
     this.prefix = `grimace:${key}:`;
   }
@@ -90,20 +90,20 @@ export class Drafts {
 }
 
 /**
- * Saves the marks of sequences, the newest state of each, one request at a time, again and again until the server has answered.
- * `show(state, text)` tells the user, `conflict(id, current, marks)` asks them what is to stay.
+ * Saves the newest marks of each sequence, one request at a time, and repeats a request until the server answers.
+ * `show(state, text)` informs the user; `conflict(id, current, marks)` asks them which marks to keep.
  */
 export class Saver {
   constructor(drafts, show, conflict) {
     Object.assign(this, { drafts, show, conflict });
     this.versions = new Map();
     this.waiting = new Map();
-    /** Sequences whose conflict was left open: the page has marks that nobody has. */
+    /** Sequences with an unsolved conflict: only the page has their marks. */
     this.held = new Set();
     this.busy = false;
   }
 
-  /** What the page has read of a sequence. */
+  /** Notes the version of a sequence that the page has read. */
   read(id, version) {
     this.versions.set(id, version);
   }
@@ -154,7 +154,7 @@ export class Saver {
           this.show('failed', `Not saved: ${error.message}. Trying again…`);
           await new Promise((done) => setTimeout(done, RETRY_MS));
         } else if (error.status === 403 || error.status === 404) {
-          this.show('failed', 'Not saved: the server was started again; open the address it printed. Your marks wait here.');
+          this.show('failed', 'Not saved: the server was restarted. Open the address that it printed. Your marks are kept in this browser.');
         } else {
           this.show('failed', `Not saved: ${error.message}`);
         }

@@ -13,8 +13,8 @@ const BRIEF_MS = 2500;
 
 export class Stage {
   /**
-   * `host` is told what happens: `hit(point, reach)` gives what lies at a point or null, `tap(point, thing)`, `dragStart(thing)`,
-   * `dragMove(thing, point)`, `dragEnd(thing)`.
+   * Methods of `host`: `hit(point, reach)` returns the thing at a point or null; `tap(point, thing)`, `dragStart(thing)`,
+   * `dragMove(thing, point)` and `dragEnd(thing)` are called for gestures.
    */
   constructor(host) {
     this.host = host;
@@ -41,13 +41,13 @@ export class Stage {
     new ResizeObserver(() => this.resized()).observe(this.root);
   }
 
-  /** Another sequence: its face is looked for anew. */
+  /** For another sequence, the view zooms to the face again. */
   forgetView() {
     this.touched = false;
     this.size = [0, 0];
   }
 
-  /** Shows a frame; the view stays when the size does. */
+  /** Shows a frame; the view is kept if the size is the same. */
   show(url, width, height) {
     const same = this.size[0] === width && this.size[1] === height;
     this.size = [width, height];
@@ -59,7 +59,7 @@ export class Stage {
     if (!same) this.fit();
   }
 
-  /** Nothing to show. */
+  /** Shows nothing. */
   clear() {
     this.photo.removeAttribute('href');
     this.bitmap = new Image();
@@ -71,16 +71,16 @@ export class Stage {
     this.hideLoupe();
   }
 
-  /** The window has another size: what was in the middle stays there. */
+  /** The window has changed its size: the middle of the view stays in the middle. */
   resized() {
     if (!this.touched) return this.fit();
     const { middle } = this;
     this.centre(middle);
-    // On the way from one layout to another the window may be too small for a moment.
+    // While the layout changes, the window may be too small for a moment.
     this.middle = middle;
   }
 
-  /** The whole image. */
+  /** Shows the whole image. */
   fit() {
     this.touched = false;
     const [w, h] = this.room();
@@ -98,7 +98,7 @@ export class Stage {
     this.apply();
   }
 
-  /** A box of the image, such as the face. */
+  /** Shows a box of the image, such as the face. */
   frameBox(points) {
     if (!points.length) return;
     const [xs, ys] = [points.map((p) => p[0]), points.map((p) => p[1])];
@@ -115,7 +115,7 @@ export class Stage {
     return Math.min(MAX_ZOOM, Math.max(least, zoom));
   }
 
-  /** Zooms by a factor about a place of the window (the middle by default). */
+  /** Zooms by a factor about a position in the window (the middle by default). */
   zoomBy(factor, at = this.room().map((v) => v / 2)) {
     const point = this.toImage(at);
     this.zoom = this.limit(this.zoom * factor);
@@ -131,7 +131,7 @@ export class Stage {
   }
 
   apply() {
-    // Never out of sight.
+    // The image never leaves the window.
     const room = this.room();
     this.offset = this.offset.map((o, k) => Math.min(room[k] - 40, Math.max(40 - this.size[k] * this.zoom, o)));
     const [x, y] = this.offset;
@@ -161,7 +161,7 @@ export class Stage {
     this.wire.classList.toggle('faint', faint);
   }
 
-  /** Draws dots: a list of `{ key, points, colour? }`, one path each, so that hundreds cost nothing. */
+  /** Draws dots: a list of `{ key, points, colour? }`, one path each, so that hundreds are cheap. */
   drawDots(groups) {
     const draw = (points) => points.map(([x, y]) => `M${x.toFixed(2)} ${y.toFixed(2)}h0`).join('');
     this.dots.replaceChildren(
@@ -197,7 +197,7 @@ export class Stage {
     [...this.markLayer.children].forEach((group, k) => {
       const [x, y] = this.marks[k].point;
       group.setAttribute('transform', `translate(${x.toFixed(3)} ${y.toFixed(3)}) scale(${size})`);
-      // The disc has the size of an error in the picture, the pin that of a finger.
+      // The size of the disc is that of an error in the picture; the size of the pin fits a finger.
       group.querySelector('.doubt')?.setAttribute('r', (this.marks[k].error * this.zoom).toFixed(2));
     });
   }
@@ -233,7 +233,7 @@ export class Stage {
     const pans = event.button === 1 || event.button === 2;
     const point = this.toImage(place);
     const thing = pans ? null : this.host.hit(point, this.reach(event));
-    // A thing keeps its distance from the finger: it does not jump when it is taken.
+    // A dragged point keeps its distance from the finger, so that it does not jump.
     const grip = thing ? [thing.point[0] - point[0], thing.point[1] - point[1]] : [0, 0];
     this.gesture = { start: place, last: place, thing, grip, pans, moved: false, dragging: false };
   }
@@ -272,7 +272,7 @@ export class Stage {
     if (other === undefined) return;
     const [before, fixed] = [this.pointers.get(id), this.pointers.get(other)];
     const spread = (p) => Math.max(10, Math.hypot(p[0] - fixed[0], p[1] - fixed[1]));
-    // What was between the fingers goes to where their middle is now, and grows from there.
+    // The point between the fingers follows their middle, and the view scales about it.
     const middle = [(place[0] + fixed[0]) / 2, (place[1] + fixed[1]) / 2];
     this.pan((place[0] - before[0]) / 2, (place[1] - before[1]) / 2);
     this.zoomBy(spread(place) / spread(before), middle);
@@ -298,7 +298,7 @@ export class Stage {
     return x >= -0.5 && y >= -0.5 && x < this.size[0] - 0.5 && y < this.size[1] - 0.5;
   }
 
-  /** A place on the image, in hundredths of a pixel. */
+  /** A position in the image, in hundredths of a pixel. */
   clamp([x, y]) {
     const limit = (v, size) => Math.round(Math.min(size - 0.51, Math.max(-0.5, v)) * 100) / 100;
     return [limit(x, this.size[0]), limit(y, this.size[1])];
@@ -314,7 +314,7 @@ export class Stage {
 
   // The magnifier.
 
-  /** The magnifier for a node that was moved by key: it goes away by itself. */
+  /** Shows the magnifier for a node that was moved by keys; it disappears by itself. */
   showLoupeBriefly(point) {
     this.showLoupe(point);
     this.brief = setTimeout(() => this.hideLoupe(), BRIEF_MS);

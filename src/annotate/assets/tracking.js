@@ -10,12 +10,12 @@ export const WORDS = {
   fitted: 'placed by the fit',
   corrected: 'corrected by hand',
   tracked: 'tracked',
-  recovered_klt: 'lost: no match',
-  recovered_forward_backward: 'lost: no way back',
+  recovered_klt: 'lost: no match found',
+  recovered_forward_backward: 'lost: failed the forward-backward check',
   recovered_extreme: 'lost: moved unlike its neighbours',
   recovered_outside: 'lost: outside the image',
 };
-/** What the points of the neutral frame are that nobody marked, by where the track has them from. */
+/** Names of points of the neutral frame that were not marked by hand, by their source. */
 const NOT_MARKED = { found: 'found', landmarks: 'from landmarks' };
 
 export class Tracking {
@@ -30,6 +30,8 @@ export class Tracking {
     on('undo', () => this.undo());
     on('redo', () => this.redo());
     on('remove', () => this.release());
+    on('look-right', () => this.look('right'));
+    on('look-out', () => this.look('leave_out'));
   }
 
   async open(id) {
@@ -58,9 +60,9 @@ export class Tracking {
     this.page.stage.clear();
     this.page.scrubber.clear();
     this.page.showList([], '');
-    for (const id of ['undo', 'redo', 'remove', 'retrack']) document.getElementById(id).disabled = true;
-    for (const id of ['track-step', 'track-title']) document.getElementById(id).textContent = '';
-    document.getElementById('track-hint').textContent = 'This track does not open. › goes on to the next one.';
+    for (const id of ['undo', 'redo', 'remove', 'retrack', 'look-right', 'look-out']) document.getElementById(id).disabled = true;
+    for (const id of ['track-step', 'track-title', 'track-reasons']) document.getElementById(id).textContent = '';
+    document.getElementById('track-hint').textContent = 'This track cannot be opened. Press › for the next one.';
     document.getElementById('legend').replaceChildren();
   }
 
@@ -70,6 +72,7 @@ export class Tracking {
 
   take(track) {
     this.track = track;
+    this.page.looked(track.id, track.look);
     this.frames = new Map(track.frames.map((f) => [f.number, f]));
   }
 
@@ -98,6 +101,7 @@ export class Tracking {
     try {
       const answer = await ask(sequencePath(this.id, '/corrections'), 'PUT', { version: this.track.version, frame, corrections });
       this.track.version = answer.version;
+      this.forgetLook();
       this.frames.set(frame, answer.frame);
       this.stale = Math.min(this.stale ?? frame, frame);
       if (remember) {
@@ -146,12 +150,34 @@ export class Tracking {
     this.render();
   }
 
+  /** Saves what the user found; the same again takes it back. */
+  async look(found) {
+    const { id } = this;
+    const look = this.track.look === found ? null : found;
+    this.page.showSaved('saving', 'Saving…');
+    try {
+      await ask(sequencePath(id, '/look'), 'PUT', { version: this.track.version, look });
+      this.page.looked(id, look);
+      if (this.id === id) this.track.look = look;
+      this.page.showSaved('saved', look === null ? 'Taken back' : look === 'right' ? 'Saved: looks right' : 'Saved: left out');
+    } catch (error) {
+      await this.failed(error);
+    }
+    this.render();
+  }
+
+  /** A changed track is another one than was looked at. */
+  forgetLook() {
+    if (this.track.look) this.track.look = 'outdated';
+    this.page.looked(this.id, this.track.look);
+  }
+
   async failed(error) {
     if (!(error instanceof Refusal)) throw error;
     if (error.status === 409) {
       this.take(error.body.current);
       this.page.showSaved('failed', 'Changed elsewhere');
-      this.page.notice('This track was changed elsewhere. What is there now is shown; your last step was not taken.');
+      this.page.notice('This track was changed elsewhere. The changed track is now shown; your last change was not saved.');
     } else {
       this.page.showSaved('failed', 'Not saved');
       this.page.notice(sentence(error.message));
@@ -169,7 +195,7 @@ export class Tracking {
     this.render();
   }
 
-  // What the stage asks and tells.
+  // Calls of the stage.
 
   hit([x, y], scale) {
     if (!this.track || this.isNeutral()) return null;
@@ -187,7 +213,7 @@ export class Tracking {
   }
 
   tap(point, thing) {
-    if (this.isNeutral()) this.page.notice('The neutral frame is fitted, not tracked. Its marks are corrected with “grimace annotate DATASET”.');
+    if (this.isNeutral()) this.page.notice('The neutral frame is fitted, not tracked. Use “grimace annotate DATASET” to correct its marks.');
     this.selected = thing ? thing.node : null;
     this.render();
   }
@@ -215,7 +241,7 @@ export class Tracking {
     this.page.stage.showLoupeBriefly(this.current().nodes[node]);
   }
 
-  // What is shown.
+  // Drawing.
 
   showFrame(number) {
     this.frame = number;
@@ -244,15 +270,21 @@ export class Tracking {
     const place = this.track.frames.findIndex((f) => f.number === this.frame);
     const text = (id, words) => (document.getElementById(id).textContent = words);
     text('track-step', `Frame ${place + 1} of ${this.track.frames.length}`);
-    text('track-title', this.isNeutral() ? 'Neutral frame' : lost ? `${lost} of ${this.live.length} nodes lost` : 'Every node tracked');
+    text('track-title', this.isNeutral() ? 'Neutral frame' : lost ? `${lost} of ${this.live.length} nodes lost` : 'All nodes tracked');
     text('track-hint', this.hint(lost));
     document.getElementById('retrack').disabled = this.frame === this.track.frames.at(-1).number;
     const list = this.corrections(frame).map((c) => ({ node: c.node, kind: 'hard', selected: c.node === this.selected, detail: 'set by hand', action: 'Release' }));
-    page.showList(list, this.isNeutral() ? 'The neutral frame has marks, not corrections.' : 'None in this frame. Drag a node to correct it.');
+    page.showList(list, this.isNeutral() ? 'The neutral frame has marks, not corrections.' : 'No corrections in this frame. Drag a node to correct it.');
     document.getElementById('undo').disabled = !this.done.length;
     document.getElementById('redo').disabled = !this.undone.length;
     document.getElementById('remove').disabled = !list.some((c) => c.selected);
     this.legend(frame);
+    const { look, reasons } = this.track;
+    text('track-reasons', [reasons.length && look !== 'right' && look !== 'leave_out' && `To look at: ${reasons.join('; ')}.`, look === 'outdated' && 'It has changed since somebody looked at it.'].filter(Boolean).join(' '));
+    for (const [id, found] of [['look-right', 'right'], ['look-out', 'leave_out']]) {
+      document.getElementById(id).disabled = false;
+      document.getElementById(id).setAttribute('aria-pressed', look === found);
+    }
     const numbers = this.track.frames.map((f) => f.number);
     page.scrubber.update(this.frame, {
       neutral: numbers[0],
@@ -265,9 +297,9 @@ export class Tracking {
   }
 
   hint(lost) {
-    if (this.stale !== null && this.frame >= this.stale && this.frame !== this.track.frames.at(-1).number) return 'Corrected. The frames behind are still as they were: R tracks them again.';
-    if (this.isNeutral()) return 'Step on with the full stop or the slider. Bars below the frames show how many nodes were lost.';
-    return lost ? 'Lost nodes were placed by the springs. Drag one that lies off to its place.' : 'Drag a node that lies off to its place.';
+    if (this.stale !== null && this.frame >= this.stale && this.frame !== this.track.frames.at(-1).number) return 'Corrected. The later frames have not changed yet. Press R to track them again.';
+    if (this.isNeutral()) return 'Press the full stop (.) or use the slider for the next frame. Bars below the frames show how many nodes were lost.';
+    return lost ? 'The springs placed the lost nodes. If a node is in the wrong place, drag it.' : 'If a node is in the wrong place, drag it.';
   }
 
   /** A node's state in words. */
@@ -303,6 +335,8 @@ export class Tracking {
     }
     const keys = {
       r: () => this.retrack(),
+      y: () => this.look('right'),
+      x: () => this.look('leave_out'),
       Delete: () => this.release(),
       Backspace: () => this.release(),
       Escape: () => ((this.selected = null), this.render(), this.page.stage.hideLoupe()),
@@ -327,7 +361,7 @@ export class Tracking {
     this.page.stage.showLoupeBriefly([nx, ny]);
   }
 
-  /** Selects the next lost node of the frame; any node where none is lost. */
+  /** Selects the next lost node of the frame, or the next suggested node if none is lost. */
   cycle(by) {
     const frame = this.current();
     const lost = this.live.filter((n) => frame.states[n].startsWith('recovered'));

@@ -110,7 +110,7 @@ mod tests {
     use super::super::{manifest_path, propose_manifest};
 
     #[test]
-    fn what_a_person_entered_is_kept_when_a_manifest_is_made_anew() {
+    fn entries_of_a_person_are_kept_when_a_manifest_is_made_again() {
         let folder = tempfile::tempdir().unwrap();
         for file in ["A/a.mp4", "B/b.mp4"] {
             fs::create_dir(folder.path().join(file).parent().unwrap()).unwrap();

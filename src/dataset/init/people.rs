@@ -516,7 +516,7 @@ mod tests {
         let frames = |folders: &[&str], names: [&str; 2]| -> Vec<String> {
             folders.iter().flat_map(|folder| names.map(|name| format!("{folder}/{name}.png"))).collect()
         };
-        assert_eq!(taken(&frames(&["S1/neutral", "S1/happy"], ["a001", "a002"])), 2, "the folder is called as a person");
+        assert_eq!(taken(&frames(&["S1/neutral", "S1/happy"], ["a001", "a002"])), 2, "the folder is named after a person");
         assert_eq!(taken(&frames(&["anna/neutral", "anna/happy"], ["1", "2"])), 2);
         assert_eq!(taken(&frames(&["anna/neutral", "anna/happy"], ["anna_001", "anna_002"])), 2);
         assert_eq!(taken(&frames(&["anna/neutral", "anna/happy", "ben/neutral", "ben/happy"], ["x01", "x02"])), 4);
@@ -525,7 +525,7 @@ mod tests {
     }
 
     #[test]
-    fn where_nothing_is_read_the_formats_that_are_read_are_named() {
+    fn without_readable_files_the_readable_formats_are_listed() {
         let error = propose_manifest(folder(&files(&["anna/1.HEIC", "anna/2.HEIC", "b.gif"])).path()).unwrap_err();
         assert!(matches!(&error, DatasetError::NothingReadable { files, .. } if files.len() == 3), "{error}");
         let said = error.to_string();

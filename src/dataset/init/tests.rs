@@ -42,7 +42,7 @@ fn emotions_first_and_flat_videos_name_their_people() {
 }
 
 #[test]
-fn people_may_be_called_joy_and_names_that_differ_by_case_are_told_apart() {
+fn people_may_have_the_name_joy_and_names_that_differ_by_case_are_distinguished() {
     let files = ["Joy/clip1/1.png", "Joy/clip1/2.png", "anna/happy/1.png", "anna/happy/2.png", "ben/sad/1.png", "ben/sad/2.png"];
     let expected =
         [["Joy", "clip1", "?", "Joy/clip1"], ["anna", "happy", "happiness", "anna/happy"], ["ben", "sad", "sadness", "ben/sad"]];
@@ -113,7 +113,7 @@ fn columns_of_people_that_are_not_taken_are_named() {
 }
 
 #[test]
-fn who_is_in_no_table_of_consents_has_given_none() {
+fn people_missing_from_a_table_of_consents_have_not_consented() {
     let folder = folder(&["anna/happy.mp4", "ben/happy.mp4", "carl/happy.mp4"]);
     let people = folder.path().join("people.csv");
     fs::write(&people, "subject,publish\nanna,yes\nBEN,no\ndora,yes\n").unwrap();
@@ -178,7 +178,7 @@ fn what_is_not_read_and_results_are_named() {
         "smile/frames/a_2.png",
     ]);
     let manifest = propose_manifest(folder.path()).unwrap();
-    assert_eq!((manifest.rows.len(), manifest.results), (1, vec!["smile".to_owned()]), "a clone is no recording");
+    assert_eq!((manifest.rows.len(), manifest.results), (1, vec!["smile".to_owned()]), "a clone is not a recording");
 }
 
 #[test]
@@ -219,7 +219,7 @@ fn links_in_circles_are_not_followed() {
 }
 
 #[test]
-fn people_who_stand_twice_must_be_the_same() {
+fn people_who_appear_twice_must_have_the_same_fields() {
     let folder = folder(&["A/a.mp4", "B/b.mp4"]);
     let people = folder.path().join("people.csv");
     let mut manifest = propose_manifest(folder.path()).unwrap();

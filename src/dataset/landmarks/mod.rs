@@ -110,7 +110,7 @@ pub struct LandmarkTrack {
 /// ```
 #[derive(Debug, thiserror::Error)]
 pub enum LandmarksError {
-    /// A CSV file that does not read, or a field that is no finite number.
+    /// A CSV file cannot be read, or a field is not a finite number.
     #[error(transparent)]
     Input(#[from] InputError),
     /// A file or folder that cannot be read.
@@ -122,7 +122,7 @@ pub enum LandmarksError {
         #[source]
         reason: io::Error,
     },
-    /// Another number of points than the scheme has.
+    /// The number of points differs from that of the scheme.
     #[error("{}: {found} points, {LANDMARK_COUNT} were expected (of MediaPipe 468 or 478)", path.display())]
     Count {
         /// The file.
@@ -150,7 +150,7 @@ pub enum LandmarksError {
         /// The field or line, shortened.
         found: String,
     },
-    /// A row with more fields than columns, as decimal commas make them.
+    /// A row with more fields than columns, probably because of decimal commas.
     #[error("{}, line {line}: the line has {found} fields, but the header has {expected}; if there are decimal commas, write decimals \
          with a point, or separate columns by semicolons", path.display())]
     ExtraFields {
@@ -163,7 +163,7 @@ pub enum LandmarksError {
         /// Columns of the header.
         expected: usize,
     },
-    /// A `.pts` file that is not one.
+    /// An invalid `.pts` file.
     #[error("{}, line {line}: found `{found}`; {expected} was expected (a .pts file is `version: 1`, `n_points: 68`, `{{`, a line `x y` per point, `}}`)", path.display())]
     Pts {
         /// The file.
@@ -175,7 +175,7 @@ pub enum LandmarksError {
         /// The expected content.
         expected: &'static str,
     },
-    /// A face that the table does not have.
+    /// The table does not have the requested face.
     #[error("{}: no row has the `face_id` {face}; choose from {}", path.display(), crate::output::listed(found, 10))]
     NoSuchFace {
         /// The file.
@@ -185,7 +185,7 @@ pub enum LandmarksError {
         /// The existing faces.
         found: Vec<String>,
     },
-    /// Points that are shares of the picture, whose size is not told.
+    /// Points are relative to the size of the picture, which is unknown.
     #[error(
         "{}, line {line}: the points are shares of the picture's width and height (0 to 1); add the columns `width` and `height`, px, or \
          multiply by them", path.display()
@@ -210,7 +210,7 @@ pub enum LandmarksError {
         /// The landmark files found.
         found: Vec<String>,
     },
-    /// Something else than landmarks.
+    /// The file has no landmarks in a known form.
     #[error("{}: this is not a landmark file; supported are tables with a column `frame` (of grimace and OpenFace), .pts files, and \
          CK+'s text files of 68 lines `x y`", path.display())]
     Unknown {
@@ -243,7 +243,7 @@ pub enum LandmarksError {
         /// Last frame in which the face was found.
         last: u32,
     },
-    /// More frames to guess than there are.
+    /// Fewer than half of the frames have landmarks.
     #[error("{}: only {found} of {frames} frames from {first} to {last} have landmarks; at least half are needed", path.display())]
     MostlyLost {
         /// File or folder.
@@ -257,7 +257,7 @@ pub enum LandmarksError {
         /// Frames with landmarks.
         found: usize,
     },
-    /// One frame only.
+    /// Fewer than two frames.
     #[error("{}: {found} frame from neutral to apex; at least 2 are needed", path.display())]
     TooFew {
         /// File or folder.
@@ -265,7 +265,7 @@ pub enum LandmarksError {
         /// Frames.
         found: usize,
     },
-    /// A frame in two rows or files.
+    /// A frame has two rows or files.
     #[error("{}: landmarks of frame {frame} appear twice; keep one", path.display())]
     DuplicateFrame {
         /// The file, or the second of two files.
@@ -279,7 +279,7 @@ pub enum LandmarksError {
         /// The file.
         path: PathBuf,
     },
-    /// Files that are counted in the order of their names, and do not go with the images.
+    /// Files that are numbered in the order of their names, but do not match the images.
     #[error(
         "{}: several numbers vary in the names, so files are matched in order, but there are {files} landmark files and {images} images; \
          name them by frame number, such as S005_001_00000001", folder.display()
@@ -292,13 +292,13 @@ pub enum LandmarksError {
         /// Images beside them.
         images: usize,
     },
-    /// No frame at all.
+    /// There are no frames.
     #[error("{}: no frame has landmarks", path.display())]
     Empty {
         /// The file or folder.
         path: PathBuf,
     },
-    /// A file named in the manifest that is not there.
+    /// The manifest names a file that does not exist.
     #[error("the landmark file does not exist; searched for {}", paths.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(" and "))]
     NotFound {
         /// Paths that were searched.
@@ -318,7 +318,7 @@ pub enum LandmarksError {
         /// Largest frame number.
         last: u32,
     },
-    /// A node that no landmark stands for.
+    /// A node without a landmark.
     #[error("node {node} has no landmark; nodes with a landmark are {}", nodes.iter().map(ToString::to_string).collect::<Vec<_>>().join(" "))]
     NoLandmark {
         /// The node.

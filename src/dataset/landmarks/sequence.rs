@@ -153,7 +153,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn images_beyond_the_landmarks_are_said() {
+    fn images_beyond_the_landmarks_are_reported() {
         let said = |landmarks: &[u32], images: &[u32]| {
             let frames = landmarks.iter().map(|&number| LandmarkFrame { number, points: None }).collect();
             LandmarkSequence { frames }.ends_early(images)

@@ -82,13 +82,13 @@ pub fn check_faces_once(inputs: &[(String, &NeutralFaces)]) -> Result<(), FacesE
 /// Landmarks of faces that do not read.
 #[derive(Debug, thiserror::Error)]
 pub enum FacesError {
-    /// The CSV file.
+    /// The CSV file cannot be read.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// The dataset.
+    /// The dataset cannot be read.
     #[error(transparent)]
     Dataset(#[from] DatasetError),
-    /// Another number of points.
+    /// The number of points is wrong.
     #[error("{}: {found} points in columns x0,y0,...; {LANDMARK_COUNT} were expected", path.display())]
     Count {
         /// The file.
@@ -96,13 +96,13 @@ pub enum FacesError {
         /// Points found.
         found: usize,
     },
-    /// No column that says whose landmarks they are.
+    /// No column identifies the faces.
     #[error("{}: there is no column `person`, `subject` or `frame` to name the person of a row", path.display())]
     NoName {
         /// The file.
         path: PathBuf,
     },
-    /// A face twice.
+    /// A face appears twice.
     #[error("{}, line {line}: {name} is already in line {first_line}; give one face per person", path.display())]
     Duplicate {
         /// The file.
@@ -126,7 +126,7 @@ pub enum FacesError {
         /// The second.
         second: String,
     },
-    /// A face in two inputs, by its points.
+    /// Two inputs have faces with the same points.
     #[error("{name} in {second} has exactly the points of {other} in {first}; each face must appear once: remove one of them")]
     SameFace {
         /// Whose face, as the second input has it.
@@ -138,7 +138,7 @@ pub enum FacesError {
         /// The first input.
         first: String,
     },
-    /// A node twice in one face.
+    /// A node appears twice in one face.
     #[error("{}, line {line}: node {node} of {name} is already in line {first_line}; keep one row", path.display())]
     NodeTwice {
         /// The file.
@@ -152,7 +152,7 @@ pub enum FacesError {
         /// Line of the first.
         first_line: usize,
     },
-    /// No row in the wanted state.
+    /// No row has the requested state.
     #[error("{}: no row has the state `{state}`; there are {}", path.display(), list(found))]
     NoSuchState {
         /// The file.

@@ -101,7 +101,7 @@ pub enum PriorFileError {
         /// Why.
         source: io::Error,
     },
-    /// Not the JSON of a prior.
+    /// The file is not the JSON of a prior.
     #[error("{}: {source}; a prior file as written by `grimace prior` was expected", path.display())]
     Json {
         /// The file.
@@ -109,7 +109,7 @@ pub enum PriorFileError {
         /// Why, with the line.
         source: serde_json::Error,
     },
-    /// Another version.
+    /// The file has another version.
     #[error("{}: schema version {found}; this program reads {PRIOR_SCHEMA}", path.display())]
     Version {
         /// The file.
@@ -117,7 +117,7 @@ pub enum PriorFileError {
         /// Its version.
         found: u32,
     },
-    /// Content that makes no prior.
+    /// The content is not a valid prior.
     #[error("{}: {reason}", path.display())]
     Content {
         /// The file.
@@ -274,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_is_read_again() {
+    fn written_files_can_be_read() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("prior.json");
         let file = small();

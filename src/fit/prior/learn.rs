@@ -51,7 +51,7 @@ pub enum LearnError {
         /// Faces given.
         found: usize,
     },
-    /// A number of modes that cannot be had.
+    /// The number of modes is not available.
     #[error("cannot learn {asked} modes from {faces} faces; choose 1 to {most}")]
     Modes {
         /// Modes asked for.
@@ -95,7 +95,7 @@ pub enum LearnError {
         /// Why.
         source: SpringError,
     },
-    /// A face that lies mirrored or upside down.
+    /// A face that is mirrored or upside down.
     #[error(
         "{name}: the face is upside down (roll {degrees:.0} degrees); check that y points down and that the 68 points are in the iBUG order"
     )]
@@ -105,7 +105,7 @@ pub enum LearnError {
         /// Its roll.
         degrees: f64,
     },
-    /// A face with a point that lies where no face has it.
+    /// A face with a point at an impossible position.
     #[error(
         "{name}: {point} is at ({x:?}, {y:?}), {distance:.1} eye distances from its place in the other faces; correct it, or leave the face out"
     )]
@@ -121,7 +121,7 @@ pub enum LearnError {
         /// How far off it is, distances of the eyes' middles.
         distance: f64,
     },
-    /// A wireframe whose halves are no mirror images.
+    /// A wireframe whose halves are not mirror images.
     #[error("node {node} of the wireframe has no counterpart on the other side; learn the prior with Candide-3")]
     NotSymmetric {
         /// The node.

@@ -31,10 +31,10 @@ const LARGEST: u32 = 4000;
 /// Faces that do not read.
 #[derive(Debug, thiserror::Error)]
 pub enum FacesError {
-    /// The table.
+    /// The table cannot be read.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// A photograph.
+    /// A photograph cannot be read.
     #[error("{}: {reason}", path.display())]
     Picture {
         /// The file.
@@ -42,7 +42,7 @@ pub enum FacesError {
         /// Why.
         reason: String,
     },
-    /// A person left out who is not there.
+    /// A person to leave out does not exist.
     #[error("{}: there is no person {name}; --leave-out needs names from the column person", path.display())]
     NoSuchPerson {
         /// The table.
@@ -50,7 +50,7 @@ pub enum FacesError {
         /// Who was named.
         name: String,
     },
-    /// A person twice.
+    /// A person appears twice.
     #[error("{}, line {line}: {name} appears twice; keep one row", path.display())]
     Twice {
         /// The table.
@@ -60,7 +60,7 @@ pub enum FacesError {
         /// Who.
         name: String,
     },
-    /// Pupils in one place.
+    /// The pupils of a face are too close together.
     #[error("{}, line {line}: the pupils of {name} are {distance} px apart; at least 20 are needed", path.display())]
     Small {
         /// The table.
@@ -72,7 +72,7 @@ pub enum FacesError {
         /// Distance, px.
         distance: f32,
     },
-    /// Too few to learn from.
+    /// Too few faces to learn from.
     #[error("{}: {found} people; at least {} are needed", path.display(), super::LEAST_PEOPLE)]
     TooFew {
         /// The table.

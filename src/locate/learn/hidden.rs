@@ -248,7 +248,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_tells_seen_from_hidden_is_found_and_the_rest_left_out() {
+    fn features_that_separate_visible_from_hidden_are_found_and_the_rest_is_left_out() {
         // The first number is 2 where a point is visible and 0 where it is hidden, the second is constant, the third alternates.
         let covered: Vec<f32> = (0..60).map(|i| [0.0, 0.0, 0.0, 1.0, 0.4][i % 5]).collect();
         let read = DMatrix::from_fn(3, 60, |r, i| match r {

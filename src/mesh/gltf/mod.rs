@@ -44,7 +44,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_reads_back_dense_and_sparse() {
+    fn written_files_read_back_dense_and_sparse() {
         let read = read(&glb()).unwrap();
         // Transformed by its node: in metres, a tenth of the size.
         assert_eq!(read.mesh.positions(), [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.1, 0.1, 0.025], [0.0, 0.1, -0.2]]);

@@ -166,10 +166,10 @@ fn choose<'d>(
     let targets_of = |mesh: &gltf::Mesh| mesh.primitives().map(|p| p.morph_targets().len()).max().unwrap_or(0);
     let morphed: Vec<gltf::Mesh> = document.meshes().filter(|mesh| targets_of(mesh) > 0).collect();
     let name_of = |mesh: &gltf::Mesh| mesh.name().map_or_else(|| format!("mesh {}", mesh.index()), str::to_owned);
-    let told = |mesh: &gltf::Mesh| format!("{} ({} targets)", excerpt(&name_of(mesh)), targets_of(mesh));
+    let described = |mesh: &gltf::Mesh| format!("{} ({} targets)", excerpt(&name_of(mesh)), targets_of(mesh));
     let chosen = if let Some(name) = name {
         morphed.iter().position(|mesh| name_of(mesh) == name).ok_or_else(|| {
-            let there: Vec<String> = morphed.iter().map(told).collect();
+            let there: Vec<String> = morphed.iter().map(described).collect();
             let there = if there.is_empty() { "none".to_owned() } else { there.join(", ") };
             format!("no mesh with morph targets is named `{}`; there are {there}", excerpt(name))
         })?
@@ -182,7 +182,7 @@ fn choose<'d>(
         let best = (0..morphed.len()).rev().max_by_key(|&k| worth(&morphed[k]));
         best.ok_or_else(|| "no mesh with morph targets".to_owned())?
     };
-    let others = morphed.iter().enumerate().filter(|(k, _)| *k != chosen).map(|(_, mesh)| told(mesh)).collect();
+    let others = morphed.iter().enumerate().filter(|(k, _)| *k != chosen).map(|(_, mesh)| described(mesh)).collect();
     Ok((morphed[chosen].clone(), others))
 }
 

@@ -27,16 +27,16 @@ use crate::{
 /// Why figures cannot be made.
 #[derive(Debug, thiserror::Error)]
 pub enum FiguresError {
-    /// Not a folder of results.
+    /// The folder has no results.
     #[error("{}: this folder has no representatives; give the output folder of `run` or `analyze`", path.display())]
     NoResults {
         /// The folder.
         path: PathBuf,
     },
-    /// The record of the run does not read.
+    /// The record of the run cannot be read.
     #[error(transparent)]
     Run(#[from] RunJsonError),
-    /// What describes a representative does not read.
+    /// The description of a representative cannot be read.
     #[error("{}: {reason}", path.display())]
     About {
         /// The file.
@@ -54,10 +54,10 @@ pub enum FiguresError {
         /// Nodes of the wireframe.
         expected: usize,
     },
-    /// A model does not read.
+    /// A model cannot be read.
     #[error(transparent)]
     Model(#[from] ModelFileError),
-    /// A table does not read.
+    /// A table cannot be read.
     #[error(transparent)]
     Input(#[from] InputError),
     /// A file cannot be written.
@@ -136,7 +136,7 @@ pub fn figures_of(out: &Path, bench: &Workbench) -> Result<(Vec<Figure>, Vec<Str
             let of = count(courses.len(), "sequence", "sequences");
             let people = count(who.len(), "person", "people");
             let caption = format!(
-                "{what}, the mean of {people}{interval}, everybody by the mean of their own sequences ({of}); {}.",
+                "{what}: the mean of {people}{interval}, each person by the mean of their own sequences ({of}); {}.",
                 class.label()
             );
             figures.push(class.figure("courses", "courses of action units", drawing, &caption));
@@ -145,8 +145,8 @@ pub fn figures_of(out: &Path, bench: &Workbench) -> Result<(Vec<Figure>, Vec<Str
             let shown = class.bands.len().min(MOST_BANDS);
             let drawing = figures::bands(&class.label(), &class.bands[..shown]);
             let caption = format!(
-                "Courses of the {shown} FAPs that move most, over the key frames: {}, the mean, and between which values half and nine \
-                 tenths of the people lie, frame by frame; FAP units.",
+                "Courses of the {shown} FAPs that move most, over the key frames: {}, the mean, and the ranges of half and nine tenths \
+                 of the people in each frame; FAP units.",
                 class.who()
             );
             figures.push(class.figure("bands", "courses of FAPs", drawing, &caption));
@@ -154,8 +154,8 @@ pub fn figures_of(out: &Path, bench: &Workbench) -> Result<(Vec<Figure>, Vec<Str
         if let Some([minus, mean, plus]) = &class.variation {
             let drawing = figures::spread(&class.label(), minus, mean, plus, &lines);
             let caption = format!(
-                "How {} differ most in {}: the apex of the mean, moved two standard deviations along the first principal component in either \
-                 direction.",
+                "How {} differ most in {}: the apex of the mean, moved by two standard deviations along the first principal component in \
+                 either direction.",
                 people(class),
                 class.label()
             );
@@ -191,7 +191,7 @@ impl Class {
 
     fn method_text(&self) -> String {
         self.method_with(&if self.drops_none() {
-            format!("nothing trimmed ({} % of so few is none)", nine_digits(self.about.alpha * 100.0))
+            format!("nothing trimmed (too few models for {} %)", nine_digits(self.about.alpha * 100.0))
         } else {
             self.trimmed_text()
         })
@@ -251,7 +251,7 @@ fn method_of_all(classes: &[Class]) -> String {
         return first.method_text();
     }
     let of_them = format!(
-        "{} (of {} nothing: {} % of so few is none)",
+        "{} (nothing of {}: too few models for {} %)",
         first.trimmed_text(),
         untrimmed.join("; "),
         nine_digits(first.about.alpha * 100.0)
@@ -265,7 +265,7 @@ fn overview(results: &Results, lines: &Lines) -> Figure {
     let drawing = figures::representatives(&models, lines);
     let whole = || results.classes.iter().filter(|c| c.about.group.is_empty());
     let mut caption =
-        "The representative of every class at its apex, all at one scale, the neutral in grey behind it:".to_owned();
+        "The representative of every class at its apex, at the same scale, with the neutral in grey behind it:".to_owned();
     for (k, class) in results.classes.iter().enumerate() {
         let n = count(class.about.sequences.len(), "sequence", "sequences");
         let separator = if k == 0 { "" } else { ";" };
@@ -289,8 +289,8 @@ fn dispersion(class: &Class, lines: &Lines) -> Figure {
     let drawing = figures::dispersion(&class.label(), &class.model, &about.node_dispersion, lines);
     let number = |v: Option<f64>| v.map_or_else(|| "unknown".to_owned(), |v| format!("{v:.2}"));
     let caption = format!(
-        "How far people scatter around {}: at each node the median over the models of the mean distance over the fields that were kept, over \
-         its own range, on a map even in lightness (viridis). Dispersion of the whole face {} face units after trimming, {} before.",
+        "Dispersion of people around {}. At each node: the median over the models of the mean distance over the kept fields. The colours \
+         cover its own range and are even in lightness (viridis). Dispersion of the whole face: {} face units after trimming, {} before.",
         class.who(),
         number(about.dispersion),
         number(about.dispersion_untrimmed)
@@ -310,8 +310,8 @@ fn distances(class: &Class) -> Drawing {
 
 fn distances_caption(class: &Class) -> String {
     format!(
-        "Distances of the models of {}. First row: to the representative over the fields each model was kept in; the line is the median, the \
-         dispersion. Other rows: mean distance to the other models in each displacement field, by which trimming drops.",
+        "Distances of the models of {}. First row: to the representative, over the fields in which each model was kept; the line is the median, \
+         which is the dispersion. Other rows: mean distance to the other models in each displacement field; trimming drops the largest.",
         class.who()
     )
 }
@@ -328,8 +328,8 @@ fn difference(pair: &read::Pair, results: &Results, bench: &Workbench, lines: &L
     let differs = pair.p.is_some_and(|p| p <= results.significance);
     let differing: Vec<_> =
         pair.nodes.iter().filter(|(_, (_, p))| differs && *p <= results.significance).map(|(n, _)| *n).collect();
-    let told = if differing.is_empty() { bench.wireframe.live_nodes() } else { &differing };
-    let directions = figures::directions(&a.model, &b.model, told, &bench.tables);
+    let described = if differing.is_empty() { bench.wireframe.live_nodes() } else { &differing };
+    let directions = figures::directions(&a.model, &b.model, described, &bench.tables);
     let [first, second] = [pair.groups[0].as_str(), pair.groups[1].as_str()];
     let words = if directions.is_empty() {
         vec![format!("At the apex {first} and {second} look alike.")]
@@ -342,8 +342,10 @@ fn difference(pair: &read::Pair, results: &Results, bench: &Workbench, lines: &L
     let title = format!("{}: {first} and {second}", pair.emotion);
     let drawing = figures::difference(&title, [first, second], [&a.model, &b.model], &energy, &differing, &words, lines);
     let verdict = match (pair.p, differs) {
-        (Some(p), true) => format!("The groups differ (p of either test after Holm {})", p_value(p)),
-        (Some(p), false) => format!("The groups are not shown to differ (p of either test after Holm {})", p_value(p)),
+        (Some(p), true) => format!("The groups differ (p of either test after Holm's correction: {})", p_value(p)),
+        (Some(p), false) => {
+            format!("The groups are not shown to differ (p of either test after Holm's correction: {})", p_value(p))
+        }
         (None, _) => "The groups were not tested".to_owned(),
     };
     let in_words = if directions.is_empty() {
@@ -351,11 +353,11 @@ fn difference(pair: &read::Pair, results: &Results, bench: &Workbench, lines: &L
     } else {
         format!(" At the apex of {first}, compared with {second}: {}.", directions.join("; "))
     };
-    let doubt = if differs { "" } else { " A difference that is seen here may be chance." };
+    let doubt = if differs { "" } else { " Visible differences may be due to chance." };
     let effect = pair.effect.map(|e| format!(", effect {:.1} %", 100.0 * e.max(0.0))).unwrap_or_default();
     let caption = format!(
         "{}: {first} ({}) and {second} ({}). Left: their representatives at the apex. Right: energy distance of every node over its whole \
-         motion; rings: nodes that differ at {} % over all nodes of the pair ({}). {verdict}{effect}.{in_words}{doubt}",
+         motion. Rings: nodes that differ at a level of {} % over all nodes of the pair ({}). {verdict}{effect}.{in_words}{doubt}",
         pair.emotion,
         people(a),
         people(b),

@@ -144,16 +144,16 @@ impl SegmentedRecording {
 /// Why a recording cannot be segmented.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
-    /// A frame does not read.
+    /// A frame cannot be read.
     #[error(transparent)]
     Sequence(#[from] SequenceError),
-    /// No frame at all.
+    /// There are no frames.
     #[error("the recording has no frames")]
     NoFrames,
-    /// The locator.
+    /// The locator failed.
     #[error(transparent)]
     Locate(#[from] FoundMarksError),
-    /// Marks that make no fit.
+    /// Marks that do not allow a fit.
     #[error("frame {frame}: {reason}")]
     Marks {
         /// Frame number.
@@ -171,19 +171,19 @@ pub enum RecordingError {
         /// Last frame number.
         last: u32,
     },
-    /// The tracker.
+    /// The tracker failed.
     #[error(transparent)]
     Track(#[from] TrackError),
-    /// The head.
+    /// The pose of the head cannot be computed.
     #[error(transparent)]
     Pose(#[from] PoseError),
-    /// The features.
+    /// The features cannot be computed.
     #[error("{reason}")]
     Features {
         /// Why.
         reason: String,
     },
-    /// What the manifest says of it.
+    /// The row of the manifest is invalid.
     #[error("{reason}")]
     Row {
         /// What is wrong.
@@ -195,7 +195,7 @@ pub enum RecordingError {
         /// Reasons, one sentence each.
         reasons: Vec<String>,
     },
-    /// The record of an earlier time is of a later version.
+    /// The existing record was written by a newer version.
     #[error("{}: {source}, or give another name for the table of `segment`, or another `-o` of `run`", path.display())]
     Newer {
         /// The record.
@@ -247,7 +247,7 @@ pub fn segment_recording(
     tracked.sort_by_key(|followed| followed.first);
     let places: Vec<(usize, usize)> = tracked.iter().map(|f| (f.first, f.first + f.frames.len().saturating_sub(1))).collect();
     let mut notes: Vec<String> = survey.notes.iter().cloned().chain(survey.several(recording.marks.is_some())).collect();
-    notes.extend(turns.into_iter().map(|turn| survey.told(turn, &places)).chain(later));
+    notes.extend(turns.into_iter().map(|turn| survey.turn_message(turn, &places)).chain(later));
     let mut result = SegmentedRecording {
         stem: recording.stem.clone(),
         fps: survey.fps,

@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_missed_once_is_there_and_who_leaves_is_followed_by_the_other() {
+    fn a_person_missed_once_is_kept_and_one_who_leaves_is_replaced() {
         let mut looks = two(9);
         for (k, (_, faces)) in looks.iter_mut().enumerate() {
             faces.retain(|face| face.middle().x > 200.0 || (k != 2 && k < 6));

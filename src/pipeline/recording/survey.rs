@@ -207,7 +207,7 @@ impl Survey {
     }
 
     /// Message about an event. `tracked` has the indices of the first and last frames of all tracked ranges.
-    pub fn told(&self, turn: Turn, tracked: &[(usize, usize)]) -> String {
+    pub fn turn_message(&self, turn: Turn, tracked: &[(usize, usize)]) -> String {
         let number = |place: usize| self.numbers.get(place).copied().unwrap_or_default();
         match turn {
             Turn::Cut(place) => format!("frame {}: a new scene begins", number(place)),
@@ -228,11 +228,11 @@ impl Survey {
     /// Message that several faces are seen, with the followed one, from the first look that shows them; `None` if marks select the face.
     pub fn several(&self, marked: bool) -> Option<String> {
         let (taken, another) = ("the largest on average is followed", "to follow another face, give its marks for a frame");
-        let told = |look: &Look| {
+        let message = |look: &Look| {
             let said = look.face.as_ref()?.chosen_of_several(taken, another)?;
             Some(format!("frame {}: {said}", self.numbers.get(look.place)?))
         };
-        if marked { None } else { self.looks.iter().find_map(told) }
+        if marked { None } else { self.looks.iter().find_map(message) }
     }
 
     /// The look with the most typical face of a stretch, among trusted faces.
@@ -338,18 +338,19 @@ mod tests {
     }
 
     #[test]
-    fn faces_make_stretches_and_what_is_between_is_said() {
+    fn faces_form_stretches_and_gaps_are_reported() {
         let (a, none) = (Some(0), None);
         let survey = survey([a, a, none, a, none, none, a, a], vec![70]);
         let (stretches, turns) = survey.stretches();
         let of = |first, last, reach| Stretch { first, last, reach };
         assert_eq!(stretches, [of(0, 30, (0, 39)), of(60, 69, (51, 69)), of(70, 79, (70, 79))]);
-        let told = |tracked: &[(usize, usize)]| turns.iter().map(|&turn| survey.told(turn, tracked)).collect::<Vec<_>>();
+        let messages =
+            |tracked: &[(usize, usize)]| turns.iter().map(|&turn| survey.turn_message(turn, tracked)).collect::<Vec<_>>();
         let said = ["frame 71: a new scene begins", "frame 41: from here no face is found", "frame 61: a face is found again"];
-        assert_eq!(told(&[]), said);
+        assert_eq!(messages(&[]), said);
         // The face is visible after the last look with it, and before the next look with it.
         let said = ["frame 71: a new scene begins", "frame 36: from here no face is found", "frame 57: a face is found again"];
-        assert_eq!(told(&[(0, 34), (56, 69), (70, 79)]), said);
+        assert_eq!(messages(&[(0, 34), (56, 69), (70, 79)]), said);
     }
 
     #[test]
@@ -359,6 +360,6 @@ mod tests {
         let (stretches, turns) = survey.stretches();
         assert_eq!(stretches, [(0, 20), (30, 50), (60, 79)].map(|reach| Stretch { first: reach.0, last: reach.1, reach }));
         assert_eq!(turns, [Turn::Other(30), Turn::Other(60)]);
-        assert_eq!(survey.told(turns[0], &[]), "frame 31: from here another face is followed");
+        assert_eq!(survey.turn_message(turns[0], &[]), "frame 31: from here another face is followed");
     }
 }

@@ -1,13 +1,13 @@
-// What brows that rise do to the skin around them: the hollow below them is drawn out, and loses its shade; the furrows of the forehead deepen. The
-// same steps as the library's `warp/hollow.rs` and `warp/furrows.rs`; see there for the reasons.
+// Effect of raised brows on the skin around them: the hollow below them is stretched and loses its shade; the furrows of the forehead deepen. The steps
+// are those of `warp/hollow.rs` and `warp/furrows.rs`, which give the reasons.
 
-/** The box around points, and a little more. */
+/** The box around points, slightly enlarged. */
 const boxOf = (points, more = 2) => [0, 1].map((axis) => Math.min(...points.map((p) => p[axis])) - more).concat([0, 1].map((axis) => Math.max(...points.map((p) => p[axis])) + more));
 
-/** Triangles of the skin that show any of a box of the picture. */
+/** Triangles of the skin that overlap a box of the picture. */
 const trianglesInBox = (rig, [left, top, right, bottom]) => trianglesIn(rig, (p) => p, [left, right], [top, bottom]);
 
-/** The shade between a brow and an upper lid, in the places of the lid's skin. */
+/** The shade between a brow and an upper lid, in the coordinates of the lid's skin. */
 class Hollow {
   constructor({ brow, logs }, lid, rig) {
     Object.assign(this, { brow: singles(brow), logs: singles(logs), lid, look: rig.shared.hollow });
@@ -17,7 +17,7 @@ class Hollow {
     this.box = boxOf(points);
     this.triangles = trianglesInBox(rig, this.box);
   }
-  /** How much darker a place of the picture is than bright skin: three logarithms, 0 and less. */
+  /** Darkness of a position of the picture compared with bright skin: three logarithms, at most 0. */
   log(x, y) {
     const { brow, logs, lid, look: { along: [first, last], columns, rows } } = this;
     const [along, height] = lid.place(x, y), column = ((along - first) / (last - first)) * (columns - 1);
@@ -30,13 +30,13 @@ class Hollow {
     const beside = (row, c) => at(row, k, c) + (at(row, k + 1, c) - at(row, k, c)) * t;
     return [0, 1, 2].map((c) => beside(m, c) + (beside(m + 1, c) - beside(m, c)) * u);
   }
-  /** How much of it is gone where the way from lid to brow is so many times as long as on the picture. */
+  /** Share of the shade that is removed when the distance from lid to brow has grown by this factor. */
   gone(drawnOut) {
     return Math.min(this.look.lighter * (1 - 1 / Math.max(drawnOut, 1)), this.look.most);
   }
 }
 
-/** The shade of a hollow as a picture: 255 is as dark as it gets. */
+/** The shade of a hollow as a picture; 255 is darkest. */
 function shadePicture(hollow, { width, height, shared }) {
   const shade = new ImageData(width, height);
   for (let k = 3; k < shade.data.length; k += 4) shade.data[k] = 255;
@@ -49,7 +49,7 @@ function shadePicture(hollow, { width, height, shared }) {
   return shade;
 }
 
-/** The furrows of a forehead: a picture of their own on a grid, whose first cell is at `from`. */
+/** The furrows of a forehead: a separate picture on a grid whose first cell is at `from`. */
 class Furrows {
   constructor({ from, across, up, image }, rig) {
     Object.assign(this, { from, across, up, image, rig });
@@ -57,12 +57,12 @@ class Furrows {
     const [w, h] = this.size, corner = (x, y) => [0, 1].map((axis) => from[axis] + across[axis] * x + up[axis] * y);
     this.triangles = trianglesInBox(rig, boxOf([corner(0, 0), corner(w, 0), corner(0, h), corner(w, h)], 0));
   }
-  /** The cell of a place. */
+  /** The cell of a position. */
   cell(x, y) {
     const off = [x - this.from[0], y - this.from[1]];
     return [this.across, this.up].map((step) => (off[0] * step[0] + off[1] * step[1]) / (step[0] * step[0] + step[1] * step[1]));
   }
-  /** How much deeper they are, for each part of the brows: [cell across, depth]. */
+  /** Deepening of the furrows for each part of the brows: [cell across, depth]. */
   depths() {
     const { nodes, wanted, down, unit, shared: { furrows: { parts, deepen, most } } } = this.rig;
     const { scale, turn, at } = this.rig.head(), up = turn(-down[0], -down[1]);

@@ -1,4 +1,4 @@
-// FAPs over time, with a cursor at the moment that is shown.
+// FAPs over time, with a cursor at the shown time.
 
 const CURVES = 6, CURVE_BOX = [560, 150];
 
@@ -41,9 +41,9 @@ class Curves {
     });
     this.cursor = vectorNode("line", { y1: 0, y2: h, class: "gp-cursor" });
     this.svg.append(this.cursor);
-    const said = this.shown.map((f) => `${this.names.get(f.number)?.words ?? f.number}: up to ${Math.round(f.most)}`);
-    this.svg.setAttribute("aria-label", `FAPs of ${motion.label} over time, in FAP units. ${said.join("; ")}`);
-    if (!this.shown.length) this.list.append(node("li", {}, "This motion moves no FAP."));
+    const peaks = this.shown.map((f) => `${this.names.get(f.number)?.words ?? f.number}: up to ${Math.round(f.most)}`);
+    this.svg.setAttribute("aria-label", `FAPs of ${motion.label} over time, in FAP units. ${peaks.join("; ")}`);
+    if (!this.shown.length) this.list.append(node("li", {}, "This motion has no FAPs."));
   }
   at(share, gain) {
     const x = share * CURVE_BOX[0];

@@ -1,7 +1,6 @@
-// Drawing on a canvas, triangle by triangle, where there is no WebGL: the same order, a simpler mouth, lids without a
-// grain, and lashes as a shade.
+// Draws on a canvas, triangle by triangle, without WebGL: the same order, a simpler mouth, lids without grain, and lashes as a shade.
 
-// Cells from the upper to the lower end of a lid that shuts, and of the line of its lashes.
+// Number of cells from the upper to the lower end of a closing lid, and of its line of lashes.
 const LID_ROWS = 14, LASH_ROWS = 10;
 
 class FlatStage {
@@ -11,7 +10,7 @@ class FlatStage {
     this.teeth = teeth;
     this.lids = new Map();
   }
-  /** The part of the picture in a triangle, drawn into another. */
+  /** Draws the part of the picture in one triangle into another. */
   triangle(image, [a, b, c], [p, q, r]) {
     const { context } = this;
     const area = (q[0] - p[0]) * (r[1] - p[1]) - (r[0] - p[0]) * (q[1] - p[1]);
@@ -22,7 +21,7 @@ class FlatStage {
       return [x, y, a[axis] - x * p[0] - y * p[1]];
     };
     const [[m11, m12, dx], [m21, m22, dy]] = [solve(0), solve(1)];
-    // A little larger than it is, so that no seam shows between neighbours.
+    // Slightly enlarged, so that no seam shows between neighbours.
     const middle = [(a[0] + b[0] + c[0]) / 3, (a[1] + b[1] + c[1]) / 3];
     const grown = [a, b, c].map(([x, y]) => {
       const far = Math.max(Math.hypot(x - middle[0], y - middle[1]), 1e-6);
@@ -70,7 +69,7 @@ class FlatStage {
     this.shutLids(rig);
     for (const opening of rig.openings.slice(1)) this.lashes(rig, opening);
   }
-  /** The line of lashes, cell by cell; single ones are a shade. */
+  /** Draws the line of lashes cell by cell; single lashes are a shade. */
   lashes(rig, opening) {
     const { columns, shut } = rig.lashColumns(opening), { above, below, hair, share } = rig.shared.lashLine;
     if (!(shut > 0)) return;
@@ -80,7 +79,7 @@ class FlatStage {
       return [opening.lashes, shut * Math.sqrt(Math.max(4 * along * (1 - along), 0)) * Math.max(core, single)];
     });
   }
-  /** Lids that shut, where the eyes were, cell by cell. */
+  /** Draws closing lids over the eyes, cell by cell. */
   shutLids(rig) {
     const { zone, form: [brightest, lower, beside, sides] } = rig.shared.shutLid;
     for (const entry of rig.bareLids().filter(({ shut }) => shut > 0)) {
@@ -93,7 +92,7 @@ class FlatStage {
       });
     }
   }
-  /** Fills the rows of cells between columns, each given by both ends: [x, y, ..., along, down]; `paint` gives the levels of a cell and how much of what is below it hides. */
+  /** Fills the rows of cells between columns. Each column is given by its two ends: [x, y, ..., along, down]. `paint` gives the levels of a cell and its opacity. */
   cells(columns, rows, paint) {
     const { context } = this;
     const at = ([top, bottom], share) => top.map((value, k) => value + (bottom[k] - value) * share);
@@ -108,7 +107,7 @@ class FlatStage {
       }
     }
   }
-  /** The picture, with the skin of lids that shut over it. */
+  /** The picture with the skin of closing lids over it. */
   withLids(rig) {
     const shutting = rig.bareLids().filter(({ shut }) => shut > 0), { width, height } = rig;
     if (!shutting.length) return rig.image;
@@ -126,7 +125,7 @@ class FlatStage {
     }
     return mixed;
   }
-  /** A head from back to front, each triangle in one shade. */
+  /** Draws a head from back to front, each triangle in one shade. */
   head(rig) {
     const { canvas, context } = this;
     const style = (colour, light) => `rgb(${colour.map((c) => Math.round(255 * clamp(c * light, 0, 1))).join()})`;
@@ -179,7 +178,7 @@ class FlatStage {
       context.clip();
       const origin = [0, 1].map((axis) => (rig.nodes[2 * 87 + axis] + rig.nodes[2 * 40 + axis]) / 2 + m.skull[axis]);
       const size = (rig.unit / teeth.scale) * rig.teethSize, [dx, dy] = rig.down;
-      // The axes of the mouth: across, then down.
+      // The axes of the mouth: horizontal, then vertical.
       context.transform(dy * size * m.wider, -dx * size * m.wider, dx * size, dy * size, origin[0] + m.incisors * rig.unit * dx, origin[1] + m.incisors * rig.unit * dy);
       context.filter = `brightness(${((rig.enamel[1] / teeth.white) * 0.86).toFixed(2)}) grayscale(${rig.tone.share.toFixed(2)})`;
       context.drawImage(rig.teethImage, -teeth.origin[0], -teeth.origin[1]);

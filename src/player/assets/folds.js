@@ -1,6 +1,6 @@
-// Folds of a motion on a face: as soft as its photograph. `clone/cloned_skin.rs` does the same: who changes one changes the other.
+// Folds of a motion on a face, as soft as its photograph. `clone/cloned_skin.rs` has the same steps: change both together.
 
-/** A picture of levels, softened by a Gaussian of `sigma` of its pixels; beyond its border the border's levels go on. */
+/** A picture of levels, softened by a Gaussian of `sigma` pixels; beyond its border the levels of the border continue. */
 function softened(image, sigma) {
   if (!(sigma > 0)) return image;
   const { width, height } = image, canvas = node("canvas", { width, height }), context = canvas.getContext("2d");

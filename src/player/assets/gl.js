@@ -1,5 +1,5 @@
-// Drawing by WebGL. From back to front: the photograph, what lies behind lids and lips, the skin, that of lids without lashes, the light in hollows
-// and the furrows that brows make, lashes below brows that rise, lids that shut, the edges of lids and lips, the lashes of lids that shut.
+// Draws with WebGL, from back to front: the photograph, the parts behind lids and lips, the skin, the skin of lids without lashes, the light in hollows
+// and the furrows made by brows, lashes below raised brows, closing lids, the edges of lids and lips, the lashes of closing lids.
 
 const SKIN_VERTEX = `
 attribute vec2 at; attribute vec2 from; attribute float cover; uniform vec2 size; varying vec2 uv; varying float c;
@@ -7,11 +7,11 @@ void main() { c = cover; uv = (from + 0.5) / size; vec2 p = (at + 0.5) / size * 
 const SKIN_FRAGMENT = `
 precision mediump float; varying highp vec2 uv; varying float c; uniform sampler2D picture;
 void main() { vec4 t = texture2D(picture, uv); gl_FragColor = vec4(t.rgb, c * t.a); }`;
-// What lies over a picture as a factor, as far as the picture has none of it.
+// A factor over a picture, weighted by the opacity of the picture.
 const FACTOR_FRAGMENT = `
 precision mediump float; varying highp vec2 uv; varying float c; uniform sampler2D picture;
 void main() { vec3 left = texture2D(picture, uv).rgb; gl_FragColor = vec4(left / mix(left, vec3(1.0), c), 1.0); }`;
-// Half of a factor on what is there: of shade that goes, and of furrows that deepen above the parts of brows at `places`.
+// Half of a factor on the picture: removed shade, and deeper furrows above the parts of brows at `places`.
 const SHADE_FRAGMENT = `
 precision mediump float; varying highp vec2 uv; varying float c; uniform sampler2D picture; uniform float darkest;
 void main() { gl_FragColor = vec4(0.5 * exp(-darkest * c * texture2D(picture, uv).rgb), 1.0); }`;
@@ -30,7 +30,7 @@ void main() {
   vec2 inside = step(vec2(0.0), cell) * step(cell, cells - 1.0);
   gl_FragColor = vec4(vec3(0.5 * exp(log * depth * inside.x * inside.y)), 1.0);
 }`;
-// The skin of a face while folds grow on it: `fold` is where a vertex lies on the picture of their levels.
+// The skin of a face while folds grow on it: `fold` is the position of a vertex in the picture of their levels.
 const FOLD_VERTEX = `
 attribute vec2 at; attribute vec2 from; attribute vec2 fold; uniform vec2 size; varying vec2 uv; varying vec2 f;
 void main() { uv = (from + 0.5) / size; f = fold; vec2 p = (at + 0.5) / size * 2.0 - 1.0; gl_Position = vec4(p.x, -p.y, 0.0, 1.0); }`;
@@ -42,7 +42,7 @@ void main() {
   log *= growth * (log > 0.0 ? lighter : 1.0);
   gl_FragColor = vec4(texture2D(picture, uv).rgb * exp(powers * log), 1.0);
 }`;
-// `place` is in eye distances from where the closed lips meet, `lips` the heights of both lips there.
+// `place` is in eye distances from where the closed lips meet; `lips` are the heights of both lips there.
 const MOUTH_VERTEX = `
 attribute vec2 at; attribute vec2 place; attribute vec2 lips; attribute vec2 above; attribute vec2 below; uniform vec2 size;
 varying vec2 p; varying vec2 l; varying vec2 ua; varying vec2 ub;
@@ -77,7 +77,7 @@ void main() {
   float depth = clamp(belowUpper / max(lower - upper, 1e-6), 0.0, 1.0);
   float throat = (depth - 0.40) / 0.34, dropped = 1.0 - lit, gapes = dropped * smoothstep(0.10, 0.24, gap);
   float light0 = 0.27 + (0.20 * depth - 0.12) * open * side - 0.16 * exp(-throat * throat) * side * sqrt(open) + 0.13 * (1.0 - side) * open;
-  // A jaw that drops opens it so far that light falls in, less of it into the corners.
+  // A dropped jaw opens the mouth so far that light falls in, less into the corners.
   light0 = mix(light0 + 0.08 * dropped * (1.0 - open), 0.45 * (1.0 - 0.42 * (1.0 - side)), gapes);
   vec3 colour = tinted(vec3(1.0, vec2(0.60, 0.57) + 0.14 * (1.0 - side) * (1.0 - gapes)) - vec3(0.10, 0.0, 0.02) * gapes, light0);
   float across = x / max(mix(0.38, 0.50, gapes) * (ends.y - ends.x), 1e-6), within = 1.0 - across * across;
@@ -105,7 +105,7 @@ void main() {
     float gum = smoothstep(0.133, 0.163, -upperY - 0.20 * x * x) * (1.0 - smoothstep(0.26, 0.36, abs(x)));
     colour = mix(colour, tinted(vec3(1.0, 0.80, 0.80), 0.62 * turned), gum);
     float light = mix(mix(0.56, 0.80, lit), 1.0, smoothstep(0.0, 0.05, belowUpper)) * (1.0 - 0.08 * dropped * gaping);
-    // Crowns as long as a raised lip shows them, and what is seen between them.
+    // Crowns as far as a raised lip shows them, and the gaps between them.
     float edge = -0.60 * x * x / scale, crown = max(0.122 - 0.35 * (x / scale) * (x / scale), 0.05);
     float above = (edge - upperY) / clamp(((edge - upperY + belowUpper) / scale + 0.01) / crown, 1.0, 0.165 / crown);
     float between = (1.0 - smoothstep(0.38, 0.44, abs(x) / scale)) * smoothstep(0.0, 0.035, fromCorner);
@@ -114,16 +114,16 @@ void main() {
     colour = mix(colour, row(vec2(x, edge - above), light, vec3(1.0), turned, fromCorner, colour), smoothstep(0.0, 0.03, belowUpper + aboveLower));
   }
   float shadow = mix(mix(0.58, 0.85, lit), 1.0, smoothstep(0.0, 0.06, belowUpper)) * mix(0.75 + 0.10 * gapes, 1.0, smoothstep(0.0, 0.03, aboveLower));
-  // Of the upper lip and the lower one.
+  // For the upper and the lower lip.
   vec2 most = mix(vec2(0.024), vec2(0.020, 0.022), lit), part = mix(vec2(0.28), vec2(0.34, 0.26), lit) + 0.18 * dropped * (1.0 - smoothstep(0.03, 0.08, lower - upper));
   vec2 width = max(min(most, part * max(lower - upper, 0.0)), 1e-6);
-  // A gap as narrow as a line is lip, not cavity.
+  // A gap as narrow as a line is drawn as lip, not as cavity.
   vec2 round = max(1.0 - smoothstep(vec2(0.0), width, vec2(belowUpper, aboveLower)), 1.0 - smoothstep(0.004, 0.03, lower - upper));
   vec3 near = texture2D(picture, depth < 0.5 ? ua : ub).rgb;
   float sealed = 1.0 - smoothstep(0.0, 0.16 * (1.0 - 0.7 * open), fromCorner);
-  // Lips that lie on each other have a crease between them, not a slit.
+  // Lips that touch have a crease between them instead of a slit.
   sealed = max(sealed, dropped * (1.0 - smoothstep(0.004, 0.03, lower - upper)));
-  // The edge of a lip is darker than the lip; below a dropped jaw it gets some of what is missing.
+  // The edge of a lip is darker than the lip; below a dropped jaw, a part of this shade is removed.
   vec3 crease = near * (0.52 + 0.10 * dropped) + 0.30 * dropped * max(lip - near, 0.0), missing = dropped * max(0.85 * lip - near, 0.0);
   vec3 inside = mix(colour * shadow, crease, 0.9 * sealed);
   vec3 dark = vec3(0.74, 0.60, 0.60);
@@ -131,9 +131,9 @@ void main() {
   seen = mix(seen, (near + 0.35 * missing) * mix(dark, vec3(0.83, 0.76, 0.76), lit), 0.85 * round.x);
   gl_FragColor = vec4(mix(seen, toneFrom + toneRise * dot(seen, vec3(0.3, 0.59, 0.11)), toneShare), 1.0);
 }`;
-// Width of the soft edge of an opening, over the photograph's softness: a ramp as long as a Gaussian's from one end to the other.
+// Width of the soft edge of an opening relative to the softness of the photograph: a ramp as long as a Gaussian from end to end.
 const EDGE = 2.5;
-// The line of lashes: how far along it, and how many of its widths below its middle.
+// The line of lashes: position along it, and number of widths below its middle.
 const LASH_VERTEX = `
 attribute vec2 at; attribute vec2 place; uniform vec2 size; varying highp vec2 p;
 void main() { p = place; vec2 q = (at + 0.5) / size * 2.0 - 1.0; gl_Position = vec4(q.x, -q.y, 0.0, 1.0); }`;
@@ -144,7 +144,7 @@ void main() { float a = clamp(p.x, 0.0, 1.0);
   float wave = cos(6.2831853 * hairs.x * (p.x - hairs.y * (p.x - 0.5) * p.y));
   float single = p.y < 0.0 ? 0.0 : hairs.z * (0.5 + 0.5 * hairs.w * wave) * (1.0 - smoothstep(hair.x, hair.y, p.y));
   gl_FragColor = vec4(colour, shut * sqrt(4.0 * a * (1.0 - a)) * max(core, single)); }`;
-// A lid that shuts, where the eye was: its colour, its form and, from the skin below, its grain.
+// A closing lid in place of the eye: its colour, its form and, from the skin below, its grain.
 const LID_VERTEX = `
 attribute vec2 at; attribute vec2 from; attribute vec2 place; uniform vec2 size; varying highp vec2 uv; varying highp vec2 p;
 void main() { p = place; uv = (from + 0.5) / size; vec2 q = (at + 0.5) / size * 2.0 - 1.0; gl_Position = vec4(q.x, -q.y, 0.0, 1.0); }`;
@@ -165,7 +165,7 @@ void main() {
   gl_FragColor = vec4(colour * shade * (1.0 + speck), share);
 }`;
 
-// A head: z is towards the viewer, colours are of the light.
+// A head: z points to the viewer; colours are linear light.
 const HEAD_VERTEX = `
 attribute vec3 at; attribute vec3 normal; attribute vec3 colour; uniform vec2 size; varying vec3 n; varying vec3 c;
 void main() { n = normal; c = colour; vec2 p = at.xy / size * 2.0 - 1.0; gl_Position = vec4(p.x, -p.y, -at.z / (4.0 * size.y), 1.0); }`;
@@ -178,11 +178,11 @@ void main() {
 }`;
 
 class GlStage {
-  /** Throws where there is no WebGL. */
+  /** Throws if WebGL is not available. */
   constructor(canvas, teeth) {
     this.canvas = canvas;
     this.gl = canvas.getContext("webgl", { alpha: false, antialias: false, depth: true, preserveDrawingBuffer: true });
-    if (!this.gl) throw new Error("no WebGL");
+    if (!this.gl) throw new Error("WebGL is not available");
     this.teeth = teeth;
     this.setUp();
     canvas.addEventListener("webglcontextlost", (e) => e.preventDefault());
@@ -222,7 +222,7 @@ class GlStage {
       gl.attachShader(program, shader);
     }
     gl.linkProgram(program);
-    if (!gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost()) throw new Error(gl.getProgramInfoLog(program) ?? "no shaders");
+    if (!gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost()) throw new Error(gl.getProgramInfoLog(program) ?? "the shaders cannot be linked");
     const places = new Map();
     return { program, at: (name) => {
       if (!places.has(name)) places.set(name, [gl.getAttribLocation(program, name), gl.getUniformLocation(program, name)]);
@@ -239,7 +239,7 @@ class GlStage {
     for (const filter of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, filter, gl.LINEAR);
     return texture;
   }
-  /** Fills a named buffer; `fixed` ones only once. */
+  /** Fills a named buffer; `fixed` buffers are filled only once. */
   buffer(name, make, target = this.gl.ARRAY_BUFFER, fixed = false) {
     const { gl, buffers } = this;
     const known = buffers.get(name);
@@ -264,7 +264,7 @@ class GlStage {
     this.uniform(program, "size", rig.width, rig.height);
     if (program === this.skin) gl.vertexAttrib1f(program.at("cover")[0], 1);
   }
-  /** Textured triangles given corner by corner: `corners` is a list of [x, y, from x, from y], with `cover` [..., cover]. */
+  /** Textured triangles, corner by corner: `corners` is a list of [x, y, from x, from y], with `cover` [..., opacity]. */
   loose(rig, corners, cover = false, program = this.skin) {
     const { gl } = this;
     this.use(program, rig);
@@ -281,7 +281,7 @@ class GlStage {
   draw(rig) {
     const { gl, canvas } = this;
     if (gl.isContextLost()) return;
-    // A head has fine edges and hairs: it is drawn at twice its size, and the page makes it smaller.
+    // A head has fine edges and hair: it is drawn at double size, and the page reduces it.
     const scale = rig.kind === "head" ? 2 : 1;
     if (canvas.width !== scale * rig.width || canvas.height !== scale * rig.height) {
       canvas.width = scale * rig.width;
@@ -293,7 +293,7 @@ class GlStage {
     if (!this.pictures.has(rig)) this.pictures.set(rig, this.texture(rig.image));
     gl.activeTexture(gl.TEXTURE0);
     gl.bindTexture(gl.TEXTURE_2D, this.pictures.get(rig));
-    // The skin covers everything that moves: what is around it stays from frame to frame.
+    // The skin covers everything that moves; its surroundings stay the same from frame to frame.
     if (this.around !== rig) {
       const [w, h] = [rig.width - 0.5, rig.height - 0.5], corner = (x, y) => [x, y, x, y];
       this.loose(rig, [corner(-0.5, -0.5), corner(w, -0.5), corner(-0.5, h), corner(-0.5, h), corner(w, -0.5), corner(w, h)]);
@@ -317,7 +317,7 @@ class GlStage {
     this.drawBrows(rig);
     this.drawStandingLashes(rig, bare.filter(({ stands }) => stands > 0));
     this.drawShutLids(rig, bare.filter(({ shut }) => shut > 0));
-    // The edges of lids and lips run out softly, those of lids that shut with their skin.
+    // The edges of lids and lips fade out softly; those of closing lids fade with their skin.
     for (const opening of rig.openings) {
       if (!(rig.gap(opening, rig.moved) > 0.5)) continue;
       const strips = edgeStrips(rig, opening, Math.max(1.2, EDGE * rig.softness));
@@ -328,7 +328,7 @@ class GlStage {
     for (const opening of rig.openings.slice(1)) this.drawLashes(rig, opening);
     gl.disable(gl.BLEND);
   }
-  /** Takes a program, with where the skin's vertices are and where they are from. */
+  /** Selects a program, with the current and the original positions of the skin's vertices. */
   skinBy(program, rig) {
     this.use(program, rig);
     this.buffer("skin at", () => rig.moved);
@@ -336,7 +336,7 @@ class GlStage {
     this.buffer(`skin from ${rig.index}`, () => rig.vertices, this.gl.ARRAY_BUFFER, true);
     this.attribute(program, "from");
   }
-  /** Sets what the program for folds asks for. */
+  /** Sets the uniforms of the program for folds. */
   setFolds(rig) {
     const { gl, folded, foldPictures } = this;
     const { folds: { growth, source }, shared } = rig;
@@ -353,7 +353,7 @@ class GlStage {
     gl.uniform1i(folded.at("picture")[1], 0);
     gl.activeTexture(gl.TEXTURE0);
   }
-  /** Over the skin that has just been drawn, and by its buffers: that of lids without lashes. */
+  /** Draws the skin of lids without lashes over the skin that was just drawn, with the same buffers. */
   drawLids(rig, bare) {
     const { gl } = this;
     if (bare.length) this.skinBy(this.skin, rig);
@@ -365,7 +365,7 @@ class GlStage {
       });
     }
   }
-  /** What brows that rise do to the skin: the light in hollows, and furrows. */
+  /** Draws the effect of raised brows on the skin: the light in hollows, and furrows. */
   drawBrows(rig) {
     const { gl, shade, furrowed, shadePictures, furrowPictures, pictures } = this, { furrows, shared } = rig;
     const hollows = rig.drawnOutHollows(), depths = furrows ? furrows.depths() : [];
@@ -390,7 +390,7 @@ class GlStage {
     gl.bindTexture(gl.TEXTURE_2D, pictures.get(rig));
     gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
   }
-  /** Lashes below brows that rise, over the skin without them. */
+  /** Draws lashes below raised brows, over the skin without them. */
   drawStandingLashes(rig, standing) {
     const { gl } = this;
     if (!standing.length) return;
@@ -398,7 +398,7 @@ class GlStage {
     this.byLidPicture(rig, () => standing.forEach((entry) => this.loose(rig, rig.lashStrips(entry), true, this.factor)), "lashes");
     gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
   }
-  /** Lids that shut, where the eyes were. */
+  /** Draws closing lids over the eyes. */
   drawShutLids(rig, shutting) {
     const { gl, lid: program } = this, { zone, form, grain } = rig.shared.shutLid;
     for (const entry of shutting) {
@@ -418,7 +418,7 @@ class GlStage {
       gl.drawArrays(gl.TRIANGLES, 0, corners.length);
     }
   }
-  /** Draws with the skin of lids, or with their lashes, for the picture. */
+  /** Draws with the skin of lids, or with their lashes, instead of the picture. */
   byLidPicture(rig, draw, part = "skin") {
     const { gl, pictures, lidPictures } = this;
     if (!lidPictures.has(rig)) {
@@ -464,7 +464,7 @@ class GlStage {
     }
     gl.disable(gl.DEPTH_TEST);
   }
-  /** One colour for all corners. */
+  /** The same colour for all corners. */
   plain(program, colour) {
     const place = program.at("colour")[0];
     this.gl.disableVertexAttribArray(place);

@@ -1,4 +1,4 @@
-// A dense head: the members of its bank in the shares that a motion takes, and single FAPs on top. It draws as a rig does, but in depth.
+// A dense head: a mixture of the members of its bank by the weights of a motion, plus single FAPs. It is drawn like a rig, but with depth.
 
 class Head {
   constructor(entry) {
@@ -14,7 +14,7 @@ class Head {
     this.openings = entry.openings.map(wholes);
     this.eyes = entry.eyes.map((eye) => this.eye(eye));
   }
-  /** An eyeball rests: its colours and normals are made once. */
+  /** An eyeball at rest: its colours and normals are computed once. */
   eye({ positions, triangles, centre: [x, y], iris }) {
     const at = singles(positions), count = at.length / 3, colours = new Float32Array(at.length);
     for (let v = 0; v < count; v++) {
@@ -26,7 +26,7 @@ class Head {
     normalsOf(eye);
     return eye;
   }
-  /** Moves the head: motions with a place and a gain, FAPs with a value. */
+  /** Moves the head by motions with a position in time and a gain, and by FAPs with a value. */
   move(parts) {
     const { rest, moved, members } = this;
     const shares = new Float32Array(members.length);
@@ -52,7 +52,7 @@ class Head {
     normalsOf(this);
     return moved;
   }
-  /** The dark behind an opening: corners of a fan. */
+  /** The dark area behind an opening: corners of a fan. */
   *cavities() {
     const { moved } = this;
     for (const walk of this.openings) {
@@ -75,14 +75,14 @@ class Head {
   }
 }
 
-/** Normals of the vertices from the areas around them. */
+/** Normals of the vertices, from the areas of the triangles around them. */
 function normalsOf({ moved: p, normals, triangles }) {
   normals.fill(0);
   for (let k = 0; k < triangles.length; k += 3) {
     const a = 3 * triangles[k], b = 3 * triangles[k + 1], c = 3 * triangles[k + 2];
     const ux = p[b] - p[a], uy = p[b + 1] - p[a + 1], uz = p[b + 2] - p[a + 2];
     const vx = p[c] - p[a], vy = p[c + 1] - p[a + 1], vz = p[c + 2] - p[a + 2];
-    // y points down: the other way round than usual.
+    // y points down, so the orientation is reversed.
     const x = uz * vy - uy * vz, y = ux * vz - uz * vx, z = uy * vx - ux * vy;
     for (const v of [a, b, c]) {
       normals[v] += x;

@@ -1,10 +1,10 @@
-// The skin of upper lids as it is without lashes, for eyes that shut and for brows that rise, and the lashes by themselves. The same steps as the
-// library's `warp/lid_skin.rs` and `warp/lashes.rs`; see there for the reasons. What they take the place of depends on a place of the picture only,
-// so both are pictures of their own that are laid over the other.
+// The skin of upper lids without lashes, for closing eyes and for raised brows, and the lashes separately. The steps are those of `warp/lid_skin.rs` and
+// `warp/lashes.rs`, which give the reasons. What they replace depends only on the position in the picture, so both are separate pictures that are drawn
+// over it.
 
 const luma = (r, g, b) => 0.3 * r + 0.59 * g + 0.11 * b;
 
-/** Triangles of the skin that show any of a box: what `place` makes of their corners has two coordinates, of which each has a range. */
+/** Triangles of the skin that overlap a box. `place` maps their corners to two coordinates, each with a range. */
 function trianglesIn({ skin, vertices }, place, ...ranges) {
   const found = [];
   for (let k = 0; k < skin.length; k += 3) {
@@ -20,7 +20,7 @@ class LidSkin {
     Object.assign(this, { edge: singles(edge), band: singles(band), skin: singles(skin) });
     this.places = this.edge.length;
     this.strips = this.look.strips.map((off) => (off * this.unit) / Math.hypot(...across));
-    // Bilinear reading goes a pixel beyond the edge.
+    // Bilinear sampling reads a pixel beyond the edge.
     this.below = Math.max(0.5 * this.look.leastBand * this.unit, 1);
     this.above = Math.max(...this.band) + fade;
     this.reach(rig);
@@ -31,12 +31,12 @@ class LidSkin {
     const [ox, oy] = [x - from[0], y - from[1]], size = across[0] * down[1] - across[1] * down[0];
     return [(ox * down[1] - oy * down[0]) / size, (across[1] * ox - across[0] * oy) / size];
   }
-  /** The lid's height at a place along it, px; beyond its ends as there. */
+  /** Height of the lid at a position along it, px; beyond its ends, the height there. */
   edgeAt(along) {
     const { edge, places } = this, place = clamp(along * places - 0.5, 0, places - 1), k = Math.min(Math.floor(place), places - 2);
     return edge[k] + (edge[k + 1] - edge[k]) * (place - k);
   }
-  /** The part of the picture that it reaches, and the triangles of the skin that show any of that. */
+  /** The part of the picture that it covers, and the triangles of the skin that overlap this part. */
   reach({ skin, vertices, width, height }) {
     const { from, across, down, places, edge, band, fade, below } = this;
     const ends = [-0.5 / places, 1 + 0.5 / places];
@@ -51,7 +51,7 @@ class LidSkin {
     this.box = [x, y, w, h];
     this.triangles = trianglesIn({ skin, vertices }, (p) => this.place(...p), ends, [low, high]);
   }
-  /** Red, green and blue (levels) at a place of the picture, and how far they take the place of its own over a lid that has shut. */
+  /** Red, green and blue levels at a position of the picture, and their opacity over a closed lid. */
   colour(x, y, sample) {
     const { band: bands, fade, skin, places, down, look } = this;
     const [along, height] = this.place(x, y);
@@ -70,7 +70,7 @@ class LidSkin {
   }
 }
 
-/** The skin of a face's lids as a picture to be laid over its own, and its lashes as one that the skin is multiplied by. */
+/** The skin of the lids of a face as a picture to be drawn over its own, and the lashes as a picture by which the skin is multiplied. */
 function lidPictures(rig) {
   const { width, height } = rig, { darkest, floor } = rig.shared.lidSkin;
   const context = node("canvas", { width, height }).getContext("2d", { willReadFrequently: true });
@@ -91,7 +91,7 @@ function lidPictures(rig) {
     for (let y = top; y < top + h; y++) {
       for (let x = left; x < left + w; x++) {
         const at = 4 * (y * width + x);
-        // Where there is none of it, too, it has a colour, which the pixels beside are mixed with; the other lid's own stays.
+        // Transparent pixels need a colour, too, because neighbours are blended with them; the colour of the other lid is kept.
         if (skin.data[at + 3]) continue;
         const colour = lid.colour(x, y, sample);
         skin.data.set(colour, at);

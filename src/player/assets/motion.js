@@ -5,13 +5,13 @@ const wholes = (text) => new Uint16Array(bytesOf(text));
 const singles = (text) => new Float32Array(bytesOf(text));
 const scaled = ({ scale, values }) => Float32Array.from(new Int16Array(bytesOf(values)), (v) => v * scale);
 const clamp = (v, low, high) => Math.min(Math.max(v, low), high);
-/** 0 below `from`, 1 above `to`, smooth between. */
+/** 0 below `from`, 1 above `to`, smooth in between. */
 const smoothStep = (from, to, value) => {
   const t = clamp((value - from) / (to - from), 0, 1);
   return t * t * (3 - 2 * t);
 };
 
-/** Slopes that make the cubic monotone between keys (Fritsch and Carlson), as `interpolation.rs` has them: of `width` curves at once. */
+/** Slopes that make the cubics between keys monotone (Fritsch and Carlson), as in `interpolation.rs`, of `width` curves at once. */
 function slopesOf(keys, width) {
   const slopes = new Float32Array(keys.length), last = keys.length - width;
   for (let n = 0; n < width; n++) {
@@ -35,7 +35,7 @@ function slopesOf(keys, width) {
   }
   return slopes;
 }
-/** The cubic between two keys with their slopes. */
+/** The cubic between two keys with these slopes. */
 function cubic(from, to, m, n, t) {
   const v = 1 - t;
   return from * (1 + 2 * t) * v * v + m * t * v * v + to * t * t * (3 - 2 * t) - n * t * t * v;
@@ -58,7 +58,7 @@ class Motion {
   get last() {
     return this.frames - 1;
   }
-  /** Offsets at a place between frames, 0 to `last`, into `out`. */
+  /** Writes the offsets at a position between frames, 0 to `last`, to `out`. */
   at(place, out) {
     const { offsets, slopes, width, last } = this;
     place = clamp(place, 0, last);
@@ -68,12 +68,12 @@ class Motion {
     }
     return out;
   }
-  /** Value of a FAP's curve at a place. */
+  /** Value of the curve of a FAP at a position between frames. */
   value({ values, slopes }, place) {
     const i = Math.min(Math.floor(place), Math.max(this.last - 1, 0)), t = place - i;
     return t === 0 ? values[i] : cubic(values[i], values[i + 1], slopes[i], slopes[i + 1], t);
   }
-  /** Where it is, in words. */
+  /** The position in words. */
   placeText(place) {
     if (this.kind === "model") return `${Math.round((100 * place) / Math.max(this.last, 1))} % of the way to the apex`;
     const seconds = (this.seconds * place) / Math.max(this.last, 1);
@@ -81,7 +81,7 @@ class Motion {
   }
 }
 
-/** How far the folds of the first part's motion have grown by all parts: 0 at neutral, 1 where they are as at its apex. */
+/** Growth of the folds of the first part's motion under all parts: 0 at neutral, 1 as at the apex of that motion. */
 function foldGrowth(parts, { unit, most }) {
   const { source } = parts[0];
   const { apexOffsets: apex } = source;
@@ -95,7 +95,7 @@ function foldGrowth(parts, { unit, most }) {
   return whole > 0 ? clamp(along / whole, 0, most) : 0;
 }
 
-/** How time passes: from a clock (s) to the share of the way, 0 to 1, and whether it is over. */
+/** The course of time: from a clock (s) to the share of the motion, 0 to 1, and whether it has ended. */
 class Course {
   constructor(seconds, repeat, natural) {
     this.way = Math.max(seconds, 0.04);
@@ -117,7 +117,7 @@ class Course {
     if (t < this.way + this.hold || this.back === 0) return { share: 1, over: false };
     return { share: this.ease(1 - (t - this.way - this.hold) / this.back), over: false };
   }
-  /** The clock at which a share is reached on the way there. */
+  /** The clock at which a share is reached on the way forward. */
   clock(share) {
     let low = 0, high = 1;
     for (let k = 0; k < 30; k++) {

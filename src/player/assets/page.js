@@ -9,6 +9,6 @@ ready.then((player) => {
   playerRoot.player = player;
   playerRoot.removeAttribute("aria-busy");
 }, (error) => {
-  playerRoot.textContent = `This page could not be drawn: ${error.message}`;
+  playerRoot.textContent = `The player could not be drawn: ${error.message}`;
   playerRoot.removeAttribute("aria-busy");
 });

@@ -1,4 +1,4 @@
-// The player itself: two stages at most, one course of time for both.
+// The player: at most two stages, with the same time in both.
 
 function node(tag, attributes = {}, ...children) {
   const e = document.createElement(tag);
@@ -15,11 +15,11 @@ const capitalized = (text) => text.charAt(0).toUpperCase() + text.slice(1);
 const loaded = (source) => new Promise((resolve, reject) => {
   const image = new Image();
   image.onload = () => resolve(image);
-  image.onerror = () => reject(new Error("a picture of this page does not open"));
+  image.onerror = () => reject(new Error("a picture in this page cannot be decoded"));
   image.src = source;
 });
 
-/** What all players of a page share: motions, faces, FAPs. */
+/** Data that all players of a page share: motions, faces, FAPs. */
 class Shelf {
   constructor(data) {
     this.data = data;
@@ -39,13 +39,13 @@ class Shelf {
     }
     return this;
   }
-  /** A stage on a canvas: WebGL, or a plain canvas where there is none. */
+  /** A stage on a canvas: WebGL, or a plain canvas if there is no WebGL. */
   stage(canvas, flat = false) {
     if (!flat) {
       try {
         return new GlStage(canvas, this.teeth);
       } catch {
-        // A canvas that was asked for WebGL gives nothing else.
+        // A canvas on which WebGL was requested has no other context.
         const fresh = canvas.cloneNode();
         canvas.replaceWith(fresh);
         return new FlatStage(fresh, this.teeth);
@@ -53,7 +53,7 @@ class Shelf {
     }
     return new FlatStage(canvas, this.teeth);
   }
-  /** A picture of a motion at its end, on a canvas of its own. */
+  /** A picture of the end of a motion, on a separate canvas. */
   still(motion, rig, width) {
     this.spare ??= this.stage(node("canvas"));
     rig.move([{ offsets: motion.at(motion.last, new Float32Array(motion.width)), source: motion, place: motion.last, gain: 1 }]);
@@ -67,7 +67,7 @@ class Shelf {
 }
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2];
-const REPEATS = [["back", "There and back"], ["loop", "From the start"], ["once", "Not at all"]];
+const REPEATS = [["back", "Forward and back"], ["loop", "From the start"], ["once", "Off"]];
 
 class FacePlayer {
   /** Builds a player into `root`. `flat` draws without WebGL. */
@@ -187,17 +187,17 @@ class FacePlayer {
       this.fapInputs.push({ input, clear: () => { input.value = 0; output.textContent = "0"; } });
       rows.get(fap.part).push(node("label", { class: "gp-fap", title: `FAP ${fap.number}, ${fap.name}, in ${fap.unit}` }, node("span", {}, fap.words), input, output));
     }
-    this.reset = button("All back to 0", () => {
+    this.reset = button("Reset all to 0", () => {
       this.extra.clear();
       for (const { clear } of this.fapInputs) clear();
       this.reset.disabled = true;
       this.draw();
     }, { class: "gp-reset", disabled: "" });
     const parts = [...rows].map(([part, list]) => node("details", {}, node("summary", {}, part), ...list));
-    const section = node("section", { class: "gp-part gp-faps" }, node("h3", {}, "Single FAPs"), node("p", { class: "gp-note" }, "Added to the motion, on every face in its own units. Set the strength to 0 to see them alone."), ...parts, this.reset);
+    const section = node("section", { class: "gp-part gp-faps" }, node("h3", {}, "Single FAPs"), node("p", { class: "gp-note" }, "These are added to the motion, in the units of each face. Set the strength to 0 to see them alone."), ...parts, this.reset);
     return section;
   }
-  /** The selects say what is shown. */
+  /** Sets the menus to what is shown. */
   sync() {
     for (const view of this.views) {
       view.motions.value = this.shelf.motions.indexOf(view.motion);
@@ -250,10 +250,10 @@ class FacePlayer {
     if (this.playing) return;
     this.playing = true;
     const course = this.course();
-    // Where it was paused it goes on, also on the way back.
+    // Continues from where it was paused, also on the way back.
     const paused = this.clock === undefined ? { over: true } : course.share(this.clock);
-    const goesOn = !paused.over && this.share > 0 && this.share < 1 && Math.abs(paused.share - this.share) < 1e-9;
-    if (!goesOn) this.clock = this.share >= 1 ? 0 : course.clock(this.share);
+    const continues = !paused.over && this.share > 0 && this.share < 1 && Math.abs(paused.share - this.share) < 1e-9;
+    if (!continues) this.clock = this.share >= 1 ? 0 : course.clock(this.share);
     this.before = performance.now();
     this.buttonSays();
     this.nextStep();
@@ -284,7 +284,7 @@ class FacePlayer {
     this.before = now;
     const course = this.course();
     let { share, over } = course.share(this.clock);
-    // Who asked for less motion gets one pass.
+    // With reduced motion the animation runs once.
     if (this.calm.matches && this.clock >= course.before + course.way) [share, over] = [1, true];
     this.share = share;
     if (this.visible || over) this.draw();
@@ -314,15 +314,15 @@ class FacePlayer {
     this.curves.at(this.share, this.gain);
     this.drawn++;
   }
-  /** All that is shown, side by side, as one PNG. */
+  /** Saves all shown faces side by side as one PNG. */
   save() {
     if (this.seen.some((view) => view.stage.gl?.isContextLost())) {
-      this.said.textContent = this.place.textContent = "Not saved: the browser took the picture away; try again in a moment";
+      this.said.textContent = this.place.textContent = "Not saved: the browser discarded the picture. Try again in a moment";
       return null;
     }
     this.draw();
     const canvases = this.seen.map((view) => view.stage.canvas);
-    // As wide as each other, as on the page: a head is drawn larger than a photograph.
+    // All with the same width, as on the page: a head is drawn larger than a photograph.
     const width = Math.max(...canvases.map((c) => c.width));
     const height = Math.max(...canvases.map((c) => Math.round((c.height * width) / c.width)));
     const all = node("canvas", { width: canvases.length * width, height });
@@ -337,7 +337,7 @@ class FacePlayer {
     return link;
   }
   key(event) {
-    // A control keeps the keys that it uses itself: a slider and a list those that move them, a box and a list the one that presses them.
+    // A focused control keeps the keys that it uses: a slider those that move it, a checkbox the one that toggles it, a menu all.
     const field = event.target.closest?.("input, select, textarea, summary, a");
     const own = { range: ["ArrowLeft", "ArrowRight", "Home", "End"], checkbox: [" "] }[field?.type];
     const inField = field && !(own && !own.includes(event.key));

@@ -1,10 +1,10 @@
-// A face: where its nodes and the vertices of its mesh go. The same steps as the library's `clone` and `warp`; see there for the reasons.
+// A face: positions of its nodes and of the vertices of its mesh. The steps are those of `clone` and `warp`, which give the reasons.
 
 const LID_SHARES = [0.45, 1], LID_ABOUT = [0.2, 0.006], LIP_ROUND = 0.97, LIP_FULLNESS = 0.7, PARTED = [0.06, 0.2], STRETCHED = [0.03, 0.1], BROW_THICKNESS = [0.88, 1.12], BROWS = [[16, 18], [49, 51]], CORNERS = [[88, 31], [89, 64]], CORNER_TURN = 0.55, CORNER_LENGTHS = [0.6, 1.15];
 const MAX_GAZE = 0.12, SHUT = 1e-4, BESIDE_MIDDLE = 1.35, UNFOLD_ROUNDS = 16, UNFOLD_STEP = 0.2, LEAST_WEIGHT = 0.002, OWN_STRETCH = 0.02;
 const CLING = 0.12, CLING_WITHIN = 0.42, CLING_UPPER = 0.4, CLINGING = [0.04, 0.1, 0.22], TURNED_AWAY = [0.6, 0.9];
 
-/** A face that moves. `level(p, k)` is how far down the face point k of a list lies. */
+/** A face that moves. `level(p, k)` is the vertical position in the face of point k of a list. */
 class Rig {
   constructor(entry, shared) {
     Object.assign(this, entry);
@@ -29,7 +29,7 @@ class Rig {
     p[2 * k] += this.down[0] * along;
     p[2 * k + 1] += this.down[1] * along;
   }
-  /** The weights that count, vertex by vertex: far from a node its share is smaller than what rounding takes away. */
+  /** The relevant weights of each vertex: far from a node its share is smaller than rounding errors. */
   sparse() {
     const n = this.drivers.length, [starts, places, shares] = [[0], [], []];
     for (let v = 0; v < this.count; v++) {
@@ -44,7 +44,7 @@ class Rig {
     }
     Object.assign(this, { starts: Uint32Array.from(starts), places: Uint16Array.from(places), shares: Float32Array.from(shares) });
   }
-  /** Factors of all nodes' offsets, x and y in turn, from a source of these FAPUs to this face. */
+  /** Factors on the offsets of all nodes, x and y alternating, from a source with these FAPUs to this face. */
   scaleFrom(source) {
     let scale = this.scales.get(source);
     if (!scale) {
@@ -61,7 +61,7 @@ class Rig {
     }
     return scale;
   }
-  /** Moves the face: a list of offsets with what they are from and how strong, added up. */
+  /** Moves the face by the sum of a list of offsets, each with its source and strength. */
   move(parts) {
     const { given, nodes, wanted, roll, shared } = this;
     this.folds = { source: parts[0].source, growth: foldGrowth(parts, shared.folds) };
@@ -93,7 +93,7 @@ class Rig {
     }
     return this.moved;
   }
-  /** Takes the ends of the opening along with the corners of the mouth. */
+  /** Moves the ends of the opening with the corners of the mouth. */
   keepCorners(at) {
     const { given } = this;
     for (const [inner, outer] of CORNERS) {
@@ -109,8 +109,8 @@ class Rig {
     }
   }
   /**
-   * Lips open round: `sign` 1 for the lower one, -1 for the upper one; `flat` is how much of the closed lip's bow is taken away, `most` what
-   * goes beside the middle at most, over the middle; null sets no limit.
+   * Opens lips to a round shape: `sign` is 1 for the lower lip, -1 for the upper one. `flat` is the removed share of the closed lip's bow.
+   * `most` is the largest motion beside the middle, relative to the middle; null sets no limit.
    */
   roundLip(at, centre, sides, [first, last], sign, flat, most) {
     const { given } = this;
@@ -129,7 +129,7 @@ class Rig {
     this.shift(at, centre, sign * (round - middle));
     for (const n of sides) this.shift(at, n, sign * (share * round - beside));
   }
-  /** Takes the bow out of the upper lip the further the lips part. */
+  /** Flattens the bow of the upper lip as the lips part. */
   stretchUpperLip(at) {
     const { given } = this;
     const parted = (this.level(at, 40) - this.level(at, 87)) / this.unit;
@@ -138,7 +138,7 @@ class Rig {
     this.shift(at, 87, (-taken * 2) / 3);
     for (const n of [81, 82]) this.shift(at, n, taken / 3);
   }
-  /** Lids rise and fall as arches: beside its middle a lid goes as far as the eye is open there. */
+  /** Lids open and close as arches: beside its middle a lid moves as far as the eye is open there. */
   archLids(at) {
     const { given } = this;
     const moved = (n) => this.level(at, n) - this.level(given, n);
@@ -172,7 +172,7 @@ class Rig {
       if (was > 0) this.shift(wanted, lower, clamp(is, BROW_THICKNESS[0] * was, BROW_THICKNESS[1] * was) - is);
     }
   }
-  /** An eye that shuts shuts from corner to corner. */
+  /** A closing eye closes from corner to corner. */
   closeLids(wanted) {
     for (const { upperNodes, lowerNodes } of this.openings.slice(1)) {
       const gap = (points, k) => this.level(points, lowerNodes[k]) - this.level(points, upperNodes[k]);
@@ -226,7 +226,7 @@ class Rig {
     this.cling(this.openings[0], wanted, parted);
     for (const opening of this.openings) this.meet(opening, wanted);
   }
-  /** Towards the corners of a mouth that a dropping lower lip opens a little, the lips lie on each other. */
+  /** Near the corners of a mouth that a dropping lower lip opens slightly, the lips touch. */
   cling({ upper, lower }, wanted, parted) {
     const { moved, vertices, nodes, unit, down } = this;
     const clinging = smoothStep(0, CLINGING[0], parted) * (1 - smoothStep(CLINGING[1], CLINGING[2], parted));
@@ -248,7 +248,7 @@ class Rig {
       this.shift(moved, b, (CLING_UPPER - 1) * closer);
     });
   }
-  /** Where the edges of an opening would pass through each other they meet. */
+  /** Edges of an opening that would cross each other meet. */
   meet({ upper, lower, eyeball, stops, upperNodes, lowerNodes }, wanted) {
     const { moved } = this;
     const shut = upperNodes.map((a, k) => this.level(wanted, lowerNodes[k]) - this.level(wanted, a) <= SHUT * this.unit);
@@ -271,7 +271,7 @@ class Rig {
       }
     }
   }
-  /** Draws nodes at folded skin towards their neighbours; whether there was any. */
+  /** Draws nodes at folded skin towards their neighbours; returns whether there were any. */
   unfold(wanted) {
     const { skin, leastAreas, moved, weights, drivers, neighbours, partners, offsets } = this;
     const n = drivers.length;
@@ -287,7 +287,7 @@ class Rig {
       }
     }
     if (!atFold) return false;
-    // Both sides of the face alike.
+    // Both sides of the face are treated alike.
     for (let d = 0; d < n; d++) if (atFold[d]) atFold[partners[d]] = 1;
     for (let d = 0; d < n; d++) {
       if (!atFold[d]) continue;
@@ -299,11 +299,11 @@ class Rig {
     }
     return true;
   }
-  /** Largest distance of the edges of an opening at these positions, px. */
+  /** Largest distance between the edges of an opening at these positions, px. */
   gap({ upper, lower }, positions) {
     return upper.reduce((most, a, k) => Math.max(most, this.level(positions, lower[k]) - this.level(positions, a)), 0);
   }
-  /** Where the vertices of an eye's opening lie behind the lids: with its corners and the gaze. */
+  /** Positions of the vertices of an eye's opening behind the lids: they move with the corners and the gaze. */
   eyeball(opening) {
     const { nodes, wanted, vertices, moved } = this;
     const { upper, lower, upperNodes, iris } = opening;
@@ -330,7 +330,7 @@ class Rig {
     }
     return at;
   }
-  /** The numbers that the inside of the mouth is drawn from, in eye distances from where the closed lips meet on the skull. */
+  /** Numbers for drawing the inside of the mouth, in eye distances from the line where the closed lips meet on the skull. */
   mouth() {
     const opening = this.openings[0], { nodes, moved, unit, down } = this;
     const vertex = new Map(this.drivers);
@@ -344,20 +344,23 @@ class Rig {
     };
     const upper = opening.upper.map(place), lower = opening.lower.map(place);
     const jaw = Math.max(((chin[0] - skull[0]) * down[0] + (chin[1] - skull[1]) * down[1]) / unit, 0);
-    // How far the light falls on the inner edges of lips that part: see `lit` in src/warp/seam.rs.
+    // How far light falls on the inner edges of parting lips: see `lit` in src/warp/seam.rs.
     const along = ([x, y]) => x * down[0] + y * down[1], rest = [0, 1].map((axis) => nodes[2 * 40 + axis] - nodes[2 * 87 + axis]);
     const opened = along(rest) + along(shifted(40)) - along(shifted(87)), dropped = along(shifted(40)) - along(skull);
     const away = opened > 0 ? clamp((dropped / opened - 0.6) / 0.3, 0, 1) : 0, lit = 1 - away * away * (3 - 2 * away);
     const middle = (line) => lineAt([...line].sort((a, b) => a[0] - b[0]), 0);
     const floor = middle(lower), gap = this.gap(opening, moved) / unit;
-    // Lips that a dropped jaw parts show the incisors so far at least: see `SHOWN_DROPPED` in src/warp/mouth/interior.rs.
+    // Least visible length of the incisors between lips that a dropped jaw parts: see `SHOWN_DROPPED` in src/warp/mouth/interior.rs.
     const least = middle(upper) + Math.min(0.062, 0.66 * gap), incisors = this.inside[0] + Math.max(least - this.inside[0], 0) * (1 - lit);
     const ends = [upper[0][0], upper[upper.length - 1][0]].sort((a, b) => a - b);
     // Rows of teeth reach the corners of a mouth that is wider than a smile: see `ROW_REACHES` there.
     const wider = Math.max((0.5 * (ends[1] - ends[0])) / (0.48 * this.teethSize), 1);
     return { opening, upper, lower, jaw, lit, floor, ends, wider, skull, incisors, gap };
   }
-  /** Where the vertices of a mouth that the photograph shows open lie: they stay with the skull, but for an upper lip that rises, and a lower one that drops a little. */
+  /**
+   * Positions of the vertices of a mouth that is open in the photograph: they stay with the skull, except below a raised upper lip or a slightly dropped
+   * lower lip.
+   */
   ownMouth(skull) {
     const { vertices, moved } = this, { upper, lower } = this.openings[0];
     const at = new Map(), below = new Set(lower.slice(1, -1));
@@ -369,7 +372,7 @@ class Rig {
     }
     return at;
   }
-  /** Where the head is, by the line between the eyes: the place of a place of the picture, and its scale and turn as a complex number. */
+  /** The pose of the head by the line between the eyes: the new position of a position of the picture, and scale and rotation as a complex number. */
   head() {
     const eyes = (p) => this.openings.slice(1).map(({ upperNodes: [a, , , , b] }) => [0, 1].map((axis) => (p[2 * a + axis] + p[2 * b + axis]) / 2));
     const [[was, beside], [is, then]] = [eyes(this.nodes), eyes(this.wanted)];
@@ -380,19 +383,22 @@ class Rig {
     const back = (a, b) => [re * (a - is[0]) + im * (b - is[1]), re * (b - is[1]) - im * (a - is[0])].map((value, axis) => value / (re * re + im * im) + was[axis]);
     return { scale: Math.hypot(re, im), turn, at, back };
   }
-  /** How many times as long as on the picture a brow that rises makes the way from the lid to itself. */
+  /** Factor by which a raised brow lengthens the distance from the lid to itself. */
   drawnOut({ upperNodes: [outer, , node, , inner], brow }) {
     const { nodes, wanted } = this, corners = [outer, inner];
     const middle = (p, [a, b]) => [0, 1].map((axis) => (p[2 * a + axis] + p[2 * b + axis]) / 2);
     const way = (p, pair, to) => Math.hypot(...[0, 1].map((axis) => middle(p, pair)[axis] - middle(p, to)[axis]));
     return 1 + (way(wanted, brow, corners) / Math.max(this.head().scale, 1e-9) - way(nodes, brow, corners)) / Math.max(way(nodes, brow, [node, node]), 1e-9);
   }
-  /** The hollows that brows draw out, and how much of their shade is gone. */
+  /** The hollows stretched by brows, and the removed share of their shade. */
   drawnOutHollows() {
     const drawn = this.hollows.map((hollow, k) => hollow && { hollow, gone: hollow.gone(this.drawnOut(this.openings[k])) });
     return drawn.filter((entry) => entry?.gone > 0);
   }
-  /** The lids whose skin is without lashes, how far since they shut, and since lashes stand by themselves below brows that rise: 0 to 1, `gone` the more. */
+  /**
+   * The lids whose skin is drawn without lashes: how far because they close, and because lashes are drawn separately below raised brows (0 to 1; the
+   * more, the larger `gone`).
+   */
   bareLids() {
     const { lidSkins, openings, moved, vertices, shared: { lidSkin } } = this;
     const bare = lidSkins.map((lid, k) => {
@@ -404,7 +410,7 @@ class Rig {
     });
     return bare.filter(({ gone }) => gone > 0);
   }
-  /** Lashes that stand by themselves as triangles: corners from strip to strip, each [x, y, from x, from y, how far]. */
+  /** Separate lashes as triangles: corners from strip to strip, each [x, y, from x, from y, opacity]. */
   lashStrips({ opening: { upper }, lid, stands }) {
     const { vertices, moved, down, shared } = this, { beyond } = shared.lidSkin;
     const margin = (p) => {
@@ -417,14 +423,14 @@ class Rig {
     for (let k = 1; k < from.length; k++) corners.push(corner(k - 1, 0), corner(k, 0), corner(k, 1), corner(k - 1, 0), corner(k, 1), corner(k - 1, 1));
     return corners;
   }
-  /** A lid that shuts as it is painted: column by column both ends, each [x, y, from x, from y, how far along, on the way of the margin]; and how far. */
+  /** A closing lid for drawing: both ends of each column, as [x, y, from x, from y, share along, share of the motion of the margin]; and the degree of closing. */
   shutLid({ opening, lid, shut }) {
     const { moved, down, unit, shared: { shutLid: { zone, leastWay, below } } } = this, head = this.head(), least = leastWay * unit;
     const margin = Array.from(opening.upper, (v) => {
       const [along, is] = lid.place(...head.back(moved[2 * v], moved[2 * v + 1]));
       return { along, is, was: lid.edgeAt(along) };
     });
-    // Below the margin of an eye that is open is the eye, which has been drawn.
+    // Below the margin of an open eye is the eye, which is already drawn.
     const end = this.gap(opening, moved) > 0.5 ? zone[2] : zone[3];
     const columns = margin.map(({ along, was, is }) => [zone[0], end].map((t) => {
       const height = was - t * Math.max(was - is, least);
@@ -433,12 +439,15 @@ class Rig {
     }));
     return { columns, share: shut * smoothStep(0, least, Math.max(...margin.map(({ was, is }) => was - is))) };
   }
-  /** The skin of both lids over the picture, and their lashes, made when they are first seen. */
+  /** The skin of both lids over the picture, and their lashes, created when they are first needed. */
   lidPictures() {
     this.lidPixels ??= lidPictures(this);
     return this.lidPixels;
   }
-  /** The line of the lashes of an eye whose lids come near each other: column by column both ends, each [x, y, how far along, widths below its middle]; how shut (0 to 1); its length. */
+  /**
+   * The line of lashes of an eye whose lids approach each other: both ends of each column, as [x, y, share along, widths below its middle]; degree of
+   * closing (0 to 1); its length.
+   */
   lashColumns(opening) {
     const { moved, vertices, unit, down, shared: { lashLine: { closing, width, leastWidth, corners, above, hair } } } = this;
     const shut = clamp(1 - this.gap(opening, moved) / Math.max(closing * this.gap(opening, vertices), 1e-9), 0, 1);
@@ -454,7 +463,7 @@ class Rig {
   }
 }
 
-/** Strips along both edges of an opening, from the edge a little inwards: triangles as [x, y, from x, from y, cover]. */
+/** Strips along both edges of an opening, from the edge slightly inwards: triangles as [x, y, from x, from y, opacity]. */
 function edgeStrips(rig, { upper, lower }, width) {
   const corners = [], [dx, dy] = rig.down;
   for (const [edge, sign] of [[upper, 1], [lower, -1]]) {
@@ -469,7 +478,7 @@ function edgeStrips(rig, { upper, lower }, width) {
   return corners;
 }
 
-/** Height of a line of points at x; where it ends, that of its end. */
+/** Height of a line of points at x; beyond its ends, that of the end. */
 function lineAt(line, x) {
   for (let k = 1; k < line.length; k++) {
     const [a, b] = [line[k - 1], line[k]];

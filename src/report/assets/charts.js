@@ -1,4 +1,4 @@
-// Strip plots, what was trimmed, and FAP bars.
+// Strip plots, trimmed fields, and FAP bars.
 
 // ---- Strip plots ----
 /** Offsets that keep dots of a radius apart in a strip; above `most` the dots are spread evenly instead. */
@@ -6,7 +6,7 @@ function swarm(xs, radius, most) {
   const order = xs.map((_, k) => k).sort((a, b) => xs[a] - xs[b] || a - b);
   const ys = new Array(xs.length).fill(0);
   if (xs.length > 400) {
-    // Van der Corput: even, and the same every time.
+    // Van der Corput sequence: evenly distributed, and the same every time.
     order.forEach((k, place) => {
       let v = 0, f = 0.5;
       for (let n = place + 1; n > 0; n = Math.floor(n / 2), f /= 2) v += f * (n % 2);
@@ -129,7 +129,7 @@ function trimmedTable(root, rep) {
   rows.sort((a, b) => a[0] - b[0] || (b[2] ?? 0) - (a[2] ?? 0) || a[1] - b[1]);
   const body = element("tbody");
   const table = element("table", { class: "data" },
-    element("caption", {}, element("b", {}, root.dataset.caption), " What was trimmed: the displacement field, the sequence, and its distance to the others (eq. 6), face units."),
+    element("caption", {}, element("b", {}, root.dataset.caption), " Trimmed displacement fields: field, sequence, and mean distance to the other models (eq. 6), face units."),
     element("thead", {}, element("tr", {}, element("th", { scope: "col" }, "Field"), element("th", { scope: "col" }, "Subject"), element("th", { scope: "col" }, "Sequence"), element("th", { scope: "col", class: "num" }, "Distance"))), body);
   root.append(table);
   const show = (limit) => {
@@ -149,7 +149,7 @@ function trimmedTable(root, rep) {
 function drawFaps(root, rep) {
   const rows = [...rep.faps].filter(([n, v]) => v !== 0 && !data.faps[n][2]).sort((a, b) => Math.abs(b[1]) - Math.abs(a[1]) || a[0] - b[0]).slice(0, 20);
   if (rows.length === 0) {
-    root.append(element("p", { class: "facts" }, "Every FAP that is a length is zero at the apex."));
+    root.append(element("p", { class: "facts" }, "All FAPs that are lengths are zero at the apex."));
     return;
   }
   const low = Math.min(0, ...rows.map((r) => r[1])), high = Math.max(0, ...rows.map((r) => r[1]));

@@ -62,7 +62,7 @@ for (const [a, b, c] of triangles) {
 const edges = [...edgeUse.keys()].map((key) => key.split(" ").map(Number));
 const outline = edges.filter((e) => edgeUse.get(e.join(" ")) === 1);
 
-/** Screen positions (x, -y in turn) at key-frame time t, offsets from neutral times gain. */
+/** Screen positions (x and -y alternating) at key-frame time t, with the offsets from neutral times gain. */
 function positions(rep, t, gain) {
   const apex = rep.offsets.length;
   const time = Math.min(Math.max(t, 0), apex);
@@ -126,7 +126,7 @@ class Face {
       let d = "";
       for (const [a, b, c] of list) {
         const [ax, ay, bx, by, cx, cy] = [p[2 * a], p[2 * a + 1], p[2 * b], p[2 * b + 1], p[2 * c], p[2 * c + 1]];
-        // One orientation for all, so that a folded triangle does not cut a hole.
+        // One orientation for all triangles, so that a folded triangle does not cut a hole.
         const turned = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay) < 0;
         const second = turned ? `${r1(cx)} ${r1(cy)}L${r1(bx)} ${r1(by)}` : `${r1(bx)} ${r1(by)}L${r1(cx)} ${r1(cy)}`;
         d += `M${r1(ax)} ${r1(ay)}L${second}Z`;
@@ -202,7 +202,7 @@ class Player {
     const whole = HOLD_NEUTRAL + FORMATION + HOLD_APEX;
     this.clock += (Math.max(0, now - this.last) / 1000) * this.speed;
     this.last = now;
-    // Who asked for less motion gets one pass, not a loop.
+    // With reduced motion the animation runs once instead of in a loop.
     const over = calm.matches && this.clock >= HOLD_NEUTRAL + FORMATION;
     if (!over) this.clock %= whole;
     this.time = Math.min(Math.max((this.clock - HOLD_NEUTRAL) / FORMATION, 0), 1) * this.apex;

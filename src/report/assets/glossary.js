@@ -1,11 +1,11 @@
-// The words of the field, explained where they first stand in a text: on hover, and on focus.
+// Explains terms at their first occurrence in a section, on hover and on focus.
 
 function explain() {
   const meanings = new Map(data.glossary.map(([word, meaning]) => [word.toLowerCase(), meaning]));
   if (!meanings.size) return;
   const words = [...meanings.keys()].sort((a, b) => b.length - a.length).map((w) => w.replace(/[.*+?^${}()|[\]\\]/g, "\\$&"));
   const pattern = new RegExp(`(?<![\\p{L}\\p{N}-])(${words.join("|")})(?=(?:s|es)?(?![\\p{L}\\p{N}-]))`, "giu");
-  // Once in a section: a page full of marked words does not read well.
+  // Only once per section: a page full of marked words is hard to read.
   const met = new Map();
   for (const block of $$(".conclusions p, .conclusions li, .caption, figcaption, caption, #method > p")) {
     const section = block.closest("section");

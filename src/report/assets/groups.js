@@ -1,4 +1,4 @@
-// Groups beside each other: the two representatives, and where the groups differ.
+// Two groups side by side: their representatives, and where they differ.
 
 function drawPair(figure) {
   const pair = data.pairs[figure.dataset.pair];

@@ -1,4 +1,4 @@
-// Figures on the face, which are drawn already: what a node says, and the bar of a map.
+// Tooltips of nodes, and colour bars, for figures on the face that are already drawn.
 
 // ---- Colours: viridis, even in lightness and safe for colour-blind readers ----
 const VIRIDIS = ["#440154", "#482475", "#414487", "#355f8d", "#2a788e", "#21918c", "#22a884", "#44bf70", "#7ad151", "#bddf26", "#fde725"];
@@ -41,7 +41,7 @@ function probeNodes(box, svg, p, describe) {
   box.addEventListener("pointerleave", hideTip);
 }
 
-// ---- Displacement fields: drawn already; a node says how it moves ----
+// ---- Displacement fields: already drawn; tooltips give the motion of a node ----
 function probeFields(root, rep) {
   $$(".face-box", root).forEach((box, m) => {
     const vector = (k, c) => rep.offsets[m][2 * k + c] - (m === 0 ? 0 : rep.offsets[m - 1][2 * k + c]);

@@ -1,4 +1,4 @@
-// Puts the figures into their places, and runs the table of tracking quality.
+// Draws the figures of the cards, and runs the table of tracking quality.
 
 // ---- Cards, drawn when they come near the window ----
 const repaint = [];
@@ -110,7 +110,7 @@ function trackRow(row) {
   for (let k = 0; k < worst.length; k += 2) {
     if (k) nodes.append(", ");
     const name = nodeName(worst[k]);
-    // The feature point's number is left to the tooltip.
+    // Only the tooltip has the number of the feature point.
     nodes.append(element("span", { title: name }, element("b", {}, String(worst[k])), ` ${name.replace(/ \([0-9.]+\)$/, "")} ×${worst[k + 1]}`));
   }
   if (!worst.length) nodes.append("–");

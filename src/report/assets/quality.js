@@ -1,4 +1,4 @@
-// Quality control: a card for every sequence; folding; the player.
+// Quality control with one card per sequence; collapsing of sections; the player.
 
 const QUALITY_STEP = 24, QUALITY_CHART = [150, 34];
 const worseFirst = (a, b) => Number(b[9]) - Number(a[9]) || (b[8] ?? 0) / (b[3] || 1) - (a[8] ?? 0) / (a[3] || 1) || a[0] - b[0];
@@ -24,12 +24,17 @@ function courseChart(lost, errors, most) {
   if (points.length > 1) svg.append(vector("path", { d: `M${points.join("L")}`, class: "error" }));
   return svg;
 }
+/** The verdict, and what a person found when looking at the sequence. */
+function verdictText({ 10: why, 16: look }) {
+  const verdict = why.length ? "Look again" : "Good";
+  return { right: `${verdict} · looked at: right`, leave_out: `${verdict} · looked at: left out`, outdated: `${verdict} · changed since the look` }[look] ?? verdict;
+}
 function qualityCard(row, mostError) {
-  const [id, emotion, frames, eye, share, , , , expected, again, why, lost, errors, pictures, stem, placed] = row;
+  const [id, emotion, frames, eye, share, , , , expected, again, why, lost, errors, pictures, stem, placed, look] = row;
   const share_of_eyes = (px) => (eye ? ` (${fixed((100 * px) / eye, 1)} % of the eye distance)` : "");
   const card = element("article", { class: again ? "qc again" : "qc" });
   const head = element("h3", {}, idText(id), element("span", {}, capital(emotions[emotion])));
-  const verdict = element("p", { class: "verdict" }, again ? "Look again" : "Good");
+  const verdict = element("p", { class: "verdict" }, verdictText(row));
   card.append(head, verdict);
   if (pictures) {
     const box = element("div", { class: "qc-pictures" });
@@ -41,13 +46,13 @@ function qualityCard(row, mostError) {
   if (lost.length) card.append(courseChart(lost, errors, mostError));
   const facts = [`${frames} frames`, `${fixed(share, 1)} % tracked`];
   if (expected !== null) facts.push(`expected error of the motion ${fixed(expected, 2)} px${share_of_eyes(expected)}`);
-  if (placed !== null) facts.push(`of the place on the face ${fixed(placed, 2)} px${share_of_eyes(placed)}`);
+  if (placed !== null) facts.push(`expected error of the placement ${fixed(placed, 2)} px${share_of_eyes(placed)}`);
   card.append(element("p", { class: "qc-facts" }, facts.join(" · ")));
   if (why.length) card.append(element("p", { class: "qc-why" }, why.join("; ")));
   if (stem !== null) {
     const name = encodeURIComponent(stem);
     const link = (href, text) => element("a", { href }, text);
-    card.append(element("p", { class: "qc-files" }, link(`tracks/${name}.csv`, "track"), " ", link(`tracks/${name}.json`, "its details"), " ", link(`models/${name}.csv`, "normalized model")));
+    card.append(element("p", { class: "qc-files" }, link(`tracks/${name}.csv`, "track"), " ", link(`tracks/${name}.json`, "details"), " ", link(`models/${name}.csv`, "normalized model")));
   }
   return card;
 }
@@ -57,7 +62,7 @@ const largestError = tracks.reduce((most, row) => row[12].reduce((m, v) => Math.
 function listQuality() {
   const words = $("#quality-filter").value.toLowerCase().split(/\s+/).filter(Boolean);
   const again = $("#quality-again").checked;
-  const text = (row) => [...ids[row[0]], emotions[row[1]], row[9] ? "look again" : "good", ...row[10]].join(" ").toLowerCase();
+  const text = (row) => [...ids[row[0]], emotions[row[1]], verdictText(row), ...row[10]].join(" ").toLowerCase();
   quality.rows = tracks.filter((row) => (!again || row[9]) && words.every((word) => text(row).includes(word)));
   quality.rows.sort(qualityOrders[$("#quality-order").value]);
   quality.shown = QUALITY_STEP;
@@ -78,10 +83,10 @@ $("#quality-more").addEventListener("click", () => {
 });
 listQuality();
 
-// ---- Sections fold ----
+// ---- Collapsing of sections ----
 const folds = $$("main > section, main article.card").map((part) => {
   const heading = $("h2, h3", part);
-  const button = element("button", { type: "button", class: "fold", "aria-expanded": "true", "aria-label": `Fold ${heading.textContent.trim().replace(/\s+/g, " ")}` });
+  const button = element("button", { type: "button", class: "fold", "aria-expanded": "true", "aria-label": `Show or hide ${heading.textContent.trim().replace(/\s+/g, " ")}` });
   heading.append(button);
   const set = (open) => {
     part.classList.toggle("folded", !open);
@@ -93,7 +98,7 @@ const folds = $$("main > section, main article.card").map((part) => {
   });
   return { part, set };
 });
-// Of many classes the first is open: the overview above shows them all.
+// If there are many classes, only the first is open: the overview above shows all.
 const MOST_OPEN_CARDS = 6;
 const classFolds = folds.filter(({ part }) => part.matches(".card"));
 if (classFolds.length > MOST_OPEN_CARDS) classFolds.slice(1).forEach(({ set }) => set(false));
@@ -102,12 +107,12 @@ function repaintAll() {
 }
 const foldAll = $("#fold-all");
 foldAll.addEventListener("click", () => {
-  const open = foldAll.textContent === "Unfold all";
+  const open = foldAll.textContent === "Expand all";
   for (const { set } of folds) set(open);
-  foldAll.textContent = open ? "Fold all" : "Unfold all";
+  foldAll.textContent = open ? "Collapse all" : "Expand all";
   repaintAll();
 });
-/** What a link leads to is open. */
+/** Opens the section that a link leads to. */
 function unfoldTarget() {
   let name = location.hash.slice(1);
   try {
@@ -120,7 +125,7 @@ function unfoldTarget() {
   target.scrollIntoView();
 }
 addEventListener("hashchange", unfoldTarget);
-// A link to where the page is already changes nothing that the browser tells of.
+// The browser sends no event for a link to the current position.
 addEventListener("click", (event) => {
   const link = event.target.closest?.('a[href^="#"]');
   if (link && link.hash === location.hash) unfoldTarget();

@@ -1,4 +1,4 @@
-// How people differ: the mean moved along a component or with a number, and curves with the bands in which people lie.
+// How people differ: the mean moved along a component or with a covariate, and curves with bands of the people.
 
 function drawVariation(root, rep) {
   if (!root) return;
@@ -6,7 +6,7 @@ function drawVariation(root, rep) {
   const select = $(".component", root);
   const boxes = $$(".face-box", root), titles = $$(".panel h4", root);
   const along = (c, d) => ({ neutral: rep.neutral, offsets: mean.map((frame, m) => frame.map((v, k) => v + d * components[c].offsets[m][k])) });
-  // Both ends and the mean: two standard deviations of a component, or the numbers that are shown.
+  // Both ends and the mean: two standard deviations of a component, or the low and high value of a covariate.
   const places = (c) => (components[c].ends ? [components[c].ends[0], 0, components[c].ends[1]] : [-2, 0, 2]);
   const names = (c) => {
     const [low, high] = components[c].titles ?? ["−2 standard deviations", "+2 standard deviations"];

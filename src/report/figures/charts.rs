@@ -37,7 +37,13 @@ pub fn bands(title: &str, curves: &[BandFigure]) -> Drawing {
     sheet.text(34.0, y, SMALL, Anchor::Start, "representative");
     sheet.polyline(Pen::line("", DARK, 1.0).dashed(), [Point2::new(120.0, y - 3.0), Point2::new(138.0, y - 3.0)]);
     sheet.text(144.0, y, SMALL, Anchor::Start, "mean");
-    sheet.text(190.0, y, SMALL, Anchor::Start, "areas: half and nine tenths of the people, frame by frame; across: key frames");
+    sheet.text(
+        190.0,
+        y,
+        SMALL,
+        Anchor::Start,
+        "areas: ranges of half and nine tenths of the people; horizontal axis: key frames",
+    );
     sheet
 }
 

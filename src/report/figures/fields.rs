@@ -115,7 +115,7 @@ pub fn fields(model: &Model, title: &str, scale: FieldScale, within: [f64; 4], l
     sheet.place(&measure, [10.0, y - 3.5, length, shrunk]);
     let gain = scale.gain;
     let text = format!(
-        "{} face units; arrows are {gain} times as long as the motion, on one scale in all figures of this run",
+        "{} face units; arrows are {gain} times as long as the motion, at one scale in all figures of this run",
         scale.measure
     );
     sheet.text(16.0 + length, y, SMALL, Anchor::Start, text);

@@ -89,10 +89,10 @@ fn direction(v: Vector2<f64>, side: Side) -> String {
         (Side::Middle, false) => "further to the subject\u{2019}s right",
     };
     let up = if v.y > 0.0 { "higher" } else { "lower" };
-    let mut told: Vec<(f64, &str)> = vec![(v.y.abs(), up), (v.x.abs(), across)];
-    told.retain(|(size, _)| *size >= LEAST_SHARE * v.norm());
+    let mut named: Vec<(f64, &str)> = vec![(v.y.abs(), up), (v.x.abs(), across)];
+    named.retain(|(size, _)| *size >= LEAST_SHARE * v.norm());
     let amount = |size: f64| if size < 9.95 { format!("{size:.1}") } else { format!("{size:.0}") };
-    match told.as_slice() {
+    match named.as_slice() {
         [(a, first), (b, second)] => format!("{} face units {first} and {} {second}", amount(*a), amount(*b)),
         [(a, only), ..] => format!("{} face units {only}", amount(*a)),
         [] => String::new(),
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn upper_and_lower_lids_are_told_apart() {
+    fn upper_and_lower_lids_are_distinguished() {
         let a = model(&[(21, [0.0, 10.0])]);
         let words = directions(&a, &model(&[]), &[NodeId(21)], &Tables::candide3());
         assert_eq!(words, ["left upper lid 10 face units higher"]);

@@ -419,7 +419,7 @@ mod tests {
     }
 
     #[test]
-    fn what_can_not_be_compared_says_why() {
+    fn impossible_comparisons_give_the_reason() {
         assert!(compared(&people(&[1.0], "a"), &people(&B, "b")).unwrap_err().starts_with("a group of 1 cannot"));
         let equal = compared(&people(&[1.0; 4], "a"), &people(&[1.0; 3], "b")).unwrap_err();
         assert!(equal.starts_with("all amplitudes within each group are equal"), "{equal}");

@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_is_measured_by_themselves() {
+    fn people_are_not_compared_with_themselves() {
         let models = [("a", 10.0), ("b", 20.0), ("c", 40.0), ("d", -90.0)].map(|(s, x)| moving(s, "1", x));
         // Without a: -90, 20, 40: 20. Without b: -90, 10, 40: 10. Without c: -90, 10, 20: 10. Without d: 10, 20, 40: 20.
         let found = of(&models);

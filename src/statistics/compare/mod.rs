@@ -116,13 +116,13 @@ pub const LEAST_PEOPLE: usize = 2;
 /// ```
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
 pub enum NotTested {
-    /// A group of one says nothing about its scatter.
+    /// A group of one person, whose scatter is unknown.
     #[error("a group of {people} is too small for a test")]
     TooFewPeople {
         /// Number of people in the smaller group.
         people: usize,
     },
-    /// People in both groups: labels cannot be exchanged freely.
+    /// People who are in both groups, so that labels cannot be exchanged.
     #[error("{}{} in both groups; a test needs different people", .subjects.join(", "), if *.count > .subjects.len() { format!(" and {} more are", .count - .subjects.len()) } else if *.count == 1 { " is".to_owned() } else { " are".to_owned() })]
     SharedPeople {
         /// Some of the shared people.

@@ -298,7 +298,7 @@ mod tests {
     }
 
     #[test]
-    fn people_who_are_all_alike_say_so() {
+    fn identical_people_are_an_error_with_the_reason() {
         let same = vec![vec![0.0; 4]; 4];
         let why = test(&same, &everybody(&[0, 0, 1, 1]), &CompareOptions::default(), 0).unwrap_err();
         assert!(why.starts_with("all people of a group move in the same way"));

@@ -31,7 +31,7 @@ pub struct Strata {
 /// ```
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
 pub enum StrataError {
-    /// People without a value.
+    /// People without a value in a strata column.
     #[error(
         "{people} of the people have no value in `{columns}`, for example {first}; permutation within strata needs a value for every person"
     )]
@@ -43,7 +43,7 @@ pub enum StrataError {
         /// The columns.
         columns: String,
     },
-    /// Somebody with several values.
+    /// A person with several values in a strata column.
     #[error("{subject} has several values in `{columns}` ({values}); a person belongs to one stratum")]
     Several {
         /// The person.
@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn strata_that_serve_for_nothing_say_why() {
+    fn useless_strata_give_the_reason() {
         let why = |rows: &[(&str, &str)]| strata(rows).blocks(&["a", "b"], 1).unwrap_err().to_string();
         assert!(why(&[("a", "x"), ("b", "")]).starts_with("1 of the people have no value in `site`, for example b"));
         assert!(why(&[("a", "x"), ("b", "x"), ("b", "y")]).starts_with("b has several values in `site` (x, y)"));

@@ -135,7 +135,7 @@ pub enum NoCovariate {
         /// Number of people with a number.
         people: usize,
     },
-    /// Everybody has the same number.
+    /// All people have the same number.
     #[error("all {people} people have the same number, {}", nine_digits(*.number))]
     Same {
         /// Number of people with a number.
@@ -143,7 +143,7 @@ pub enum NoCovariate {
         /// The number.
         number: f64,
     },
-    /// Everybody who was drawn has the same number.
+    /// All people of the random draw have the same number.
     #[error("all {used} people drawn from {people} have the same number; draw more with --test-people")]
     SameDrawn {
         /// Number of people drawn.
@@ -151,13 +151,13 @@ pub enum NoCovariate {
         /// Number of people with a number.
         people: usize,
     },
-    /// Everybody moves alike.
+    /// All people move in the same way.
     #[error("all people move in the same way; a test needs people who differ")]
     Alike,
     /// People cannot be permuted within strata.
     #[error(transparent)]
     Strata(StrataError),
-    /// Nobody's numbers differ within a stratum.
+    /// All people of a stratum have the same number.
     #[error("within the strata of `{columns}` all people have the same number: its effect cannot be separated from the strata")]
     Coincide {
         /// The columns.
@@ -469,7 +469,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_tested_says_why() {
+    fn impossible_tests_give_the_reason() {
         let why = |people: &[(&str, f64, f64)]| of(people, None).unwrap_err().to_string();
         assert_eq!(why(&FIVE[..4]), "only 4 of the people have a number; at least 5 are needed");
         assert_eq!(why(&FIVE.map(|(who, _, x)| (who, 30.0, x))), "all 5 people have the same number, 30");
@@ -480,7 +480,7 @@ mod tests {
     }
 
     #[test]
-    fn rare_numbers_and_huge_ones_and_people_who_are_drawn() {
+    fn rare_and_huge_numbers_and_random_draws_of_people() {
         // All but one of 24 people have 0, so both quantiles are 0; minimum and maximum are shown instead.
         let names: Vec<String> = (0..24).map(|k| format!("p{k:02}")).collect();
         let rare: Vec<(&str, f64, f64)> =

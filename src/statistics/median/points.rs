@@ -14,10 +14,10 @@ const CLUSTER_RADII: [f64; 3] = [1e-12, 1e-8, 1e-4];
 /// Why points and weights do not make a set with a median.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PointSetError {
-    /// No point.
+    /// There are no points.
     #[error("a median needs at least one point")]
     Empty,
-    /// Not one weight per point.
+    /// The number of weights differs from the number of points.
     #[error("{found} weights for {expected} points")]
     WeightCount {
         /// Number of weights.

@@ -23,7 +23,7 @@ pub(super) struct Discriminants {
 /// Why there are no discriminants.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DiscriminantError {
-    /// Nothing scatters.
+    /// Sequences of the same label do not differ.
     #[error("all sequences of each label are equal, or each label has only one; labels cannot be distinguished from chance")]
     NoScatter,
 }

@@ -113,19 +113,19 @@ impl Recognized {
 /// ```
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RecognizeError {
-    /// Nothing to tell apart.
+    /// Too few labels to distinguish.
     #[error("found {found} label{}; recognition needs sequences of at least two labels", if *found == 1 { "" } else { "s" })]
     TooFewLabels {
         /// Number of labels.
         found: usize,
     },
-    /// Nobody to leave out.
+    /// Too few people for leaving one out.
     #[error("found {found} {}; recognition needs at least three people, because it is tested on held-out people", if *found == 1 { "person" } else { "people" })]
     TooFewPeople {
         /// Number of people.
         found: usize,
     },
-    /// A label that nobody shows once its only person is left out.
+    /// A label that only one person shows.
     #[error(
         "only one person shows `{label}`; every label needs at least two people, because recognition is tested on held-out people"
     )]
@@ -133,7 +133,7 @@ pub enum RecognizeError {
         /// The label.
         label: String,
     },
-    /// Models of another shape.
+    /// Models with another number of displacement vectors.
     #[error(
         "{id}: it has {found} displacement vectors, but the others have {expected}; normalize all sequences with the same options"
     )]
@@ -145,7 +145,7 @@ pub enum RecognizeError {
         /// Number of vectors of the others.
         expected: usize,
     },
-    /// No discriminants.
+    /// The discriminants cannot be computed.
     #[error(transparent)]
     Discriminants(#[from] DiscriminantError),
 }

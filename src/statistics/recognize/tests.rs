@@ -59,7 +59,7 @@ fn one_outlier_makes_no_guess_of_all_others() {
 }
 
 #[test]
-fn what_nobody_showed_is_none_of_the_labels() {
+fn an_unknown_expression_is_none_of_the_labels() {
     let recognizer = recognizer(&people(60, 0.5, 3)).unwrap();
     let mut odd = people(1, 0.0, 4).remove(0).0;
     let still = odd.model.neutral().clone();
@@ -92,7 +92,7 @@ fn a_face_that_does_not_move_is_none_of_the_labels() {
 }
 
 #[test]
-fn what_nobody_showed_is_none_of_few_sequences_too() {
+fn an_unknown_expression_is_none_of_the_labels_of_few_sequences() {
     // 2 labels of 4 people: the smallest possible share is 1/9.
     let recognizer = recognizer(&people(4, 0.5, 3)).unwrap();
     assert!(recognizer.is_beyond_counting(0.02) && recognizer.is_beyond_counting(1.0 / 9.0));
@@ -117,11 +117,11 @@ fn beyond_all_that_are_known_their_scatter_tells() {
     let expected = f64::midpoint(1.0, -t / (2.0 + t * t).sqrt());
     assert!((chance(5.0f64.exp()).unwrap() - expected).abs() < 1e-9);
     assert_eq!(usual.typicality(5.0f64.exp(), 3.0), chance(5.0f64.exp()).unwrap());
-    assert_eq!(usual.typicality(1.5, 3.0), 0.75, "two of three are as far, and it is one more itself");
+    assert_eq!(usual.typicality(1.5, 3.0), 0.75, "two of three are as far away, and the sequence itself counts as one more");
     // Moving a tenth of a value is as rare as a ten times larger reciprocal.
     let turned: Vec<f64> = usual.amounts.iter().map(|amount| 1.0 / amount).collect();
     assert_eq!(usual.typicality(1.5, 0.1), 4.0 * usual.chance_above(&turned, 10.0).unwrap());
-    assert_eq!(usual.typicality(1.5, 1.9), 0.75, "one of four moves least");
+    assert_eq!(usual.typicality(1.5, 1.9), 0.75, "one of four has the smallest motion");
     assert_eq!(Usual { people: 1, ..usual.clone() }.chance_above(&usual.distances, 5.0), None);
     assert_eq!(usual.chance_above(&[0.0, 0.0, 1.0], 5.0), None);
 }
@@ -157,6 +157,6 @@ fn no_label_is_left_out_with_all_who_show_it() {
     let labels: Vec<usize> = vec![0; 60].into_iter().chain([1, 1]).collect();
     let fold_of = folds_of_people(&subjects, &labels, 2, 50);
     assert_ne!(fold_of[0], fold_of[50]);
-    assert!((0..60).filter(|&k| k != 50).all(|k| fold_of[k] == k % 50), "nobody else is moved");
+    assert!((0..60).filter(|&k| k != 50).all(|k| fold_of[k] == k % 50), "no other person changes the fold");
     assert!(fold_of.iter().all(|&f| f < 50));
 }

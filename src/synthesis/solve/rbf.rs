@@ -59,7 +59,7 @@ mod tests {
     use crate::synthesis::testing;
 
     #[test]
-    fn feature_points_go_where_they_are_told() {
+    fn feature_points_move_as_requested() {
         let bank = testing::bank();
         let offsets = vec![Some(Vector3::new(1.0, 0.0, 0.0)), Some(Vector3::new(0.0, 2.0, 0.0)), Some(Vector3::zeros())];
         let surface = interpolate(&bank, &FpMotion { offsets: offsets.clone(), planar: false });

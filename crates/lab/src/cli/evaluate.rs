@@ -119,7 +119,7 @@ fn people_named(folder: &Path, only: &[String]) -> anyhow::Result<Vec<TrainingFa
     Ok(faces)
 }
 
-/// Refuses names that nobody in a folder has.
+/// Refuses names that no person in a folder has.
 fn check_named(faces: &[TrainingFace], folder: &Path, only: &[String]) -> anyhow::Result<()> {
     match only.iter().find(|name| !faces.iter().any(|f| &f.person == *name)) {
         Some(name) => anyhow::bail!("--only: {} has nobody called {name}", folder.display()),
@@ -127,7 +127,7 @@ fn check_named(faces: &[TrainingFace], folder: &Path, only: &[String]) -> anyhow
     }
 }
 
-/// The locator of a file, or the one that ships.
+/// The locator from a file, or the built-in one.
 fn locator(model: Option<&Path>) -> anyhow::Result<Cow<'static, Locator>> {
     Ok(match model {
         Some(path) => Cow::Owned(Locator::new(Model::read(path)?.0)),
@@ -157,7 +157,7 @@ struct CommonArgs {
 }
 
 impl CommonArgs {
-    /// Starts the threads and refuses a folder with something in it.
+    /// Starts the threads, and refuses a folder that is not empty.
     fn start(&self) -> anyhow::Result<Folder> {
         set_threads(self.threads)?;
         let path = &self.output;
@@ -171,7 +171,7 @@ impl CommonArgs {
     }
 }
 
-/// The folder that results are written to.
+/// The folder for the results.
 struct Folder {
     path: PathBuf,
     quiet: bool,
@@ -232,7 +232,7 @@ impl Folder {
     }
 }
 
-/// A bar on a terminal's standard error.
+/// A progress bar on standard error, if this is a terminal.
 fn bar(quiet: bool, what: &str, total: usize) -> ProgressBar {
     let shown = !quiet && std::io::stderr().is_terminal();
     let target = if shown { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
@@ -304,7 +304,7 @@ fn size(text: &str) -> Result<(u32, u32), String> {
     sides.ok_or_else(|| format!("`{text}` is not a size such as 640x480"))
 }
 
-/// A group's name as part of a file name.
+/// Name of a group as part of a file name.
 fn file_word(group: &str) -> String {
     group.chars().map(|c| if c.is_alphanumeric() || matches!(c, '-' | '_') { c } else { '_' }).collect()
 }

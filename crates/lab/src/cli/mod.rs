@@ -1,11 +1,11 @@
 //! The command line of `grimace simulate` and `grimace evaluate`: parse, call the libraries, print.
 
-/// Prints a line like `std`'s macro of this name, which panics when nobody reads on.
+/// Prints a line like the macro of `std`, which panics when nobody reads the output.
 macro_rules! println {
     ($($arg:tt)*) => { ::grimace::internal::cli::print::line(format_args!($($arg)*)) };
 }
 
-/// Prints a line to standard error without a panic when that is not possible.
+/// Prints a line to standard error, without a panic if this fails.
 macro_rules! eprintln {
     ($($arg:tt)*) => { ::grimace::internal::cli::print::error_line(format_args!($($arg)*)) };
 }

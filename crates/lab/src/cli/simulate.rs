@@ -23,9 +23,9 @@ use rayon::prelude::*;
 
 use grimace::internal::cli::{Outcome, shared::thread_count};
 
-/// Subjects that are rendered by default.
+/// Number of rendered subjects by default.
 const RENDERED_SUBJECTS: u32 = 4;
-/// A bar appears when the work takes longer than this.
+/// Duration of the work after which a bar appears.
 const QUIET: Duration = Duration::from_secs(1);
 
 const EXAMPLE: &str = "\
@@ -142,7 +142,7 @@ struct PhotographArgs {
     fap: Vec<PathBuf>,
 }
 
-/// Portraits that a note names.
+/// Number of portraits that a note lists.
 const NAMED: usize = 10;
 
 impl PhotographArgs {
@@ -331,7 +331,7 @@ pub fn run(args: Args) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// A bar on a terminal's stderr, once the work has taken a while.
+/// A progress bar on standard error, shown after the work has taken a while.
 struct Progress {
     start: Instant,
     terminal: bool,

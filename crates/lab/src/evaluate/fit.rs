@@ -348,7 +348,7 @@ mod tests {
         let (wireframe, population) = people(NodeId(5), false);
         let rows = study(&wireframe, population, &[20, 53, 31, 64, 10], 0.0);
         // The marks fit exactly, so 103 of 104 errors are 0, and one is 5 px, or 10 % of the eye distance of 50 px.
-        assert_eq!(rows.len(), 1, "the choice has no 50 nodes");
+        assert_eq!(rows.len(), 1, "there are not 50 nodes to choose from");
         assert_eq!((rows[0].px.count, rows[0].marks, rows[0].failed), (104, 5, 0));
         assert!((rows[0].px.mean - 5.0 / 104.0).abs() < 1e-9);
         assert!((rows[0].percent.mean - 10.0 / 104.0).abs() < 1e-9);

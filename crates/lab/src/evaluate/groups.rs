@@ -97,13 +97,13 @@ const PEOPLE_PER_PAIR: u64 = 1 << 20;
 /// Why the study failed.
 #[derive(Debug, thiserror::Error)]
 pub enum GroupStudyError {
-    /// Candide-3 has no FAPUs.
+    /// The FAPUs of Candide-3 cannot be measured.
     #[error(transparent)]
     Fapus(#[from] FapusError),
-    /// A model is none.
+    /// A model is invalid.
     #[error(transparent)]
     Model(#[from] ModelError),
-    /// Statistics of a class.
+    /// The statistics of a class failed.
     #[error(transparent)]
     Statistics(#[from] StatisticsError),
 }

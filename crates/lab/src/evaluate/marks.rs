@@ -250,7 +250,7 @@ mod tests {
         assert_eq!(
             defaults,
             DEFAULT_LANDMARK_NODES.into_iter().collect(),
-            "what is asked for, marked by default and suggested is one list"
+            "the default marks, the suggested ones and the ones that the page requests are the same list"
         );
     }
 

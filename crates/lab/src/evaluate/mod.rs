@@ -113,31 +113,31 @@ pub use truth::TruthError;
 /// Why an experiment failed.
 #[derive(Debug, thiserror::Error)]
 pub enum EvaluateError {
-    /// Simulation options out of range.
+    /// A simulation option is out of range.
     #[error(transparent)]
     Simulate(#[from] SimulateError),
-    /// Too few faces for a prior, or faces that give none.
+    /// No prior can be learned: too few faces, or unsuitable ones.
     #[error(transparent)]
     Learn(#[from] grimace::internal::fit::LearnError),
     /// A face that cannot be cloned.
     #[error(transparent)]
     Clone(#[from] CloneError),
-    /// A fit that failed where none may fail.
+    /// A fit failed that must not fail.
     #[error(transparent)]
     Fit(#[from] FitError),
-    /// The dataset does not open.
+    /// The dataset cannot be opened.
     #[error(transparent)]
     Dataset(#[from] DatasetError),
-    /// Landmarks that do not read or do not serve.
+    /// Landmarks cannot be read or used.
     #[error(transparent)]
     Landmarks(#[from] LandmarksError),
-    /// A CSV file that does not read.
+    /// A CSV file cannot be read.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// Exact positions that do not read.
+    /// Exact positions cannot be read.
     #[error(transparent)]
     Truth(#[from] TruthError),
-    /// Frames that do not read.
+    /// Frames cannot be read.
     #[error(transparent)]
     Sequence(#[from] SequenceError),
     /// A file that cannot be written.
@@ -149,7 +149,7 @@ pub enum EvaluateError {
         /// The dataset.
         path: PathBuf,
     },
-    /// A manifest column to group by that is not there.
+    /// The manifest lacks the column to group by.
     #[error("{id} has no column `{column}` to group by; choose from {}", found.join(", "))]
     NoColumn {
         /// The first sequence without it.
@@ -183,10 +183,10 @@ pub enum EvaluateError {
         /// Why.
         reason: String,
     },
-    /// A bank or options that make no synthesis.
+    /// A bank or options from which nothing can be synthesized.
     #[error(transparent)]
     Synthesis(#[from] SynthesisError),
-    /// A sequence of a study that must not fail.
+    /// A sequence of a study failed; none may fail.
     #[error("a sequence of the study failed at {reason}")]
     Sequences {
         /// Stage and reason.

@@ -82,13 +82,13 @@ const REPLICATES: usize = 2000;
 /// Why recognition failed.
 #[derive(Debug, thiserror::Error)]
 pub enum RecognitionError {
-    /// Nothing to tell apart.
+    /// Too few labels to distinguish.
     #[error("found {found} label{}; recognition needs sequences of at least two labels", if *found == 1 { "" } else { "s" })]
     TooFewLabels {
         /// Labels found.
         found: usize,
     },
-    /// Nobody to leave out.
+    /// Too few people for leaving one out.
     #[error("found {found} subject{}; leave-one-subject-out needs at least two", if *found == 1 { "" } else { "s" })]
     TooFewSubjects {
         /// Subjects found.
@@ -346,7 +346,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_to_tell_apart_or_nobody_to_leave_out_is_an_error() {
+    fn too_few_labels_or_people_are_an_error() {
         let one = [sequence("a", "fear", 1.0, 0.0), sequence("b", "fear", 1.0, 0.0)];
         assert!(recognize(&one).unwrap_err().to_string().starts_with("found 1 label; recognition needs"));
         let alone = [sequence("a", "fear", 1.0, 0.0), sequence("a", "anger", 2.0, 0.0)];

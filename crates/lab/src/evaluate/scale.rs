@@ -64,13 +64,13 @@ pub struct ScaleRow {
 /// Why the measurement failed.
 #[derive(Debug, thiserror::Error)]
 pub enum ScaleError {
-    /// Candide-3 has no FAPUs.
+    /// The FAPUs of Candide-3 cannot be measured.
     #[error(transparent)]
     Fapus(#[from] FapusError),
-    /// The file of models.
+    /// The file of models cannot be read or written.
     #[error(transparent)]
     Columnar(#[from] ColumnarError),
-    /// Statistics.
+    /// The statistics failed.
     #[error(transparent)]
     Statistics(#[from] StatisticsError),
 }

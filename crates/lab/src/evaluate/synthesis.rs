@@ -433,7 +433,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_seam_is_stretch_over_stretch() {
+    fn seam_quality_is_a_ratio_of_stretches() {
         // Edges of length 1 from vertex 0 to 1 (across) and from 0 to 2 (inside).
         let mesh = TriangleMesh::new(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], vec![[0, 1, 2]]).unwrap();
         let seams = Seams { across: vec![[0, 1]], inside: vec![[0, 2]], across_of: vec![vec![[0, 1]], Vec::new()] };

@@ -83,7 +83,7 @@ pub fn group_of(entry: &SequenceEntry, by: Option<&str>) -> Result<String, Evalu
 /// Why exact node positions cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum TruthError {
-    /// The file, a row or a number.
+    /// The file, a row or a number cannot be read.
     #[error(transparent)]
     Input(#[from] InputError),
     /// A node that the wireframe does not have.
@@ -106,7 +106,7 @@ pub enum TruthError {
         /// Frame number.
         frame: u32,
     },
-    /// A node twice in a frame.
+    /// A node appears twice in a frame.
     #[error("{}, line {line}: node {node} of frame {frame} appears twice; keep one row", path.display())]
     Twice {
         /// The file.
@@ -118,7 +118,7 @@ pub enum TruthError {
         /// The node.
         node: u32,
     },
-    /// No positions at all.
+    /// The file has no positions.
     #[error("{}: has no positions; a row frame,node,x,y for each node tracked by hand was expected", path.display())]
     Empty {
         /// The file.
@@ -192,7 +192,7 @@ mod tests {
         // The 51 inner landmarks without the four between brow nodes (18, 20, 23, 25), and without 27, 29, 56 and 58.
         assert_eq!(compared.iter().filter(|c| c.inner).count(), 43);
         let nodes: std::collections::BTreeSet<_> = compared.iter().map(|c| c.node).collect();
-        assert_eq!(nodes.len(), 52, "no node twice");
+        assert_eq!(nodes.len(), 52, "no node appears twice");
     }
 
     #[test]

@@ -128,7 +128,7 @@ pub(super) enum VariantError {
     /// Tracking failed.
     #[error(transparent)]
     Track(#[from] TrackError),
-    /// The file does not read.
+    /// The file cannot be read.
     #[error(transparent)]
     File(#[from] TrackFileError),
     /// A track of another wireframe.
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn a_variant_that_can_not_be_is_explained() {
+    fn an_impossible_variant_is_explained() {
         let message = |text: &str| TrackerVariant::parse(text, &TrackOptions::default()).unwrap_err().to_string();
         assert!(message("a:windw=1").contains("there is no option `windw`; choose from "));
         assert!(message("a:windw=1").contains("window"));

@@ -184,13 +184,13 @@ pub enum SimulateError {
     /// The same emotion twice: both would be the same sequence.
     #[error("emotion {0} is listed twice; name each emotion once")]
     DuplicateEmotion(Emotion),
-    /// The output folder has something in it.
+    /// The output folder is not empty.
     #[error("{} is not empty; choose a new folder, or give --force to write into it", path.display())]
     NotEmpty {
         /// The folder.
         path: PathBuf,
     },
-    /// A file that would be taken for a part of the dataset, and is of no simulation or was changed since.
+    /// A file that would be read as part of the dataset, but was not written by a simulation or was changed since.
     #[error(
         "{} was not written by a simulation into this folder, or was changed since, and would be read as part of the dataset; move it \
          away and simulate again",
@@ -200,7 +200,7 @@ pub enum SimulateError {
         /// The file.
         path: PathBuf,
     },
-    /// A label that the Cohn-Kanade layout has no code for.
+    /// A label without a code in the Cohn-Kanade layout.
     #[error(
         "the layout of Cohn-Kanade has no code for the emotion `{emotion}`, only for neutral, anger, contempt, disgust, fear, happiness, \
          sadness and surprise; choose one of them as label, or give --layout manifest"

@@ -42,7 +42,7 @@ const BROW_HEIGHT: f64 = 0.085;
 /// Why a photograph cannot be animated.
 #[derive(Debug, thiserror::Error)]
 pub enum PortraitError {
-    /// The photograph does not open.
+    /// The photograph cannot be opened.
     #[error(transparent)]
     Image(#[from] SequenceError),
     /// No such photograph.
@@ -51,7 +51,7 @@ pub enum PortraitError {
         /// The path.
         path: PathBuf,
     },
-    /// A folder does not list.
+    /// A folder cannot be listed.
     #[error("{}: cannot be read: {source}", path.display())]
     Io {
         /// The folder.
@@ -65,7 +65,7 @@ pub enum PortraitError {
         /// The folder.
         path: PathBuf,
     },
-    /// A photograph without marks, in which none were found either.
+    /// A photograph without marks, in which no marks could be found.
     #[error(
         "{}: {source}; or put correspondences (node,x,y) or 68 landmarks (point,x,y) beside the picture, as {}", path.display(), MARK_FILES.map(|ending| format!("{id}{ending}")).join(", ")
     )]
@@ -77,19 +77,19 @@ pub enum PortraitError {
         /// Why.
         source: Box<FoundMarksError>,
     },
-    /// What finds marks.
+    /// The workbench that finds marks cannot be created.
     #[error(transparent)]
     Workbench(Box<WorkbenchError>),
-    /// Correspondences that do not read.
+    /// Correspondences cannot be read.
     #[error(transparent)]
     Correspondences(#[from] CorrespondenceError),
-    /// A CSV file that does not read.
+    /// A CSV file cannot be read.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// Landmarks that do not read.
+    /// Landmarks cannot be read.
     #[error(transparent)]
     Landmarks(#[from] LandmarksError),
-    /// Not the 68 points.
+    /// The landmarks are not the 68 points.
     #[error("{}: {found} of {LANDMARK_COUNT} landmarks; every point from 0 to {} once, point,x,y", path.display(), LANDMARK_COUNT - 1)]
     LandmarkCount {
         /// The file.
@@ -97,13 +97,13 @@ pub enum PortraitError {
         /// Points found.
         found: usize,
     },
-    /// A dataset that does not open, or a sequence of it.
+    /// A dataset or one of its sequences cannot be opened.
     #[error(transparent)]
     Dataset(#[from] DatasetError),
-    /// Frames that do not list.
+    /// Frames cannot be listed.
     #[error(transparent)]
     Frames(#[from] FramesError),
-    /// Marks that determine no fit.
+    /// The marks do not determine a fit.
     #[error("{id}: {source}")]
     Marks {
         /// Portrait.

@@ -192,7 +192,7 @@ fn the_fit_reaches_its_goals_on_real_and_simulated_people() {
 /// People and networks place the end of a brow or the tip of the chin differently. For hand-set marks, the prior learned from such marks is
 /// accurate on left-out people, and the default selects it.
 #[test]
-fn marks_set_by_hand_are_served_by_what_was_learned_from_such() {
+fn hand_set_marks_are_fitted_best_with_the_prior_learned_from_such_marks() {
     let Some(people) = set_by_hand() else { return };
     let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
     let eleven = eleven();
@@ -218,7 +218,7 @@ fn marks_set_by_hand_are_served_by_what_was_learned_from_such() {
 
 /// A prior learned from half of the people is accurate on the other half.
 #[test]
-fn a_prior_learned_from_some_people_serves_for_others() {
+fn a_prior_learned_from_some_people_fits_others() {
     let skipped = "learning from half of the people was not measured";
     let Some(path) = &crate::common::shared_data("people/landmarks68.csv", skipped) else { return };
     let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
@@ -246,7 +246,7 @@ fn a_prior_learned_from_some_people_serves_for_others() {
 
 /// The shipped files can be reproduced by the commands recorded in them.
 #[test]
-fn the_shipped_priors_can_be_made_again() {
+fn the_shipped_priors_can_be_reproduced() {
     let path = &crate::common::root().join("../shared/data/people/landmarks68.csv");
     let Some(by_hand) = set_by_hand() else { return };
     let by_hand: Vec<_> = by_hand.into_iter().map(|(face, _)| face).collect();

@@ -12,7 +12,7 @@ use grimace_lab::evaluate::{Seams, SynthesisStudy, SynthesisTarget, evaluate_cro
 fn banks(folder: &Path) -> Option<(Bank, Bank, Bank)> {
     let source = &crate::common::root().join("../shared/data/ict");
     if !source.is_dir() {
-        eprintln!("SKIPPED: {} is not there, the real face bank was not tested", source.display());
+        eprintln!("SKIPPED: {} does not exist; the real face bank was not tested", source.display());
         return None;
     }
     let options = BuildOptions { part: Some("narrow_face".to_owned()), subdivide: 1, ..BuildOptions::default() };

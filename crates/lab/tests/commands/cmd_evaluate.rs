@@ -161,7 +161,7 @@ fn suggested_marks_are_searched_on_request() {
     let nodes: Vec<_> = rows[..5].iter().map(|r| r["node"].as_str()).collect();
     let errors = work.rows("out/fit_error.csv");
     let row = errors.iter().find(|r| r["population"] == "simulated" && r["choice"] == "suggested").unwrap();
-    assert_eq!(row["nodes"].split(' ').collect::<Vec<_>>(), nodes, "the marks found are those compared");
+    assert_eq!(row["nodes"].split(' ').collect::<Vec<_>>(), nodes, "the found marks are the compared ones");
 }
 
 #[test]
@@ -181,7 +181,7 @@ fn tracking_starts_right_and_drifts_and_every_frame_is_there() {
             rows.iter().filter(|r| r["variant"] == variant && r["part"] == "all" && r["state"] == "any").collect();
         assert_eq!(curve.iter().map(|r| r["frame"].as_str()).collect::<Vec<_>>(), ["1", "2", "3", "4"]);
         assert!(curve.iter().all(|r| r["errors"] == "104"));
-        // Started at the true nodes, to a rounding of OpenCV's single precision.
+        // Started at the true nodes, up to the rounding of OpenCV's single precision.
         assert!(number(curve[0], "mean_px") < 1e-6);
         assert!(number(curve[3], "mean_px") > 0.0 && number(curve[3], "mean_px") < 20.0);
     }
@@ -236,13 +236,13 @@ fn simulated_datasets_are_compared_with_their_exact_nodes() {
     work.stdout("evaluate tracking faces -o out --by cohort");
     let rows = work.rows("out/tracking_last.csv");
     let all = rows.iter().find(|r| r["variant"] == "with deformation" && r["part"] == "all" && r["state"] == "any").unwrap();
-    // 4 sequences of 104 live nodes, both subjects in cohort A.
+    // 4 sequences of 104 live nodes; both subjects are in cohort A.
     assert_eq!((all["group"].as_str(), all["sequences"].as_str(), all["errors"].as_str()), ("A", "4", "416"));
     work.grimace("evaluate tracking faces -o other --by colour")
         .failure()
         .stderr(contains("has no column `colour` to group by; choose from subject, sequence, emotion, cohort"));
 
-    // A broken file of one sequence costs that sequence.
+    // A damaged file makes only its own sequence fail.
     fs::write(work.path("faces/truth/S001_005.csv"), "frame,node,x,y\n1,0,a,2\n").unwrap();
     work.grimace("evaluate tracking faces -o partial")
         .failure()
@@ -253,7 +253,7 @@ fn simulated_datasets_are_compared_with_their_exact_nodes() {
 }
 
 #[test]
-fn some_nodes_of_some_frames_are_truth_enough_and_tracks_that_are_there_are_compared() {
+fn partial_truth_is_accepted_and_existing_tracks_are_compared() {
     let work = Work::new();
     work.stdout("simulate -o faces --subjects 1 --emotions happiness --frames 4 --size 240x180");
     let truth = work.read("faces/truth/S001_005.csv");
@@ -273,7 +273,7 @@ fn some_nodes_of_some_frames_are_truth_enough_and_tracks_that_are_there_are_comp
     let compared = whole("out", "with deformation");
     assert_eq!(compared["errors"], "7");
     assert!(number(&compared, "mean_px") > 0.0 && number(&compared, "mean_px") < 5.0);
-    // The truth itself as a track: no error; moved by (3, 4) px: 5.
+    // The truth as a track has no error; moved by (3, 4) px it has 5 px.
     fs::write(work.path("by_hand.csv"), &some).unwrap();
     let moved = |dx: f64, dy: f64| {
         let row = |line: &str| {
@@ -298,7 +298,7 @@ fn some_nodes_of_some_frames_are_truth_enough_and_tracks_that_are_there_are_comp
 use predicates::prelude::PredicateBooleanExt as _;
 
 #[test]
-fn mistakes_are_named() {
+fn mistakes_are_reported() {
     let work = Work::new();
     work.grimace("evaluate fit nowhere -o out").failure().code(1).stderr(contains("nowhere"));
     work.grimace("evaluate tracking nowhere -o out").failure().code(1).stderr(contains("nowhere"));
@@ -359,7 +359,7 @@ fn found_points_are_compared_with_points_set_by_hand() {
 fn real_sequences_give_the_figures_of_the_prototypes() {
     let Some(data) = crate::common::shared_data("sequences", "the prototypes' figures were not compared") else { return };
     let work = Work::new();
-    // The plain tracker alone, as the command has it among others that take five times as long.
+    // The plain tracker only; the command evaluates it among others, which take five times as long.
     let (cases, failed) = dataset_cases(&data, Some("kind")).unwrap();
     let options = TrackingOptions {
         start: Start::Landmarks,
@@ -424,7 +424,7 @@ fn confidence_is_learned_from_photographs_too() {
     let options = "--subjects 1 --held-out 1 --emotions happiness --frames 4 --size 240x200";
     let people = format!("--photographs {} --leave-out {}", faces.display(), left_out.join(","));
     work.stdout(&format!("evaluate confidence -o out {options} {people}"));
-    // Of 20 people every fifth is judged by, and each of these in one of the four conditions.
+    // Of 20 people every fifth is a test person, each in one of the four conditions.
     let results = work.json("out/evaluation.json");
     assert_eq!((&results["options"]["photographs"], &results["options"]["photographs_held_out"]), (&16.into(), &4.into()));
     let rows = work.rows("out/confidence_quintiles.csv");

@@ -83,7 +83,7 @@ fn gives_the_same_bytes_for_any_number_of_threads() {
     small(&one).args(["--threads", "1"]).assert().success();
     small(&two).args(["-j", "2", "--quiet"]).assert().success().stdout("");
     let (a, b) = (files(&one), files(&two));
-    // 12 frames, 4 marks, 4 truths, manifest, provenance, the record of all of them.
+    // 12 frames, 4 files of marks, 4 of truth, the manifest, the provenance, and the record of all files.
     assert_eq!(a.len(), 23);
     assert!(a == b, "files differ between 1 and 2 threads");
 }
@@ -131,12 +131,12 @@ fn forcing_leaves_no_frames_of_the_earlier_run() {
     let short = ["--subjects", "2", "--emotions", "happiness,surprise", "--frames", "2", "--size", "96x80", "--format", "jpg"];
     simulate(&again).args(short).arg("--force").assert().success();
     simulate(&fresh).args(short).assert().success();
-    assert!(files(&again) == files(&fresh), "files of the earlier run are left");
+    assert!(files(&again) == files(&fresh), "files of the earlier run remain");
 }
 
 /// Datasets are read by folder, so foreign files would become part of the dataset; only the user may remove them.
 #[test]
-fn forcing_removes_nothing_that_is_not_of_a_simulation() {
+fn forcing_removes_only_files_of_a_simulation() {
     let folder = tempfile::tempdir().unwrap();
     let mine = folder.path().join("manifest.csv");
     fs::write(&mine, "subject,sequence\n").unwrap();
@@ -192,14 +192,14 @@ fn the_shipped_dataset_is_what_its_command_makes() {
     let shipped = crate::common::root().join("fixtures/simulated");
     let readme = fs::read_to_string(shipped.with_file_name("README.md")).unwrap();
     let command =
-        readme.lines().find(|l| l.trim_start().starts_with("grimace simulate")).expect("the command stands in the README");
+        readme.lines().find(|l| l.trim_start().starts_with("grimace simulate")).expect("the README contains the command");
     let mut args: Vec<&str> = command.split_whitespace().skip(2).collect();
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("again");
     let place = args.iter().position(|&a| a == "fixtures/simulated").unwrap();
     let out_text = out.to_str().unwrap();
     args[place] = out_text;
-    // One sequence of it: fewer subjects and emotions change nothing in the rest.
+    // One sequence of it: fewer subjects and emotions do not change the others.
     let subjects = args.iter().position(|&a| a == "--subjects").unwrap();
     args[subjects + 1] = "1";
     args.extend(["--emotions", "surprise"]);

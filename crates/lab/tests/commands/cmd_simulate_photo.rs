@@ -74,18 +74,18 @@ fn a_photograph_performs_and_the_tracker_finds_its_nodes_where_the_truth_says() 
             "anna,007,surprise,anna/007,anna/007/correspondences.csv,25.0,anna"
         ]
     );
-    // Without noise and motion of the head the first frame is the photograph.
+    // Without noise and head motion, the first frame is the photograph.
     let open = |path: &Path| image::open(path).unwrap().into_rgb8();
     assert!(open(&out.join("anna/007/anna_007_00000001.png")) == open(&photo));
     let truth = positions(&out.join("truth/anna_007.csv"));
     assert_eq!(truth.len(), 5 * 113);
     let gap = |frame: u32, upper: usize, lower: usize| truth[&(frame, lower)][1] - truth[&(frame, upper)][1];
-    // The jaw drops, the lips part, and the lids are open again at the apex.
+    // The jaw drops, the lips part, and at the apex the lids are open again.
     assert!(gap(5, 87, 40) > gap(1, 87, 40) + 4.0);
     assert!(truth[&(5, 10)][1] > truth[&(1, 10)][1] + 4.0);
     assert!((2..5).map(|frame| gap(frame, 21, 22)).fold(f64::INFINITY, f64::min) < 0.5 * gap(1, 21, 22));
     assert!(gap(5, 21, 22) >= gap(1, 21, 22));
-    // Five frames to a wide open mouth are large steps; the rigid parts of the face are found to a fraction of a pixel.
+    // Five frames to a wide open mouth are large steps; the rigid parts of the face are found within a fraction of a pixel.
     let mut evaluate = grimace();
     evaluate.args(["evaluate", "tracking"]).arg(&out).arg("-o").arg(&results).assert().success();
     let mut reader = csv::Reader::from_path(results.join("tracking_last.csv")).unwrap();
@@ -111,7 +111,7 @@ fn the_same_seed_gives_the_same_bytes_whatever_the_threads() {
 }
 
 #[test]
-fn landmarks_folders_and_datasets_serve_as_portraits() {
+fn landmarks_folders_and_datasets_are_accepted_as_portraits() {
     let folder = tempfile::tempdir().unwrap();
     let portraits = folder.path().join("portraits");
     fs::create_dir(&portraits).unwrap();
@@ -131,11 +131,11 @@ fn landmarks_folders_and_datasets_serve_as_portraits() {
         .unwrap();
     animate(&portraits, &out(listed)).assert().success();
     assert_eq!(subjects(listed), ["ben"]);
-    // What is known of the person goes along, but not what would be said of another sequence.
+    // Columns about the person are copied, but not those about the original sequence.
     let manifest = fs::read_to_string(out(listed).join("manifest.csv")).unwrap();
     assert!(manifest.starts_with("subject,sequence,emotion,frames,correspondences,fps,portrait,age,publish\n"), "{manifest}");
     assert!(manifest.trim_end().ends_with(",25.0,ben,31,no"), "{manifest}");
-    // A dataset: the neutral frames of its subjects.
+    // A dataset as input: the neutral frames of its subjects.
     animate(&out(all), &out(again)).args(["--subjects", "4"]).assert().success();
     assert_eq!(subjects(again), ["anna", "ben", "smiling", "anna-2"]);
     let points = PHOTO.path.join("points.csv");
@@ -144,14 +144,14 @@ fn landmarks_folders_and_datasets_serve_as_portraits() {
 }
 
 #[test]
-fn marks_that_nobody_set_are_found() {
+fn missing_marks_are_found() {
     let folder = tempfile::tempdir().unwrap();
     let photo = folder.path().join("composite.jpg");
     let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/portraits");
     fs::copy(fixtures.join("P01.jpg"), &photo).unwrap();
     let out = folder.path().join("out");
     animate(&photo, &out).assert().success().stderr(contains("marks that nobody set are found: composite"));
-    // The outer corner of an eye, as it was set by hand: within 3 % of the 110 px between the eyes.
+    // The outer corner of an eye, compared with the hand-set mark: within 3 % of the 110 px between the eyes.
     let found = positions(&out.join("truth/composite_007.csv"))[&(1, 20)];
     let marks = fs::read_to_string(fixtures.join("P01_correspondences.csv")).unwrap();
     let set = marks.lines().find_map(|line| line.strip_prefix("20,")).unwrap().split(',').map(|v| v.parse::<f64>().unwrap());
@@ -163,7 +163,7 @@ fn marks_that_nobody_set_are_found() {
 fn fap_curves_are_performed_and_run_reads_the_layout_of_cohn_kanade() {
     let folder = tempfile::tempdir().unwrap();
     let (out, results) = (folder.path().join("ck"), folder.path().join("results"));
-    // Frame 1: the mouth opens by half of MNS at FAP 3, and the corners go out.
+    // Frame 1: FAP 3 opens the mouth by half of MNS, and the corners move out.
     let fap = folder.path().join("happiness.fap");
     let mask = |set: &[usize]| (1..=68).map(|k| if set.contains(&k) { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
     let set = mask(&[3, 6, 7]);
@@ -195,7 +195,8 @@ fn fap_curves_are_performed_and_run_reads_the_layout_of_cohn_kanade() {
         moved(64, 0),
         moved(10, 1)
     );
-    // Curves are linear between their frames: half way is half the motion, but for what the texture engine smooths.
+    // Curves are linear between their frames: halfway in time is half of the motion, except for what the texture engine
+    // smooths.
     let third = truth[&(2, 31)][0] - truth[&(1, 31)][0];
     assert!((third / moved(31, 0) - 1.0 / 3.0).abs() < 0.02);
     grimace().arg("run").arg(&out).arg("-o").arg(&results).assert().success().stdout(contains("1 sequence: 1 tracked"));
@@ -203,7 +204,7 @@ fn fap_curves_are_performed_and_run_reads_the_layout_of_cohn_kanade() {
 }
 
 #[test]
-fn what_can_not_be_animated_is_explained() {
+fn inputs_that_cannot_be_animated_are_explained() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     let photo = PHOTO.path.join("anna.png");
@@ -242,7 +243,7 @@ fn what_can_not_be_animated_is_explained() {
     let mut command = grimace();
     command.arg("simulate").arg("--photo").arg(&photo).arg("-o").arg(&out).arg("--fap").arg(fap);
     fails(command.args(["--frames", "2", "--layout", "cohn-kanade"]), "no code for the emotion `wink`");
-    // Flags that need each other, and flags that exclude each other.
+    // Options that need each other, and options that exclude each other.
     grimace().args(["simulate", "-o", "x", "--fap", "a.fap"]).assert().code(2).stderr(contains("--photo"));
     animate(&photo, &out).args(["--size", "64x64"]).assert().code(2).stderr(contains("--size"));
     animate(&photo, &out).args(["--blink", "2"]).assert().code(1).stderr(contains("--blink is 2"));

@@ -122,7 +122,7 @@ mod tests {
     use crate::modules::locate::points;
 
     #[test]
-    fn what_a_network_is_off_on_closed_lips_is_taken_away() {
+    fn the_bias_of_a_network_on_closed_lips_is_removed() {
         // All points coincide except the mouth's corners. The network has the closed lips 6 px apart, and the smiling ones 16: they are 10
         // apart.
         let mut shape = vec![[50.0, 50.0]; points().len()];

@@ -66,7 +66,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// The people of a folder, all or those that are named.
+/// The people of a folder: all, or the named ones.
 fn people(folder: &Path, only: &[String]) -> anyhow::Result<Vec<BesidePerson>> {
     let landmarks = |state: &str| anyhow::Ok(read_neutral_faces(&folder.join("landmarks68.csv"), state)?.faces);
     let (neutral, smiling) = (landmarks("neutral")?, landmarks("smiling")?);

@@ -17,11 +17,11 @@ use serde_json::json;
 
 use super::{Folder, bar, clone::Args};
 
-/// The table that a grader fills in, and the one that says what was what.
+/// The table for the grader, and the key with the content of every picture.
 const GRADES: &str = "grades.csv";
 const KEY: &str = "key.csv";
 
-/// What a grade means.
+/// Meanings of the grades.
 const RUBRIC: &str = "5: passes as a photograph; 4: one flaw when searched for; 3: one flaw seen at once; 2: several; 1: no face";
 
 /// Draws a sheet for every photograph.
@@ -41,7 +41,7 @@ pub fn draw(args: &Args, photographs: &[PathBuf], mut folder: Folder, bench: &Wo
         });
         match drawn {
             Ok((name, sheet)) => {
-                // Two photographs of one name in different folders.
+                // Two photographs in different folders may have the same name.
                 let taken = key.rows.iter().any(|row| row[0] == Cell::text(&name));
                 let name = if taken { format!("{name}-{}", index + 1) } else { name };
                 write_atomic(&folder.path.join(format!("{name}.png")), |writer| encode_png(&sheet.picture, writer))?;
@@ -81,7 +81,7 @@ pub fn draw(args: &Args, photographs: &[PathBuf], mut folder: Folder, bench: &Wo
     })
 }
 
-/// Sums up what a grader wrote.
+/// Summarizes the grades.
 pub fn grade(args: &Args, grades: &Path, mut folder: Folder) -> anyhow::Result<Outcome> {
     let table = clone_grades_table(grades, &grades.with_file_name(KEY))?;
     folder.table("graded.csv", &table)?;

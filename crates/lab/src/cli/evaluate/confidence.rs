@@ -77,20 +77,20 @@ pub struct Args {
     common: CommonArgs,
 }
 
-/// Added to the seed for the people that are judged by.
+/// Added to the seed for the test people.
 const HELD_OUT_SEED: u64 = 0x5EED_0000;
 
-/// Of the photographed people every so many are judged by.
+/// Every how many photographed people one is a test person.
 const PHOTOGRAPHED_HELD_OUT: usize = 5;
-/// The others are split over so many kinds of pictures.
+/// Number of kinds of pictures over which the other people are distributed.
 const PHOTOGRAPHED_SPLIT: usize = 4;
-/// Smaller pictures, px, are left out: none are rendered.
+/// Smallest width and height of rendered pictures, px.
 const LEAST_SIDE: u32 = 64;
-/// What pictures without noise, blur and changing light are called.
+/// Name of pictures without noise, blur and changing light.
 const CLEAN: &str = "clean";
 
 impl Args {
-    /// Rendered people, and the photographed ones that are given.
+    /// Rendered people and, if given, photographed ones.
     fn conditions(
         &self,
         subjects: u32,
@@ -99,7 +99,7 @@ impl Args {
         (fitter, wireframe, tables): (&Fitter, &Wireframe, &Tables),
     ) -> anyhow::Result<Vec<ConfidenceCondition>> {
         let clean = self.simulation.options(subjects, seed);
-        // People of the smaller pictures are others.
+        // Smaller pictures show other people.
         let smaller = |part: u32| SimulateOptions {
             width: clean.width / part,
             height: clean.height / part,
@@ -114,7 +114,7 @@ impl Args {
         });
         let mut out = Vec::new();
         for (k, (name, simulation)) in simulations.enumerate() {
-            // Every photographed person is in one of the larger and in one of the smaller ones.
+            // Every photographed person is in one of the larger and one of the smaller conditions.
             let chosen = faces.iter().skip(k % PHOTOGRAPHED_SPLIT).step_by(PHOTOGRAPHED_SPLIT);
             let photographs = chosen
                 .map(|face| Ok(PhotographedPerson::new(face, simulation.width, fitter, wireframe, tables)?))
@@ -153,7 +153,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let with = (&fitter, &wireframe, &tables);
     let mut learn = args.conditions(args.subjects, seed, &learn_faces, with)?;
     if !learn_faces.is_empty() {
-        // Nothing that is photographed is as clear as what is rendered without noise: that is only judged.
+        // No photograph is as clear as a picture rendered without noise, so such pictures are used for evaluation only.
         learn.retain(|condition| !(condition.photographs.is_empty() && condition.name.starts_with(CLEAN)));
     }
     let judge = args.conditions(args.held_out, seed.wrapping_add(HELD_OUT_SEED), &judge_faces, with)?;

@@ -57,10 +57,10 @@ pub struct Args {
     common: CommonArgs,
 }
 
-/// Simulated people of the claim of the scaling.
+/// Number of simulated people for the test of the claim about scaling.
 const SCALED_PEOPLE: u32 = 50;
 
-/// Numbers of marks of the claim of the scaling.
+/// Numbers of marks for the test of the claim about scaling.
 const SCALED_MARKS: [usize; 8] = [5, 6, 7, 8, 10, 15, 20, 30];
 
 /// Standard deviation of the error of a mark, px.
@@ -104,7 +104,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     progress.finish_and_clear();
     let said = |Failure { subject, sequence, stage, reason }: &Failure| {
         let name = failed_name(subject, sequence, reason);
-        // That of a row without one is where its reason begins.
+        // For a row without an id, the name is the beginning of the reason.
         if reason.starts_with(&name) { format!("{stage}: {reason}") } else { format!("{name}: {stage}: {reason}") }
     };
     let mut missing: Vec<String> = summary.failures.iter().map(said).collect();
@@ -139,7 +139,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     Ok(if missing.is_empty() { Outcome::Done } else { Outcome::SomeFailed })
 }
 
-/// Figure 3 of [KP], and its numbers.
+/// Figure 3 of [KP], and its data.
 fn tracking_plates(
     dataset: &std::path::Path,
     who: &str,
@@ -182,7 +182,7 @@ fn plate(name: &str, what: &str, caption: &str, content: PlateContent) -> Plate 
     Plate { name: name.to_owned(), what: what.to_owned(), caption: caption.to_owned(), content }
 }
 
-/// The claim that scaling first needs fewer marks.
+/// Tests the claim that fewer marks are needed if the wireframe is scaled first.
 fn scaling_plate(seed: u64) -> anyhow::Result<Plate> {
     let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
     let simulation = SimulateOptions { subjects: SCALED_PEOPLE, seed, ..SimulateOptions::default() };

@@ -16,7 +16,7 @@ use serde_json::json;
 use super::{CommonArgs, bar, file_word, nodes};
 use grimace::internal::cli::{Outcome, shared::stop_flag};
 
-/// Number of marks that the printed tables are about, besides every number in the files.
+/// Numbers of marks in the printed tables; the files have all numbers.
 const PRINTED_COUNTS: [usize; 4] = [5, 7, 8, 15];
 
 /// Error of the fit by number and choice of marks.
@@ -130,13 +130,13 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// The nodes that figures and printed tables are about.
+/// The nodes in figures and printed tables.
 fn area(population: &Population) -> &'static str {
     let area = if population.real { grimace_lab::evaluate::FitArea::Inner } else { grimace_lab::evaluate::FitArea::All };
     area.name(population)
 }
 
-/// Methods and choices down, numbers of marks across.
+/// Table with a row per method and choice, and a column per number of marks.
 fn printed(rows: &[FitRow], population: &Population, counts: &[usize]) -> Table {
     let shown: Vec<usize> = PRINTED_COUNTS.into_iter().filter(|c| counts.contains(c)).collect();
     let shown = if shown.is_empty() { counts.to_vec() } else { shown };

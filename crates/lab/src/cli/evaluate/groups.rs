@@ -47,7 +47,7 @@ pub struct Args {
     common: CommonArgs,
 }
 
-/// People whose dispersion stands for the truth.
+/// Number of people whose dispersion is taken as the true one.
 const TRUTH: usize = 20_000;
 
 /// Runs the study.
@@ -105,7 +105,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         "populations": args.populations,
         "replicates": args.replicates,
     });
-    // No times here: the same options give the same file.
+    // No times are written, so that the same options give the same file.
     folder.finish("groups", None, args.common.seed, options, json!({ "people_of_truth": TRUTH }))?;
     Ok(Outcome::Done)
 }

@@ -54,6 +54,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     anyhow::ensure!(!files.is_empty(), "no .csv file in {}", args.tracks[0].display());
     let (models, failures) = load_tracks(&files, dataset.as_ref(), &bench);
     say_failures(&failures, None);
+    let models: Vec<_> = models.into_iter().filter(|m| !m.is_left_out()).collect();
     let known = models.iter().flat_map(|m| m.metadata.keys()).any(|column| *column == args.label);
     anyhow::ensure!(args.label == "emotion" || known, "no sequence has a column `{}`", args.label);
     let label = |m: &grimace::internal::pipeline::AnalyzedModel| match args.label.as_str() {

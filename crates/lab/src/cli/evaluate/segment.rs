@@ -75,7 +75,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// A row for every true expression.
+/// One row per true expression.
 fn trials_table(trials: &[SegmentTrial]) -> Table {
     let mut table =
         Table::new(["subject", "sequence", "emotion", "apex_off", "proposed", "wrong", "rests", "rests_found", "failure"]);

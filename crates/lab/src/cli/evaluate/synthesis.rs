@@ -140,7 +140,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// The bank, and the expressions that are not in it.
+/// The bank, and the expressions that are not part of it.
 fn banks(args: &Args) -> anyhow::Result<(Bank, Bank)> {
     let Some(path) = &args.bank else {
         return Ok(grimace::internal::synthesis::candide_study(args.common.seed)?);
