@@ -129,7 +129,7 @@ fn close_lips(shape: &mut [Point]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::modules::locate::cells::Patch;
+    use crate::modules::locate::{cells::Patch, model::Model};
 
     #[test]
     fn the_amount_is_read_around_the_lower_face_only() {
@@ -157,10 +157,7 @@ mod tests {
 
     #[test]
     fn a_smile_moves_the_lower_face_as_far_as_it_is_one() {
-        let (count, moved) = (points().len(), moved_points());
-        // Points in a grid, the pupils 1 apart, so that the mean face is a placement of the shape.
-        let mut mean: Shape = (0..count).map(|k| [(k % 9) as f32 / 9.0 - 0.5, (k / 9) as f32 / 9.0]).collect();
-        (mean[PUPILS[0]], mean[PUPILS[1]]) = ([0.5, 0.0], [-0.5, 0.0]);
+        let (moved, mean) = (moved_points(), Model::shipped().unwrap().mean);
         let shape: Shape = mean.iter().map(|p| [100.0 * p[0] + 100.0, 100.0 * p[1] + 50.0]).collect();
         let patch = Patch { size: 24.0, cell: 0.2, side: 2, blur: 1 };
         // Every point of the lower face moves down by a tenth of the eye distance, whatever is read.
