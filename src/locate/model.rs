@@ -301,6 +301,22 @@ fn take_local(matrices: &mut Matrices, name: &str, patches: &[Patch], count: usi
     })
 }
 
+/// Takes the stage for smiles; `read_around` is the number of descriptors around a point that its estimate reads.
+fn take_smile(matrices: &mut Matrices, header: SmileHeader, read_around: usize) -> Result<SmileStage, String> {
+    let SmileHeader { base, ramp, stages } = header;
+    if !base.is_finite() || !(0.0..1.0).contains(&ramp[0]) || !(ramp[0]..1.0).contains(&ramp[1]) {
+        return Err(format!(
+            "the limits of smiles are {} and {}, but must be ascending shares of the eye distance, from 0 to less than 1",
+            ramp[0], ramp[1]
+        ));
+    }
+    let moved = moved_points().len();
+    let stages = stages.iter().enumerate().map(|(k, patches)| take_local(matrices, &format!("smile.{k}"), patches, moved));
+    let stages = stages.collect::<Result<_, _>>()?;
+    let weights = matrices.take("smile.weights", Some(moved * read_around))?;
+    Ok(SmileStage { weights, base, ramp, stages, errors: matrices.take("smile.errors", Some(moved))? })
+}
+
 fn parse(bytes: &[u8]) -> Result<(Model, ModelOrigin), String> {
     let rest = bytes.strip_prefix(MAGIC.as_slice()).ok_or("the beginning of the file is not that of a model")?;
     let (length, rest) = rest.split_first_chunk::<4>().ok_or("the file is truncated")?;
@@ -374,25 +390,7 @@ fn parse(bytes: &[u8]) -> Result<(Model, ModelOrigin), String> {
     } else {
         None
     };
-    let smile = match header.smile {
-        Some(SmileHeader { base, ramp, stages }) => {
-            if !base.is_finite() || !(0.0..1.0).contains(&ramp[0]) || !(ramp[0]..1.0).contains(&ramp[1]) {
-                return Err(format!(
-                    "the limits of smiles are {} and {}, but must be ascending shares of the eye distance, from 0 to less than 1",
-                    ramp[0], ramp[1]
-                ));
-            }
-            let moved = moved_points().len();
-            let mut read = Vec::new();
-            for (k, patches) in stages.iter().enumerate() {
-                read.push(take_local(&mut matrices, &format!("smile.{k}"), patches, moved)?);
-            }
-            let (weights, errors) =
-                (matrices.take("smile.weights", Some(moved * read_around))?, matrices.take("smile.errors", Some(moved))?);
-            Some(SmileStage { weights, base, ramp, stages: read, errors })
-        }
-        None => None,
-    };
+    let smile = header.smile.map(|smile| take_smile(&mut matrices, smile, read_around)).transpose()?;
     let model = Model {
         mean: mean.chunks_exact(2).map(|p| [p[0], p[1]]).collect(),
         features: header.features,
