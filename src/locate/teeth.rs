@@ -37,6 +37,8 @@ const LIP_WITHIN: usize = 11;
 /// Smallest height of teeth, over the eye distance, as the median over the lines. On 120 closed mouths, 90 of them neutral, the height is
 /// at most 0.0125; on 39 mouths open by 0.06 and more, 35 exceed the limit. It was chosen on the same people (the 90 of the London Set).
 const LEAST: f64 = 0.03;
+/// Distance between the lips' edges, over the eye distance, up to which they may be too near to each other.
+const PARTED: f64 = 0.1;
 /// Smallest eye distance, px, at which mouths are examined.
 const LEAST_EYE_DISTANCE: f64 = 30.0;
 /// Median error of the edges, over the eye distance (the lower lip's upper edge, 36 smiles).
@@ -54,7 +56,7 @@ impl LocatedFace {
         let heights: [f64; READ_LINES] = std::array::from_fn(|k| self.teeth_on(k, picture).unwrap_or(0.0));
         let Some(usual) = median(&mut heights.clone()).filter(|height| *height >= LEAST) else { return false };
         let gaps = line_points().map(|[_, upper, lower, _]| (self.shape[lower] - self.shape[upper]).norm() / self.eye_distance);
-        if usual - gaps[1] < LEAST {
+        if gaps[1] > PARTED || usual - gaps[1] < LEAST {
             return false;
         }
         for (k, line) in line_points().into_iter().enumerate() {
