@@ -37,8 +37,8 @@ const LIP_WITHIN: usize = 11;
 /// Smallest height of teeth, over the eye distance, as the median over the lines. On 120 closed mouths, 90 of them neutral, the height is
 /// at most 0.0125; on 39 mouths open by 0.06 and more, 35 exceed the limit. It was chosen on the same people (the 90 of the London Set).
 const LEAST: f64 = 0.03;
-/// Distance between the lips' edges, over the eye distance, up to which they may be too near to each other.
-const PARTED: f64 = 0.1;
+/// Distance between the lips' edges, over the eye distance, above which they were read as parted.
+const PARTED: f64 = 0.02;
 /// Smallest eye distance, px, at which mouths are examined.
 const LEAST_EYE_DISTANCE: f64 = 30.0;
 /// Median error of the edges, over the eye distance (the lower lip's upper edge, 36 smiles).
@@ -56,7 +56,7 @@ impl LocatedFace {
         let heights: [f64; READ_LINES] = std::array::from_fn(|k| self.teeth_on(k, picture).unwrap_or(0.0));
         let Some(usual) = median(&mut heights.clone()).filter(|height| *height >= LEAST) else { return false };
         let gaps = line_points().map(|[_, upper, lower, _]| (self.shape[lower] - self.shape[upper]).norm() / self.eye_distance);
-        if gaps[1] > PARTED || usual - gaps[1] < LEAST {
+        if usual - gaps[1] < LEAST {
             return false;
         }
         for (k, line) in line_points().into_iter().enumerate() {
@@ -64,9 +64,11 @@ impl LocatedFace {
             let [start, _, lower, end] = line;
             let step = (height - gaps[k]).max(0.0);
             let down = (self.shape[end] - self.shape[start]).try_normalize(0.0).unwrap_or(Vector2::y());
-            for point in [lower, end] {
-                self.move_point(point, down * (step * self.eye_distance));
-            }
+            // The lower edge of a closed lip moves with the upper one; that of a parted lip is known, but is no thinner than half.
+            let thickness = (self.shape[end] - self.shape[lower]).dot(&down) / self.eye_distance;
+            let end_step = if gaps[1] > PARTED { (step - 0.5 * thickness).max(0.0) } else { step };
+            self.move_point(lower, down * (step * self.eye_distance));
+            self.move_point(end, down * (end_step * self.eye_distance));
         }
         true
     }
@@ -168,11 +170,12 @@ mod tests {
         assert!((smile.shape[lower].y - was[lower].y - 12.0).abs() < 1.3, "{}", smile.shape[lower]);
         assert!((smile.shape[end].y - was[end].y - 12.0).abs() < 1.3 && smile.shape[upper] == was[upper]);
         assert_eq!(smile.expected_errors[lower], 2.0);
-        // Where the lips were read as parted, but by less than the teeth, only the difference is left to do.
+        // Where the lips were read as parted, but by less than the teeth, only the upper edge of the lower lip moves.
         let (mut half, _) = face([190, 185, 170], 87);
         line_points().into_iter().for_each(|[_, _, lower, end]| [lower, end].into_iter().for_each(|k| half.shape[k].y += 5.0));
         assert!(half.look_for_teeth(&picture));
         assert!((half.shape[lower].y - smile.shape[lower].y).abs() < 1.3, "{}", half.shape[lower]);
+        assert_eq!(half.shape[end].y, was[end].y + 5.0);
         // Nothing happens once they are parted, where lips are closed, where the gap is dark, and without colour.
         assert!(!smile.look_for_teeth(&picture));
         for (between, until) in [([190, 185, 170], 75), ([190, 185, 170], 77), ([40, 25, 25], 87)] {
