@@ -95,7 +95,7 @@ const TEETH_GAP: f64 = 0.012;
 /// // `target` is a portrait with its marks.
 /// // A FAP file has no pictures to take wrinkles from.
 /// let source = SourceMotion::read("fixtures/golden/fap/happiness.fap".as_ref(), &face)?;
-/// assert!(matches!(Details::new(target, &source, vec![]), Err(CloneError::NoSourceFrames(_))));
+/// assert!(matches!(Details::new(&target, &source, vec![]), Err(CloneError::NoSourceFrames(_))));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug)]
