@@ -72,7 +72,8 @@ fn ends(shape: &[Point]) -> [[Point; 2]; LINES.len()] {
     line_points().map(|[upper, _, _, lower]| [shape[upper], shape[lower]])
 }
 
-fn between(p: Point, q: Point, share: f32) -> Point {
+/// Returns the point at a share of the way from one point to another.
+pub fn between(p: Point, q: Point, share: f32) -> Point {
     [p[0] + (q[0] - p[0]) * share, p[1] + (q[1] - p[1]) * share]
 }
 

@@ -8,7 +8,7 @@ use super::{
     PUPILS,
     expect::Reading,
     linear::dot,
-    lips::line_points,
+    lips::{between, line_points},
     picture::{Picture, View},
     points,
     shape::{Point, Shape, distance},
@@ -107,10 +107,6 @@ impl SmileStage {
         }
         shape
     }
-}
-
-fn between(p: Point, q: Point, share: f32) -> Point {
-    [p[0] + (q[0] - p[0]) * share, p[1] + (q[1] - p[1]) * share]
 }
 
 /// Closes lips whose inner edges are nearly at one place: both edges of each line move to their middle.

@@ -175,6 +175,7 @@ fn mean_distance(shape: &Shape, truth: &Shape) -> f32 {
     sum / (shape.len().max(1) as f32 * pupils_apart(truth))
 }
 
-fn pupils_apart(shape: &Shape) -> f32 {
+/// Returns the eye distance of a shape, above 0.
+pub fn pupils_apart(shape: &Shape) -> f32 {
     distance(shape[PUPILS[0]], shape[PUPILS[1]]).max(f32::MIN_POSITIVE)
 }

@@ -7,12 +7,12 @@ use super::{
     LOCAL, LearnOptions, Sample, Smile,
     augment::{Source, stream},
     calibrate::median,
+    lips::pupils_apart,
     local_stages, pictures,
     ridge::{FOLDS, among_samples, centre_rows},
     start,
 };
 use crate::modules::locate::{
-    PUPILS,
     cells::Patch,
     lips::line_points,
     model::Model,
@@ -189,8 +189,4 @@ fn read(models: &[Model], amount: f32, sample: Sample, (seed, unit): (u64, u64))
         return None;
     }
     Some(Face { fold, amount, shape: reading.shape, read: around_moved(&looks), sample })
-}
-
-fn pupils_apart(shape: &Shape) -> f32 {
-    distance(shape[PUPILS[0]], shape[PUPILS[1]]).max(f32::MIN_POSITIVE)
 }
