@@ -54,7 +54,7 @@ pub struct MethodArgs {
     /// Method: this program's (`default`), or that of Krinidis and Pitas as published (`kp`)
     ///
     /// `kp` sets --prior none, --read-unmarked off, --forces same, --forward-backward 0, --align-gain 0, --corner-stiffness 0, --lip-probes
-    /// off, --rigid-eyes off, --even-light off, --read-lids off, --locate-lost off, --pose roll, --irisd boxes and --weight sequence, for the options that the
+    /// off, --rigid-eyes off, --even-light off, --read-lids off, --read-lips off, --locate-lost off, --pose roll, --irisd boxes and --weight sequence, for the options that the
     /// command has. You can still set each of them yourself.
     #[arg(long, default_value = "default", value_parser = words::<Method>(&["default", "kp"]))]
     pub method: Method,
@@ -142,6 +142,9 @@ pub struct TrackArgs {
     /// Read the position of closing upper lids from the picture of the eye [default: on]
     #[arg(long, value_parser = switch, value_name = "on|off")]
     read_lids: Option<bool>,
+    /// Read the position of moved lips from the picture of the mouth [default: on]
+    #[arg(long, value_parser = switch, value_name = "on|off")]
+    read_lips: Option<bool>,
     /// Locate the face again in a step that loses many nodes, as between two photographs [default: on]
     #[arg(long, value_parser = switch, value_name = "on|off")]
     locate_lost: Option<bool>,
@@ -183,6 +186,7 @@ impl TrackArgs {
             rigid_eyes: self.rigid_eyes.unwrap_or(of.rigid_eyes),
             even_light: self.even_light.unwrap_or(of.even_light),
             read_lids: self.read_lids.unwrap_or(of.read_lids),
+            read_lips: self.read_lips.unwrap_or(of.read_lips),
             locate_lost: self.locate_lost.unwrap_or(of.locate_lost),
             deform: self.deform,
             align: AlignOptions {

@@ -13,6 +13,7 @@ mod cloned_skin;
 mod detail;
 mod fap_motion;
 mod form;
+mod mouths;
 mod output;
 mod picture;
 mod render;
@@ -43,6 +44,7 @@ use crate::{
 
 pub use cloned_skin::{ClonedSkin, MOST_SKIN, fold_powers, fold_softening, places_on_skin};
 pub use detail::{Details, Teeth};
+pub use mouths::moved_mouths;
 pub use output::{CLONE_SCHEMA, CloneFiles, CloneInfo, CutFap, FRAMES_RECORD, Film, encode_png, write_clone};
 pub use picture::{FaceCell, Sheet, at_height};
 pub use render::{CloneFrame, CloneOptions, ClonedExpression, clone_expression};

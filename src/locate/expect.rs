@@ -2,6 +2,7 @@
 
 use super::{
     model::ErrorModel,
+    mouth::ESTIMATES,
     picture::View,
     points,
     shape::{Shape, distance},
@@ -20,8 +21,8 @@ pub struct Reading {
     pub dissent: Vec<f32>,
     /// Visibility value of each point by itself; empty if the model has no cover stage.
     pub seen: Vec<f32>,
-    /// Estimated motion of the corners of the mouth from the neutral face, eye distances; 0 if the model has no smile stage.
-    pub smile: f32,
+    /// Estimates of the motion of the mouth; 0 if the model has no stage for moved mouths.
+    pub mouth: [f32; ESTIMATES],
 }
 
 impl Reading {

@@ -4,8 +4,7 @@
 //! 2. Joint stages place all points together at each proposal.
 //! 3. A linear verifier accepts or rejects the face.
 //! 4. Local stages refine each point from its own neighbourhood.
-//! 5. A stage detects parted lips and places their edges, because the hand-set points are of closed mouths only.
-//! 6. If the face smiles, further local stages move the points of its lower face.
+//! 5. If the mouth has moved, further local stages move the points of the lower face, because the hand-set points are of neutral faces only.
 //!
 //! Each face is read twice, once mirrored. The points are the mean of both readings; the distance between the readings gives, with other
 //! features, the expected error. All stages are learned by [`learn`] from hand-set points; the learned model ships with the program.
@@ -16,13 +15,12 @@ mod cells;
 mod covers;
 mod expect;
 mod linear;
-mod lips;
 mod model;
+mod mouth;
 mod part;
 mod picture;
 mod points;
 mod shape;
-mod smile;
 mod stages;
 mod teeth;
 mod template;
@@ -34,6 +32,7 @@ use nalgebra::{Point2, Vector2};
 
 pub use model::{Model, ModelError, ModelOrigin};
 pub use part::FacePart;
+pub(crate) use points::LIP_LINES;
 pub use points::{PUPILS, points};
 
 use crate::units::NodeId;
@@ -43,6 +42,9 @@ use picture::View;
 use shape::{Placement, Shape, distance};
 use stages::Placed;
 use template::{Candidate, Search, best, best_first, scored};
+
+/// Nodes with the positions at which they were read, px.
+pub(crate) type ReadNodes = Vec<(NodeId, Point2<f64>)>;
 
 /// Smallest score of the verifier at which a position counts as a face.
 pub const LEAST_SCORE: f32 = 0.0;
@@ -304,6 +306,17 @@ impl Locator {
         (face.eye_distance > 0.0 && face.score >= f64::from(LEAST_SCORE)).then_some(face)
     }
 
+    /// Reads the points that move with the mouth from the places of all points, px; nodes only. `None` if there is nothing to read.
+    pub(crate) fn read_mouth(&self, image: &GrayImage, shape: &[Point2<f64>]) -> Option<ReadNodes> {
+        let mouth = self.model.mouth.as_ref()?;
+        let (left, top, part) = mouth::part_of(image, shape)?;
+        let corner = [left as f32, top as f32];
+        let start: Shape = shape.iter().map(|p| [p.x as f32 - corner[0], p.y as f32 - corner[1]]).collect();
+        let read = mouth.placed(&Picture::new(&part)?, &self.model.mean, [&start, &start]);
+        let at = |k: usize| Point2::new(f64::from(read[k][0] + corner[0]), f64::from(read[k][1] + corner[1]));
+        Some(mouth::moved_points().into_iter().filter_map(|k| Some((points()[k].node?, at(k)))).collect())
+    }
+
     /// Reads the face at a placement.
     pub(crate) fn read(&self, picture: &Picture, start: Placement) -> LocatedFace {
         let model = &self.model;
@@ -354,7 +367,7 @@ fn mean_shape(plain: &Reading, mirrored: &Reading) -> Shape {
     plain.shape.iter().zip(&mirrored.shape).map(|(p, q)| [0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1])]).collect()
 }
 
-/// Returns the face of two readings: their mean, with parted lips corrected, and expected errors.
+/// Returns the face of two readings: their mean, with a moved mouth corrected, and expected errors.
 fn face(model: &Model, picture: &Picture, plain: &Reading, mirrored: &Reading) -> LocatedFace {
     let mut shape = mean_shape(plain, mirrored);
     let eye_distance = distance(shape[PUPILS[0]], shape[PUPILS[1]]);
@@ -369,25 +382,11 @@ fn face(model: &Model, picture: &Picture, plain: &Reading, mirrored: &Reading) -
             expected.iter_mut().enumerate().for_each(|(k, error)| *error = covers.expect(k, &seen, *error));
         }
     }
-    let mut expected: Vec<f64> = expected.into_iter().map(|error| f64::from(error * unit)).collect();
-    let uncovered = !covered.contains(&FacePart::Mouth);
-    // The lips of a covered mouth are not examined, nor is its smile.
-    let mut read_lips = Vec::new();
-    if let Some(lips) = model.lips.as_ref().filter(|_| uncovered) {
-        for (k, point) in lips.parted(picture, &model.mean, &shape).into_iter().flatten() {
-            shape[k] = point;
-            expected[k] = expected[k].max(f64::from(lips.expected_error * unit));
-            read_lips.push(k);
-        }
+    // A covered mouth is not examined.
+    if let Some(mouth) = model.mouth.as_ref().filter(|_| !covered.contains(&FacePart::Mouth)) {
+        mouth.read(picture, &model.mean, [plain, mirrored], &mut shape, &mut expected);
     }
-    if let Some(smile) = model.smile.as_ref().filter(|_| uncovered) {
-        // Parted lips are read more accurately by their own stage.
-        let moved = smile.read(picture, &model.mean, [plain, mirrored], &shape).into_iter().flatten();
-        for (k, point, error) in moved.filter(|(k, ..)| !read_lips.contains(k)) {
-            shape[k] = point;
-            expected[k] = expected[k].max(f64::from(error * unit));
-        }
-    }
+    let expected: Vec<f64> = expected.into_iter().map(|error| f64::from(error * unit)).collect();
     let shape: Vec<Point2<f64>> = shape.iter().map(|p| Point2::new(f64::from(p[0]), f64::from(p[1]))).collect();
     let named = points().iter().zip(&shape).zip(&expected);
     let mut found: Vec<LocatedPoint> = named
@@ -440,8 +439,8 @@ impl Model {
             dissent = said.dissent;
         }
         let seen = self.covers.as_ref().map(|covers| covers.say(&looks)).unwrap_or_default();
-        let smile = self.smile.as_ref().map_or(0.0, |stage| stage.amount(&looks));
-        (Reading { shape, score, last_step, dissent, seen, smile }, looks)
+        let mouth = self.mouth.as_ref().map(|stage| stage.estimates(&looks)).unwrap_or_default();
+        (Reading { shape, score, last_step, dissent, seen, mouth }, looks)
     }
 
     /// Same as [`Model::reading`] on the mirrored picture; start and result refer to the unmirrored picture.

@@ -13,11 +13,10 @@ use serde::{Deserialize, Serialize};
 use super::{
     cells::Patch,
     covers::CoverStage,
-    lips::{self, LipStage},
+    mouth::{ESTIMATES, MouthStage, moved_points},
     part::FacePart,
     points::points,
     shape::Shape,
-    smile::{SmileStage, moved_points},
     stages::{JointStage, LocalStage},
     template::{self, Template},
 };
@@ -45,12 +44,10 @@ pub struct Model {
     pub verifier: (Vec<f32>, f32),
     /// Model of expected errors.
     pub errors: ErrorModel,
-    /// Stage for parted lips; `None` in a model without it.
-    pub lips: Option<LipStage>,
     /// Stage for covered parts; `None` in an older model without it.
     pub covers: Option<CoverStage>,
-    /// Stage for smiles; `None` in a model without it.
-    pub smile: Option<SmileStage>,
+    /// Stage for moved mouths; `None` in a model without it.
+    pub mouth: Option<MouthStage>,
 }
 
 /// Model of a point's expected error from features of the reading: `log e = intercept + sum of slope x feature`, then a calibration.
@@ -93,25 +90,22 @@ struct Header {
     template_bias: f32,
     verifier_bias: f32,
     errors: ErrorModel,
-    /// Parameters of parted lips: distance from which they are parted, and expected error.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    lips: Option<(f32, f32)>,
     /// Whether the matrices include those of covered parts.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     covers: bool,
-    /// Parameters of smiles.
+    /// Parameters of moved mouths.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    smile: Option<SmileHeader>,
+    mouth: Option<MouthHeader>,
     origin: ModelOrigin,
     /// Names of the matrices in order, with their number of values and row length.
     matrices: Vec<(String, usize, usize)>,
 }
 
-/// Parameters of [`SmileStage`] that are no matrices.
+/// Parameters of [`MouthStage`] that are no matrices.
 #[derive(Serialize, Deserialize)]
-struct SmileHeader {
-    base: f32,
-    ramp: [f32; 2],
+struct MouthHeader {
+    base: [f32; ESTIMATES],
+    ramps: [[f32; 2]; ESTIMATES],
     stages: Vec<Vec<Patch>>,
 }
 
@@ -228,11 +222,6 @@ impl Model {
         for (k, stage) in self.local.iter().enumerate() {
             parts.extend(local_parts(&format!("local.{k}"), stage));
         }
-        if let Some(lips) = &self.lips {
-            parts.push(("lips.offset".to_owned(), &lips.offset, lips.offset.len()));
-            parts.push(("lips.weights".to_owned(), &lips.weights, lips::LENGTH));
-            parts.push(("lips.base".to_owned(), &lips.base, 1));
-        }
         if let Some(covers) = &self.covers {
             let count = self.mean.len();
             parts.push(("covers.weights".to_owned(), &covers.weights, covers.weights.len() / (self.local.len() * count).max(1)));
@@ -242,10 +231,12 @@ impl Model {
             parts.push(("covers.errors".to_owned(), &covers.errors, 1));
             parts.push(("covers.limits".to_owned(), &covers.limits, 1));
         }
-        if let Some(smile) = &self.smile {
-            parts.push(("smile.weights".to_owned(), &smile.weights, smile.weights.len()));
-            parts.push(("smile.errors".to_owned(), &smile.errors, 1));
-            smile.stages.iter().enumerate().for_each(|(k, stage)| parts.extend(local_parts(&format!("smile.{k}"), stage)));
+        if let Some(mouth) = &self.mouth {
+            for (k, weights) in mouth.weights.iter().enumerate() {
+                parts.push((format!("mouth.weights.{k}"), weights, weights.len()));
+            }
+            parts.push(("mouth.errors".to_owned(), &mouth.errors, 1));
+            mouth.stages.iter().enumerate().for_each(|(k, stage)| parts.extend(local_parts(&format!("mouth.{k}"), stage)));
         }
         let header = Header {
             schema: SCHEMA,
@@ -256,11 +247,10 @@ impl Model {
             template_bias: self.template.bias,
             verifier_bias: self.verifier.1,
             errors: self.errors.clone(),
-            lips: self.lips.as_ref().map(|l| (l.parted_from, l.expected_error)),
             covers: self.covers.is_some(),
-            smile: self.smile.as_ref().map(|s| SmileHeader {
+            mouth: self.mouth.as_ref().map(|s| MouthHeader {
                 base: s.base,
-                ramp: s.ramp,
+                ramps: s.ramps,
                 stages: s.stages.iter().map(|stage| stage.patches.clone()).collect(),
             }),
             origin: origin.clone(),
@@ -301,20 +291,26 @@ fn take_local(matrices: &mut Matrices, name: &str, patches: &[Patch], count: usi
     })
 }
 
-/// Takes the stage for smiles; `read_around` is the number of descriptors around a point that its estimate reads.
-fn take_smile(matrices: &mut Matrices, header: SmileHeader, read_around: usize) -> Result<SmileStage, String> {
-    let SmileHeader { base, ramp, stages } = header;
-    if !base.is_finite() || !(0.0..1.0).contains(&ramp[0]) || !(ramp[0]..1.0).contains(&ramp[1]) {
+/// Takes the stage for moved mouths; `read_around` is the number of descriptors around a point that its estimate reads.
+fn take_mouth(matrices: &mut Matrices, header: MouthHeader, read_around: usize) -> Result<MouthStage, String> {
+    let MouthHeader { base, ramps, stages } = header;
+    let wrong = |&[from, to]: &[f32; 2]| !(0.0..1.0).contains(&from) || !(from..1.0).contains(&to);
+    if let Some([from, to]) = ramps.iter().find(|ramp| wrong(ramp)) {
         return Err(format!(
-            "the limits of smiles are {} and {}, but must be ascending shares of the eye distance, from 0 to less than 1",
-            ramp[0], ramp[1]
+            "the limits of moved mouths are {from} and {to}, but must be ascending shares of the eye distance, from 0 to less than 1"
         ));
     }
+    if !base.iter().all(|b| b.is_finite()) {
+        return Err("the constants of moved mouths are not finite".to_owned());
+    }
     let moved = moved_points().len();
-    let stages = stages.iter().enumerate().map(|(k, patches)| take_local(matrices, &format!("smile.{k}"), patches, moved));
+    let stages = stages.iter().enumerate().map(|(k, patches)| take_local(matrices, &format!("mouth.{k}"), patches, moved));
     let stages = stages.collect::<Result<_, _>>()?;
-    let weights = matrices.take("smile.weights", Some(moved * read_around))?;
-    Ok(SmileStage { weights, base, ramp, stages, errors: matrices.take("smile.errors", Some(moved))? })
+    let mut weights: [Vec<f32>; ESTIMATES] = Default::default();
+    for (k, row) in weights.iter_mut().enumerate() {
+        *row = matrices.take(&format!("mouth.weights.{k}"), Some(moved * read_around))?;
+    }
+    Ok(MouthStage { weights, base, ramps, stages, errors: matrices.take("mouth.errors", Some(moved))? })
 }
 
 fn parse(bytes: &[u8]) -> Result<(Model, ModelOrigin), String> {
@@ -330,8 +326,8 @@ fn parse(bytes: &[u8]) -> Result<(Model, ModelOrigin), String> {
     if header.points != count || header.features.iter().any(|&k| k >= count) {
         return Err(format!("it has {} points, but this program knows {count}", header.points));
     }
-    let of_smiles = header.smile.iter().flat_map(|s| s.stages.iter().flatten());
-    let patches = header.joint.iter().chain(header.local.iter().flatten()).chain(of_smiles);
+    let of_mouths = header.mouth.iter().flat_map(|s| s.stages.iter().flatten());
+    let patches = header.joint.iter().chain(header.local.iter().flatten()).chain(of_mouths);
     if patches.clone().any(|p| !(4.0..=256.0).contains(&p.size) || p.side > 16 || p.blur > 32 || !(0.0..1.0).contains(&p.cell)) {
         return Err("patches out of range".to_owned());
     }
@@ -360,22 +356,6 @@ fn parse(bytes: &[u8]) -> Result<(Model, ModelOrigin), String> {
     let mean = matrices.take("mean", Some(steps))?;
     let verifier = matrices.take("verifier", Some(header.joint.last().map_or(0, length)))?;
     let weights = matrices.take("template", Some(template::LENGTH))?;
-    let lips = match header.lips {
-        Some((parted_from, expected_error)) if !(0.0..1.0).contains(&parted_from) || !(0.0..1.0).contains(&expected_error) => {
-            return Err(format!(
-                "the limits of parted lips are {parted_from} and {expected_error}, but must be shares of the eye \
-                 distance, from 0 to less than 1"
-            ));
-        }
-        Some((parted_from, expected_error)) => Some(LipStage {
-            offset: matrices.take("lips.offset", Some(lips::LENGTH))?,
-            weights: matrices.take("lips.weights", Some(lips::PREDICTED * lips::LENGTH))?,
-            base: matrices.take("lips.base", Some(lips::PREDICTED))?,
-            parted_from,
-            expected_error,
-        }),
-        None => None,
-    };
     let read_around: usize = header.local.iter().flatten().map(Patch::len).sum();
     let covers = if header.covers {
         let mut take = |part: &str, size| matrices.take(&format!("covers.{part}"), Some(size));
@@ -390,7 +370,7 @@ fn parse(bytes: &[u8]) -> Result<(Model, ModelOrigin), String> {
     } else {
         None
     };
-    let smile = header.smile.map(|smile| take_smile(&mut matrices, smile, read_around)).transpose()?;
+    let mouth = header.mouth.map(|mouth| take_mouth(&mut matrices, mouth, read_around)).transpose()?;
     let model = Model {
         mean: mean.chunks_exact(2).map(|p| [p[0], p[1]]).collect(),
         features: header.features,
@@ -399,9 +379,8 @@ fn parse(bytes: &[u8]) -> Result<(Model, ModelOrigin), String> {
         template: Template { weights, bias: header.template_bias },
         verifier: (verifier, header.verifier_bias),
         errors: header.errors,
-        lips,
         covers,
-        smile,
+        mouth,
     };
     Ok((model, header.origin))
 }

@@ -2,6 +2,7 @@
 
 use std::sync::LazyLock;
 
+use super::shape::{Point, distance};
 use crate::units::NodeId;
 
 /// One point.
@@ -21,6 +22,27 @@ pub struct LocatorPoint {
 
 /// Indices of the left and the right pupil; the distance between the two is the eye distance.
 pub const PUPILS: [usize; 2] = [0, 1];
+
+/// Returns the distance between the pupils of a shape, at least a tiny positive number.
+pub fn pupils_apart(shape: &[Point]) -> f32 {
+    distance(shape[PUPILS[0]], shape[PUPILS[1]]).max(f32::MIN_POSITIVE)
+}
+
+/// Number of edges of the lips on a line across the mouth.
+pub const EDGES: usize = 4;
+
+/// Nodes of the lip edges on three lines across the mouth: upper lip's upper and lower edge, lower lip's upper and lower edge. Lines: the
+/// subject's left half, the middle, the right half.
+pub const LIP_LINES: [[NodeId; EDGES]; 3] = [
+    [NodeId(79), NodeId(81), NodeId(83), NodeId(85)],
+    [NodeId(7), NodeId(87), NodeId(40), NodeId(8)],
+    [NodeId(80), NodeId(82), NodeId(84), NodeId(86)],
+];
+
+/// Returns the indices in [`points()`] of the points of [`LIP_LINES`].
+pub fn lip_lines() -> [[usize; EDGES]; LIP_LINES.len()] {
+    LIP_LINES.map(|line| line.map(|node| points().iter().position(|p| p.node == Some(node)).unwrap_or_default()))
+}
 
 const TABLE: &str = include_str!("../../candide/locator_points.csv");
 

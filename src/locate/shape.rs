@@ -62,6 +62,22 @@ impl Placement {
     }
 }
 
+/// Returns the step of a position that moves as known points near it: a mean of their steps. `known`: positions and steps; the weight of a
+/// point falls to an eighth at the distance `near`.
+pub fn step_near(p: Point, known: &[(Point, Point)], near: f32) -> Point {
+    let mut sums = [0.0; 3];
+    for &(at, step) in known {
+        let weight = (distance(p, at) / near.max(f32::MIN_POSITIVE) + 1.0).powi(-3);
+        sums = [sums[0] + weight * step[0], sums[1] + weight * step[1], sums[2] + weight];
+    }
+    [sums[0], sums[1]].map(|sum| sum / sums[2].max(f32::MIN_POSITIVE))
+}
+
+/// Returns the point at a share of the way from one point to another.
+pub fn between(p: Point, q: Point, share: f32) -> Point {
+    [p[0] + (q[0] - p[0]) * share, p[1] + (q[1] - p[1]) * share]
+}
+
 /// Returns the distance between two points.
 pub fn distance(p: Point, q: Point) -> f32 {
     (p[0] - q[0]).hypot(p[1] - q[1])
@@ -70,6 +86,17 @@ pub fn distance(p: Point, q: Point) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_position_moves_as_the_points_near_it() {
+        let known = [([0.0, 0.0], [1.0, 0.0]), ([10.0, 0.0], [0.0, 1.0])];
+        // At a point its weight is 1; the other one, five times the distance away at which a weight is an eighth, has 1 / 6^3.
+        let [x, y] = step_near([0.0, 0.0], &known, 2.0);
+        approx::assert_relative_eq!(x, 216.0 / 217.0, epsilon = 1e-5);
+        approx::assert_relative_eq!(y, 1.0 / 217.0, epsilon = 1e-5);
+        assert_eq!(step_near([5.0, 3.0], &known, 2.0), [0.5, 0.5]);
+        assert_eq!(step_near([5.0, 3.0], &[], 2.0), [0.0, 0.0]);
+    }
 
     #[test]
     fn a_quarter_turn_is_found_and_undone() {

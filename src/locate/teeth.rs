@@ -9,12 +9,12 @@ use nalgebra::{Point2, Vector2};
 
 use super::{
     FacePart, LocatedFace,
-    lips::{EDGES, LINES, line_points},
+    points::{EDGES, LIP_LINES, lip_lines},
 };
 use crate::robust::median;
 
-/// Number of lines that are read: those of [`LINES`], and one between each two.
-const READ_LINES: usize = 2 * LINES.len() - 1;
+/// Number of lines that are read: those of [`LIP_LINES`], and one between each two.
+const READ_LINES: usize = 2 * LIP_LINES.len() - 1;
 /// Start and end of a line, from the edge of the upper lip, and the sampling distance, over the eye distance.
 const RANGE: (f64, f64, f64) = (-0.35, 0.75, 0.0125);
 /// Distance of the additional samples to both sides, over the eye distance.
@@ -55,11 +55,11 @@ impl LocatedFace {
         }
         let heights: [f64; READ_LINES] = std::array::from_fn(|k| self.teeth_on(k, picture).unwrap_or(0.0));
         let Some(usual) = median(&mut heights.clone()).filter(|height| *height >= LEAST) else { return false };
-        let gaps = line_points().map(|[_, upper, lower, _]| (self.shape[lower] - self.shape[upper]).norm() / self.eye_distance);
+        let gaps = lip_lines().map(|[_, upper, lower, _]| (self.shape[lower] - self.shape[upper]).norm() / self.eye_distance);
         if usual - gaps[1] < LEAST {
             return false;
         }
-        for (k, line) in line_points().into_iter().enumerate() {
+        for (k, line) in lip_lines().into_iter().enumerate() {
             let height = if heights[2 * k] > 0.0 { heights[2 * k] } else { OTHERWISE * usual };
             let [start, _, lower, end] = line;
             let step = (height - gaps[k]).max(0.0);
@@ -86,7 +86,7 @@ impl LocatedFace {
 
     /// Returns the height of the teeth on a line, over the eye distance.
     fn teeth_on(&self, k: usize, picture: &RgbImage) -> Option<f64> {
-        let lines = line_points();
+        let lines = lip_lines();
         let (one, two) = (lines[k / 2], lines[k.div_ceil(2)]);
         let edges: [Point2<f64>; EDGES] =
             std::array::from_fn(|edge| nalgebra::center(&self.shape[one[edge]], &self.shape[two[edge]]));
@@ -149,7 +149,7 @@ mod tests {
         });
         let mut shape = vec![Point2::new(100.0, 20.0); points().len()];
         (shape[PUPILS[0]], shape[PUPILS[1]]) = (Point2::new(150.0, 10.0), Point2::new(50.0, 10.0));
-        for ([start, upper, lower, end], x) in line_points().into_iter().zip([120.0, 100.0, 80.0]) {
+        for ([start, upper, lower, end], x) in lip_lines().into_iter().zip([120.0, 100.0, 80.0]) {
             for (point, y) in [(start, 60.0), (upper, 75.0), (lower, 75.0), (end, 90.0)] {
                 shape[point] = Point2::new(x, y);
             }
@@ -162,7 +162,7 @@ mod tests {
 
     #[test]
     fn a_lower_lip_is_below_the_teeth_and_closed_lips_stay() {
-        let [_, upper, lower, end] = line_points()[1];
+        let [_, upper, lower, end] = lip_lines()[1];
         let (mut smile, picture) = face([190, 185, 170], 87);
         let was = smile.shape.clone();
         assert!(smile.look_for_teeth(&picture));
@@ -172,7 +172,7 @@ mod tests {
         assert_eq!(smile.expected_errors[lower], 2.0);
         // Where the lips were read as parted, but by less than the teeth, only the upper edge of the lower lip moves.
         let (mut half, _) = face([190, 185, 170], 87);
-        line_points().into_iter().for_each(|[_, _, lower, end]| [lower, end].into_iter().for_each(|k| half.shape[k].y += 5.0));
+        lip_lines().into_iter().for_each(|[_, _, lower, end]| [lower, end].into_iter().for_each(|k| half.shape[k].y += 5.0));
         assert!(half.look_for_teeth(&picture));
         assert!((half.shape[lower].y - smile.shape[lower].y).abs() < 1.3, "{}", half.shape[lower]);
         assert_eq!(half.shape[end].y, was[end].y + 5.0);

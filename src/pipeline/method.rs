@@ -44,6 +44,7 @@ impl Method {
                 rigid_eyes: false,
                 even_light: false,
                 read_lids: false,
+                read_lips: false,
                 locate_lost: false,
                 align: AlignOptions { gain: 0.0, corners: 0.0, ..ours.align },
                 ..ours

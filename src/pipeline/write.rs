@@ -422,13 +422,14 @@ fn option_rows(bench: &Workbench, tracked_here: bool) -> Vec<(String, String)> {
         ("Spring force on marks (over stiffness)", o.fit.force.to_string()),
         ("Forces on tracked nodes", json(serde_json::to_value(o.track.forces))),
         (
-            "Lip probes, rigid eyes, even light, lids read, lost faces located, deformed after every step",
+            "Lip probes, rigid eyes, even light, lids read, lips read, lost faces located, deformed after every step",
             format!(
-                "{}, {}, {}, {}, {}, {}",
+                "{}, {}, {}, {}, {}, {}, {}",
                 o.track.lip_probes,
                 o.track.rigid_eyes,
                 o.track.even_light,
                 o.track.read_lids,
+                o.track.read_lips,
                 o.track.locate_lost,
                 o.track.deform
             ),

@@ -8,6 +8,7 @@
 
 use std::cell::OnceCell;
 
+use image::GrayImage;
 use nalgebra::{Point2, Vector2};
 
 use super::{NodeState, TrackError, TrackedFrame};
@@ -46,6 +47,22 @@ impl Leap {
         Self { neutral: neutral.clone(), nodes: nodes.to_vec(), reading: OnceCell::new() }
     }
 
+    /// The neutral frame's picture.
+    pub fn image(&self) -> &GrayImage {
+        self.neutral.image()
+    }
+
+    /// The nodes of the neutral frame, px.
+    pub fn nodes(&self) -> &[Point2<f64>] {
+        &self.nodes
+    }
+
+    /// The face in the neutral frame; `None` if it is not there or its expected error is too large.
+    pub fn face(&self) -> Option<&LocatedFace> {
+        let located = || Locator::shipped().ok().and_then(|locator| read(locator, &self.neutral, &self.nodes));
+        self.reading.get_or_init(located).as_ref()
+    }
+
     /// Returns the predicted position of every node in a frame, px; `None` if the face cannot be located in both frames.
     ///
     /// # Errors
@@ -58,8 +75,7 @@ impl Leap {
         springs: &Springs,
     ) -> Result<Option<Vec<Point2<f64>>>, TrackError> {
         let Ok(locator) = Locator::shipped() else { return Ok(None) };
-        let reading = self.reading.get_or_init(|| read(locator, &self.neutral, &self.nodes));
-        let Some(neutral) = reading else { return Ok(None) };
+        let Some(neutral) = self.face() else { return Ok(None) };
         let Some(current) = read(locator, frame, previous) else { return Ok(None) };
         let unit = neutral.eye_distance;
         let targets: Vec<DrivenNode> = neutral

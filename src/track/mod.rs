@@ -17,6 +17,7 @@ mod landmarks;
 mod leap;
 mod lids;
 mod light;
+mod lips;
 mod looked;
 mod options;
 mod quality;
@@ -479,6 +480,7 @@ pub struct FrameTracker<'a, T> {
     template: Option<align::Template>,
     light: Option<light::Light>,
     lids: Option<lids::Lids>,
+    lips: Option<lips::Lips>,
     leap: Option<leap::Leap>,
     window: u32,
     eye_distance: f64,
@@ -506,10 +508,11 @@ impl<'a, T: PointTracker> FrameTracker<'a, T> {
         let template = plan.template(wireframe, &tracker, nodes, (window, eye_distance), &options.align)?;
         let light = options.even_light.then(|| light::Light::new(frame, wireframe.live_nodes(), nodes, window));
         let lids = options.read_lids.then(|| lids::Lids::new(frame, nodes));
-        let leap = options.locate_lost.then(|| leap::Leap::new(frame, nodes));
+        let leap = (options.locate_lost || options.read_lips).then(|| leap::Leap::new(frame, nodes));
+        let lips = options.read_lips.then(|| lips::Lips::new(&plan.tables)).flatten();
         let last = TrackedFrame { number: frame.number(), nodes: neutral_nodes(wireframe, fitted) };
         let size = frame.size();
-        Ok(Self { tracker, wireframe, plan, options, template, light, lids, leap, window, eye_distance, size, last })
+        Ok(Self { tracker, wireframe, plan, options, template, light, lids, lips, leap, window, eye_distance, size, last })
     }
 
     /// The frame tracked last.
@@ -525,8 +528,8 @@ impl<'a, T: PointTracker> FrameTracker<'a, T> {
         let even = self.light.as_ref().and_then(|light| light.undone_at(frame, self.wireframe, &self.last));
         self.tracker.advance(even.as_ref().unwrap_or(frame))?;
         let Self { wireframe, plan, options, window, eye_distance, .. } = *self;
-        let (template, lids, leap) = (self.template.as_mut(), self.lids.as_ref(), self.leap.as_ref());
-        let mut step = step::Step { wireframe, plan, options, template, window, eye_distance, lids, leap, frame };
+        let (template, lids, lips, leap) = (self.template.as_mut(), self.lids.as_ref(), self.lips.as_ref(), self.leap.as_ref());
+        let mut step = step::Step { wireframe, plan, options, template, window, eye_distance, lids, lips, leap, frame };
         let nodes = step.run(&mut self.tracker, &self.last)?;
         self.last = TrackedFrame { number: frame.number(), nodes };
         Ok(&self.last)

@@ -54,7 +54,7 @@ pub struct TrackOptions {
     /// How forces are computed; measured by default.
     pub forces: Forces,
     /// Search for nodes of the inner lip within their own lip, because KLT finds both lips where they meet. On by default, as are the next
-    /// five.
+    /// six.
     pub lip_probes: bool,
     /// Move the corners of each iris box as one.
     pub rigid_eyes: bool,
@@ -62,6 +62,8 @@ pub struct TrackOptions {
     pub even_light: bool,
     /// Place lids by the look of the eyes when they close.
     pub read_lids: bool,
+    /// Move lips towards where the locator reads them when a mouth has moved.
+    pub read_lips: bool,
     /// Locate the face in a step that loses many nodes, as between a neutral photograph and one of the apex.
     pub locate_lost: bool,
     /// Deform the wireframe again after each step. Without it lost nodes do not move.
@@ -87,6 +89,7 @@ impl Default for TrackOptions {
             rigid_eyes: true,
             even_light: true,
             read_lids: true,
+            read_lips: true,
             locate_lost: true,
             deform: true,
             align: AlignOptions::default(),

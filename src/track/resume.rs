@@ -10,7 +10,7 @@ use nalgebra::Point2;
 
 use super::{
     NodeState, PointTracker, TrackError, TrackOptions, TrackPlan, TrackedFrame, TrackedNode, align::Template, eye_distance_px,
-    leap::Leap, lids::Lids, light::Light, step::Step, window_px,
+    leap::Leap, lids::Lids, light::Light, lips::Lips, step::Step, window_px,
 };
 use crate::{
     fit::{DrivenNode, Pull, Springs},
@@ -97,6 +97,7 @@ pub fn resume_with(
     let mut out: Vec<TrackedFrame> = Vec::new();
     let mut template = None;
     let (mut light, mut lids, mut leap): (Option<Light>, Option<Lids>, Option<Leap>) = (None, None, None);
+    let mut lips = options.read_lips.then(|| Lips::new(&plan.tables)).flatten();
     // Frame numbers may ascend or descend; only their order in the track matters.
     let passed: BTreeSet<u32> = track.iter().map(|f| f.number).take_while(|&n| n != start).chain([start]).collect();
     for (index, frame) in frames.into_iter().enumerate() {
@@ -111,11 +112,11 @@ pub fn resume_with(
         if index == 0 {
             light = options.even_light.then(|| Light::new(&frame, wireframe.live_nodes(), &rest, window));
             lids = options.read_lids.then(|| Lids::new(&frame, &rest));
-            leap = options.locate_lost.then(|| Leap::new(&frame, &rest));
+            leap = (options.locate_lost || options.read_lips).then(|| Leap::new(&frame, &rest));
             template = plan.template(wireframe, tracker, &rest, (window, eye_distance), &options.align)?;
             // A corrected node's patch differs from the neutral frame: from there on it is not aligned with that frame.
             let corrected = corrections.iter().filter(|(number, _)| passed.contains(number)).flat_map(|(_, nodes)| nodes.keys());
-            corrected.for_each(|node| release(template.as_mut(), lids.as_mut(), wireframe, *node));
+            corrected.for_each(|node| release(template.as_mut(), lids.as_mut(), lips.as_mut(), wireframe, *node));
         }
         if passed.contains(&number) {
             continue;
@@ -129,13 +130,14 @@ pub fn resume_with(
             window,
             eye_distance,
             lids: lids_now,
+            lips: lips.as_ref(),
             leap: leap.as_ref(),
             frame,
         };
         let nodes = step.run(tracker, &previous)?;
         let nodes = match corrections.get(&number) {
             Some(hard) => {
-                hard.keys().for_each(|node| release(template.as_mut(), lids.as_mut(), wireframe, *node));
+                hard.keys().for_each(|node| release(template.as_mut(), lids.as_mut(), lips.as_mut(), wireframe, *node));
                 correct_nodes(wireframe, &springs, &nodes, hard)?
             }
             None => nodes,
@@ -146,7 +148,16 @@ pub fn resume_with(
     Ok(out)
 }
 
-fn release(template: Option<&mut Template>, lids: Option<&mut Lids>, wireframe: &Wireframe, node: NodeId) {
+fn release(
+    template: Option<&mut Template>,
+    lids: Option<&mut Lids>,
+    lips: Option<&mut Lips>,
+    wireframe: &Wireframe,
+    node: NodeId,
+) {
+    if let Some(lips) = lips {
+        lips.release(node);
+    }
     if let Some(lids) = lids {
         lids.release(node);
     }

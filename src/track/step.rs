@@ -19,6 +19,7 @@ use super::{
     align::{Template, Ties},
     leap::{FAR, LOST_SHARE, Leap, PREDICTED_FORCE},
     lids::Lids,
+    lips::Lips,
     recover,
 };
 use crate::{
@@ -156,7 +157,9 @@ pub(super) struct Step<'a> {
     pub eye_distance: f64,
     /// Eyes of the neutral frame, when lids are read.
     pub lids: Option<&'a Lids>,
-    /// Locates the face in a step that loses much of it.
+    /// Lips of the neutral frame, when lips are read.
+    pub lips: Option<&'a Lips>,
+    /// The neutral frame, in which the face is located when lips are read, and in a step that loses much of it.
     pub leap: Option<&'a Leap>,
     /// The current frame as recorded; the tracker may hold a version with corrected lighting.
     pub frame: &'a Frame,
@@ -197,6 +200,9 @@ impl Step<'_> {
         if let Some(lids) = self.lids {
             lids.place(self.frame, &mut nodes);
         }
+        if let Some((lips, neutral)) = self.lips.zip(self.leap) {
+            lips.place(neutral, self.frame, self.eye_distance, &mut nodes);
+        }
         Ok(nodes)
     }
 
@@ -223,7 +229,7 @@ impl Step<'_> {
         if lost(steps) as f64 <= LOST_SHARE * steps.len() as f64 {
             return Ok(());
         }
-        let Some(leap) = self.leap else { return Ok(()) };
+        let Some(leap) = self.leap.filter(|_| self.options.locate_lost) else { return Ok(()) };
         let Some(predicted) = leap.predict(self.frame, positions, self.wireframe, &self.plan.springs)? else { return Ok(()) };
         let live = self.wireframe.live_nodes();
         let guesses: Vec<_> = live.iter().map(|&n| predicted[n.index()] + self.probe_offset(n, &predicted)).collect();

@@ -100,7 +100,7 @@ mod tests {
                     last_step: vec![0.01; count],
                     dissent: vec![0.01; count],
                     seen: Vec::new(),
-                    smile: 0.0,
+                    mouth: [0.0; 2],
                 };
                 let errors =
                     (0..count).map(|k| if (k + i as usize / 40).is_multiple_of(2) { 0.5 } else { 2.0 } * apart).collect();

@@ -8,13 +8,15 @@ use std::{
 };
 
 use image::RgbImage;
-use nalgebra::Point2;
+use nalgebra::{Point2, Vector2};
+use rayon::prelude::*;
 
 use crate::{
     input::{CsvFile, InputError},
     modules::locate::{
         PUPILS, points,
-        shape::{Point, Shape, distance},
+        points::LocatorPoint,
+        shape::{Point, Shape, distance, step_near},
     },
     units::NodeId,
 };
@@ -27,6 +29,9 @@ const OUTLINE: std::ops::Range<usize> = 125..145;
 
 /// Largest side of a photograph that is read, px.
 const LARGEST: u32 = 4000;
+
+/// Distance from a node, over the eye distance, at which its weight in the motion of other points falls to an eighth.
+const NEAR: f32 = 0.05;
 
 /// Faces that do not read.
 #[derive(Debug, thiserror::Error)]
@@ -95,15 +100,13 @@ pub struct TrainingFace {
     outline: Vec<Point>,
 }
 
-/// A person of [`TrainingFaces::faces`] who smiles.
+/// A face of a person of [`TrainingFaces::faces`] whose mouth has moved.
 #[derive(Clone, Debug)]
-pub struct Smile {
+pub struct MovedFace {
     /// Index of the person among the faces.
     pub person: usize,
-    /// The photograph. The hand-set points of the neutral face are moved as the landmarks near them.
+    /// The picture, with the hand-set points of the neutral face moved.
     pub face: TrainingFace,
-    /// Mean motion of the corners of the mouth from the neutral face, over the eye distance.
-    pub amount: f32,
 }
 
 /// Masks of a photograph: the face, and the background.
@@ -129,6 +132,25 @@ impl TrainingFace {
     pub fn nodes(&self) -> Vec<(NodeId, Point2<f64>)> {
         let named = points().iter().zip(&self.shape);
         named.filter_map(|(point, at)| Some((point.node?, Point2::from(at.map(f64::from))))).collect()
+    }
+
+    /// Returns the photograph in colour.
+    pub fn picture(&self) -> &RgbImage {
+        &self.picture
+    }
+
+    /// Returns the face on a picture in which the nodes have moved; `motion` has one vector for each node, px. Points that are no nodes
+    /// move as the nodes near them.
+    pub fn moved(&self, picture: RgbImage, motion: &[Vector2<f64>]) -> Self {
+        let step = |point: &LocatorPoint| motion.get(point.node?.index()).map(|m| [m.x as f32, m.y as f32]);
+        let named = || points().iter().zip(&self.shape);
+        let known: Vec<(Point, Point)> = named().filter_map(|(point, &at)| Some((at, step(point)?))).collect();
+        let near = NEAR * self.eye_distance() as f32;
+        let moved = |at: Point, [x, y]: Point| [at[0] + x, at[1] + y];
+        let carried = |at: Point| moved(at, step_near(at, &known, near));
+        let shape = named().map(|(point, &at)| step(point).map_or_else(|| carried(at), |step| moved(at, step))).collect();
+        let outline: Vec<Point> = self.outline.iter().map(|&at| carried(at)).collect();
+        Self::new(self.person.clone(), picture, &outline, shape)
     }
 
     /// Returns the distance between the pupils, px.
@@ -167,7 +189,9 @@ pub struct TrainingFaces {
     /// Faces in the order of the table.
     pub faces: Vec<TrainingFace>,
     /// Smiles of the same people, if available and requested.
-    pub smiles: Vec<Smile>,
+    pub smiles: Vec<MovedFace>,
+    /// Moved mouths of the same people, if requested.
+    pub mouths: Vec<MovedFace>,
     /// BLAKE3 of the tables and all photographs used, in hexadecimal.
     pub blake3: String,
 }
@@ -184,6 +208,18 @@ impl TrainingFaces {
         let smiles = smiles::read(folder, &self.faces, &mut hasher)?;
         let blake3 = if smiles.is_empty() { self.blake3 } else { hasher.finalize().to_hex().to_string() };
         Ok(Self { smiles, blake3, ..self })
+    }
+}
+
+impl TrainingFaces {
+    /// Adds pictures of the same people with moved mouths: `make` returns them with the motion of every node, px.
+    #[must_use]
+    pub fn with_mouths(self, make: impl Fn(usize, &TrainingFace) -> Vec<(RgbImage, Vec<Vector2<f64>>)> + Sync) -> Self {
+        let mouths = self.faces.par_iter().enumerate().flat_map_iter(|(person, face)| {
+            let made = make(person, face).into_iter();
+            made.map(move |(picture, motion)| MovedFace { person, face: face.moved(picture, &motion) })
+        });
+        Self { mouths: mouths.collect(), ..self }
     }
 }
 
@@ -225,7 +261,7 @@ pub fn read_faces(folder: &Path, leave_out: &BTreeSet<String>) -> Result<Trainin
     if faces.len() < super::LEAST_PEOPLE {
         return Err(FacesError::TooFew { path, found: faces.len() });
     }
-    Ok(TrainingFaces { faces, smiles: Vec::new(), blake3: hasher.finalize().to_hex().to_string() })
+    Ok(TrainingFaces { faces, smiles: Vec::new(), mouths: Vec::new(), blake3: hasher.finalize().to_hex().to_string() })
 }
 
 /// Adds a photograph and its points to the hash.
@@ -287,4 +323,39 @@ fn background_of(picture: &RgbImage, inside: &image::GrayImage) -> image::GrayIm
         }
     }
     mask
+}
+
+/// Returns a face without a photograph.
+#[cfg(test)]
+pub(super) fn test_face(shape: Shape) -> TrainingFace {
+    TrainingFace::new("P".to_owned(), RgbImage::new(8, 8), &[], shape)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_move_with_their_nodes_and_others_with_the_nodes_near_them() {
+        let shape: Shape = (0..points().len()).map(|k| [10.0 * (k % 9) as f32, 12.0 * (k / 9) as f32]).collect();
+        let face = test_face(shape.clone());
+        // All nodes move by the same, so everything does.
+        let moved = face.moved(RgbImage::new(8, 8), &vec![Vector2::new(3.0, -2.0); 113]);
+        for (from, to) in shape.iter().zip(&moved.shape) {
+            approx::assert_relative_eq!(to[0] - from[0], 3.0, epsilon = 1e-4);
+            approx::assert_relative_eq!(to[1] - from[1], -2.0, epsilon = 1e-4);
+        }
+        // One node moves: others stay, points that are no nodes follow a little.
+        let mut motion = vec![Vector2::zeros(); 113];
+        motion[10] = Vector2::new(0.0, 5.0);
+        let moved = face.moved(RgbImage::new(8, 8), &motion);
+        for (point, (from, to)) in points().iter().zip(shape.iter().zip(&moved.shape)) {
+            let way = to[1] - from[1];
+            match point.node {
+                Some(NodeId(10)) => assert_eq!(way, 5.0),
+                Some(_) => assert_eq!(way, 0.0),
+                None => assert!((0.0..2.5).contains(&way), "{way}"),
+            }
+        }
+    }
 }

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::{
     augment::{Sample, Source, stream},
-    faces::Smile,
+    faces::MovedFace,
     ridge::{FOLDS, among_numbers},
     start,
 };
@@ -65,7 +65,7 @@ struct Looked {
 }
 
 /// Learns the stage. `models`: the model of all people, whose expected errors are learned, then the models without each fold.
-pub fn learn_covers(models: &[Model], sources: &[Source], smiles: &[Smile], seed: u64) -> Option<(CoverStage, CoverSummary)> {
+pub fn learn_covers(models: &[Model], sources: &[Source], smiles: &[MovedFace], seed: u64) -> Option<(CoverStage, CoverSummary)> {
     let (smilers, smiling): (Vec<usize>, Vec<Source>) =
         smiles.iter().filter_map(|s| Some((s.person, Source::new(&s.face)?))).unzip();
     let everybody: Vec<usize> = (0..sources.len()).collect();

@@ -6,10 +6,9 @@ mod covers;
 mod detector;
 mod faces;
 mod hidden;
-mod lips;
+mod mouth;
 mod ridge;
 mod scenery;
-mod smile;
 mod summary;
 
 use std::collections::BTreeSet;
@@ -17,10 +16,9 @@ use std::collections::BTreeSet;
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
-pub use faces::{Smile, TrainingFace, TrainingFaces, read_faces};
+pub use faces::{MovedFace, TrainingFace, TrainingFaces, read_faces};
 pub use hidden::CoverSummary;
-pub use lips::LipSummary;
-pub use smile::SmileSummary;
+pub use mouth::MouthSummary;
 pub use summary::LearnSummary;
 
 use super::{
@@ -38,9 +36,8 @@ use augment::{Sample, Source, normal, render, stream};
 use calibrate::{JudgedReading, learn_errors};
 use detector::{learn_template, learn_verifier, scenes};
 use hidden::learn_covers;
-use lips::learn_lips;
+use mouth::learn_mouth;
 use ridge::{FOLDS, Folded, among_numbers, among_samples, centre_rows, each_point};
-use smile::learn_smile;
 
 /// Smallest number of people for training.
 pub const LEAST_PEOPLE: usize = 20;
@@ -107,9 +104,8 @@ pub fn learn_locator(people: &TrainingFaces, options: &LearnOptions, progress: &
         template: super::template::Template { weights: Vec::new(), bias: 0.0 },
         verifier: (Vec::new(), 0.0),
         errors: ErrorModel::default(),
-        lips: None,
         covers: None,
-        smile: None,
+        mouth: None,
     };
     // The model of all people, then those without each fold.
     let mut models = vec![empty; FOLDS + 1];
@@ -163,38 +159,19 @@ pub fn learn_locator(people: &TrainingFaces, options: &LearnOptions, progress: &
         .collect();
     models[0].errors = learn_errors(&judged);
 
-    progress("parted lips");
-    let mouths = mouth_pictures(&sources, &people.smiles, options);
-    let (lips, lip_summary) = learn_lips(&models[1..], &mouths, options.seed).unzip();
-    models[0].lips = lips;
-
-    progress("smiles");
-    let (smile, smile_summary) = learn_smile(&models[1..], &sources, &people.smiles, options).unzip();
+    progress("moved mouths");
+    let (mouth, mouth_summary) = learn_mouth(&models[1..], people, &sources, options).unzip();
     progress("covered parts");
     let (covers, cover_summary) = learn_covers(&models, &sources, &people.smiles, options.seed).unzip();
     models[0].covers = covers;
-    models[0].smile = smile;
+    models[0].mouth = mouth;
     let summary = LearnSummary {
-        lips: lip_summary,
         covers: cover_summary,
-        smile: smile_summary,
+        mouth: mouth_summary,
         ..LearnSummary::new(faces.len(), &judged, &models[0].errors, template.found, (verifier.2, verifier.3))
     };
     let model = models.swap_remove(0);
     Learned { model, summary }
-}
-
-/// Returns pictures for the lips: of the neutral faces, and as many of the smiles.
-fn mouth_pictures(sources: &[Source], smiles: &[Smile], options: &LearnOptions) -> Vec<Sample> {
-    if smiles.is_empty() {
-        return Vec::new();
-    }
-    let count = options.pictures.div_ceil(2);
-    let mut samples = pictures(sources, count, options.seed, 10);
-    let (people, smiling): (Vec<usize>, Vec<Source>) =
-        smiles.iter().filter_map(|s| Some((s.person, Source::new(&s.face)?))).unzip();
-    samples.extend(pictures(&smiling, count, options.seed, 11).into_iter().map(|s| Sample { face: people[s.face], ..s }));
-    samples
 }
 
 /// Returns pictures of all faces and their mirror images.

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::{CoverSummary, LipSummary, SmileSummary, calibrate::JudgedReading};
+use super::{CoverSummary, MouthSummary, calibrate::JudgedReading};
 use crate::modules::locate::{expect::signs, model::ErrorModel, points};
 
 /// Errors of one part of the face, percent of the eye distance.
@@ -35,12 +35,10 @@ pub struct LearnSummary {
     pub accepted: f64,
     /// Share of false alarms that the verifier accepts.
     pub false_alarms: f64,
-    /// Results for parted lips; `None` without photographs of parted lips.
-    pub lips: Option<LipSummary>,
     /// Results for covered parts.
     pub covers: Option<CoverSummary>,
-    /// Results for smiles; `None` without photographs of smiles.
-    pub smile: Option<SmileSummary>,
+    /// Results for moved mouths by kind of picture; `None` without pictures of them.
+    pub mouth: Option<Vec<MouthSummary>>,
 }
 
 impl LearnSummary {
@@ -82,9 +80,8 @@ impl LearnSummary {
             proposed,
             accepted: accepted(&faces),
             false_alarms: accepted(&others),
-            lips: None,
             covers: None,
-            smile: None,
+            mouth: None,
         }
     }
 }

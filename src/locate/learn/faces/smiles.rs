@@ -3,13 +3,12 @@
 
 use std::{collections::BTreeMap, path::Path};
 
-use super::{FacesError, Smile, TrainingFace, add, read_picture};
+use super::{FacesError, MovedFace, TrainingFace, add, read_picture};
 use crate::{
     input::CsvFile,
     modules::locate::{
-        PUPILS,
-        lips::{EDGES, line_points},
-        shape::{Placement, Point, Shape, distance},
+        points::{EDGES, lip_lines},
+        shape::{Placement, Point, Shape, distance, step_near},
     },
 };
 
@@ -28,7 +27,7 @@ const EYES: [usize; 2] = [36, 45];
 /// Distance from a landmark, over that of the outer corners of the eyes, at which its weight falls to an eighth.
 const NEAR: f32 = 0.03;
 
-/// Landmarks at the points of [`line_points`]; where there are two, their mean is used.
+/// Landmarks at the points of [`lip_lines`]; where there are two, their mean is used.
 const ON_LINES: [[[usize; 2]; EDGES]; 3] = [
     [[53, 53], [63, 63], [65, 65], [55, 56]],
     [[51, 51], [62, 62], [66, 66], [57, 57]],
@@ -36,7 +35,7 @@ const ON_LINES: [[[usize; 2]; EDGES]; 3] = [
 ];
 
 /// Reads the smiles of these faces; none if there is no table, or the person is not in it.
-pub fn read(folder: &Path, faces: &[TrainingFace], hasher: &mut blake3::Hasher) -> Result<Vec<Smile>, FacesError> {
+pub fn read(folder: &Path, faces: &[TrainingFace], hasher: &mut blake3::Hasher) -> Result<Vec<MovedFace>, FacesError> {
     let path = folder.join("landmarks68.csv");
     if !path.exists() {
         return Ok(Vec::new());
@@ -58,8 +57,8 @@ pub fn read(folder: &Path, faces: &[TrainingFace], hasher: &mut blake3::Hasher) 
         let (picture, bytes) = read_picture(&folder.join("smiling").join(format!("{}.jpg", face.person)))?;
         add(hasher, &bytes, &[neutral.as_slice(), smiling.as_slice()].concat());
         let landmarks = |numbers: &[f64]| numbers.chunks_exact(2).map(|p| [p[0] as f32, p[1] as f32]).collect::<Shape>();
-        let Smiling { shape, outline, amount } = smile(face, &landmarks(neutral), &landmarks(smiling));
-        smiles.push(Smile { person, face: TrainingFace::new(face.person.clone(), picture, &outline, shape), amount });
+        let Smiling { shape, outline } = smile(face, &landmarks(neutral), &landmarks(smiling));
+        smiles.push(MovedFace { person, face: TrainingFace::new(face.person.clone(), picture, &outline, shape) });
     }
     Ok(smiles)
 }
@@ -68,8 +67,6 @@ pub fn read(folder: &Path, faces: &[TrainingFace], hasher: &mut blake3::Hasher) 
 struct Smiling {
     shape: Shape,
     outline: Vec<Point>,
-    /// Mean motion of the corners of the mouth, over the eye distance.
-    amount: f32,
 }
 
 /// Moves the points and the outline of a neutral face as the landmarks.
@@ -84,20 +81,13 @@ fn smile(face: &TrainingFace, neutral: &[Point], smiling: &[Point]) -> Smiling {
             [to[0] - from[0], to[1] - from[1]]
         })
         .collect();
+    let known: Vec<(Point, Point)> = neutral.iter().copied().zip(motions.iter().copied()).collect();
     let moved = |p: Point| {
-        let mut sums = [0.0; 3];
-        for (&landmark, motion) in neutral.iter().zip(&motions) {
-            let weight = (distance(p, landmark) / near + 1.0).powi(-3);
-            sums = [sums[0] + weight * motion[0], sums[1] + weight * motion[1], sums[2] + weight];
-        }
-        let placed = onto.apply(p);
-        [placed[0] + sums[0] / sums[2], placed[1] + sums[1] / sums[2]]
+        let (placed, step) = (onto.apply(p), step_near(p, &known, near));
+        [placed[0] + step[0], placed[1] + step[1]]
     };
     let mut shape: Shape = face.shape.iter().map(|&p| moved(p)).collect();
     let outline = face.outline.iter().map(|&p| moved(p)).collect();
-    let corners = CORNERS.map(|k| motions[k][0].hypot(motions[k][1]));
-    let unit = onto.scale() * distance(face.shape[PUPILS[0]], face.shape[PUPILS[1]]);
-    let amount = 0.5 * (corners[0] + corners[1]) / unit.max(f32::MIN_POSITIVE);
     let down = |landmarks: &[Point]| {
         let [left, right] = CORNERS.map(|k| landmarks[k]);
         let width = distance(left, right).max(f32::MIN_POSITIVE);
@@ -108,12 +98,12 @@ fn smile(face: &TrainingFace, neutral: &[Point], smiling: &[Point]) -> Smiling {
         let (p, q) = (landmarks[one], landmarks[other]);
         [0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1])]
     };
-    for (point, pair) in line_points().into_iter().flatten().zip(ON_LINES.into_iter().flatten()) {
+    for (point, pair) in lip_lines().into_iter().flatten().zip(ON_LINES.into_iter().flatten()) {
         let (set, said, smiles) = (face.shape[point], mean(neutral, pair), mean(smiling, pair));
         let off = onto.scale() * ((said[0] - set[0]) * was[0] + (said[1] - set[1]) * was[1]);
         shape[point] = [smiles[0] - off * is[0], smiles[1] - off * is[1]];
     }
-    Smiling { shape, outline, amount }
+    Smiling { shape, outline }
 }
 
 #[cfg(test)]
@@ -126,7 +116,7 @@ mod tests {
         // All points coincide except the mouth's corners. The network has the closed lips 6 px apart, and the smiling ones 16: they are 10
         // apart.
         let mut shape = vec![[50.0, 50.0]; points().len()];
-        let [_, upper, lower, _] = line_points()[1];
+        let [_, upper, lower, _] = lip_lines()[1];
         (shape[upper], shape[lower]) = ([50.0, 100.0], [50.0, 100.0]);
         let face = TrainingFace::new("P".to_owned(), image::RgbImage::new(8, 8), &[], shape);
         let landmarks = |gap: f32| {
