@@ -98,7 +98,8 @@ impl MouthStage {
         let placed = self.placed(picture, mean, readings.map(|r| &r.shape));
         for (k, error) in moved_points().into_iter().zip(&self.errors) {
             shape[k] = between(shape[k], placed[k], share);
-            expected[k] += share * (error - expected[k]);
+            // What looks unlike a face to the other stages does so here, too.
+            expected[k] += share * (error.max((error * expected[k]).sqrt()) - expected[k]);
         }
         let [_, [_, parted]] = self.ramps;
         let is_parted = 0.5 * (estimates[0][1] + estimates[1][1]) >= parted;
@@ -221,14 +222,18 @@ mod tests {
             seen: Vec::new(),
             mouth: [corners, 0.0],
         };
+        let chin = points().iter().position(|p| p.group == "chin").unwrap();
         for (corners, share) in [(0.03, 0.0), (0.05, 0.5), (0.2, 1.0)] {
             let (mut read, mut expected) = (shape.clone(), vec![0.01; shape.len()]);
+            expected[chin] = 0.04;
             stage.read(&picture, &mean, [&reading(corners), &reading(corners)], &mut read, &mut expected);
             // The corner of the mouth is on no line that is closed.
             let corner = points().iter().position(|p| p.group == "mouth corner").unwrap();
             approx::assert_relative_eq!(read[corner][0], shape[corner][0], epsilon = 0.01);
             approx::assert_relative_eq!(read[corner][1], shape[corner][1] + 10.0 * share, epsilon = 0.01);
             approx::assert_relative_eq!(expected[corner], 0.01 + 0.01 * share, epsilon = 1e-5);
+            // The geometric mean of 0.02 and 0.04.
+            approx::assert_relative_eq!(expected[chin], 0.04 + (0.028_284 - 0.04) * share, epsilon = 1e-5);
             // The eyes stay.
             assert!((0..shape.len()).filter(|k| !moved.contains(k)).all(|k| read[k] == shape[k] && expected[k] == 0.01));
         }

@@ -26,7 +26,7 @@ pub const LOST_SHARE: f64 = 0.3;
 /// Largest distance of a match from the prediction, over the eye distance; a match further away is lost.
 pub const FAR: f64 = 0.06;
 /// Force that draws a lost node to its predicted position, in units of a spring's stiffness.
-pub const PREDICTED_FORCE: f64 = 5.0;
+pub const PREDICTED_FORCE: f64 = 30.0;
 /// Largest median expected error of a reading that is used, over the eye distance.
 const LARGEST_ERROR: f64 = 0.06;
 /// Force of a located node with an expected error of [`COMMON_ERROR`] over the eye distance, in units of a spring's stiffness.

@@ -84,8 +84,9 @@ fn the_paper_s_method_is_one_switch_and_each_of_its_parts_a_flag() {
     // Without tracking backward there is no residual.
     assert!(work.rows("S001_005.csv").iter().filter(|r| r["frame"] != "1").all(|r| r["residual"].is_empty()));
     assert_eq!((&kp["align"]["corners"], &kp["read_lids"], &kp["locate_lost"]), (&0.0.into(), &false.into(), &false.into()));
+    assert_eq!(kp["read_lips"], false);
     let parts = "--prior none --forces same --forward-backward 0 --align-gain 0 --corner-stiffness 0 --lip-probes off \
-                 --rigid-eyes off --even-light off --read-lids off --locate-lost off";
+                 --rigid-eyes off --even-light off --read-lids off --read-lips off --locate-lost off";
     let by_hand = TRACK.replace("-o S001_005.csv", "-o S001_006.csv");
     work.grimace(&format!("{by_hand} {parts}")).exit(0);
     assert_eq!(work.read("S001_005.csv"), work.read("S001_006.csv"));
