@@ -306,13 +306,14 @@ impl Locator {
         (face.eye_distance > 0.0 && face.score >= f64::from(LEAST_SCORE)).then_some(face)
     }
 
-    /// Reads the points that move with the mouth from the places of all points, px; nodes only. `None` if there is nothing to read.
+    /// Reads the points that move with the mouth from the places of all points, px; nodes only. `None` if there is nothing to read. The
+    /// mirror image is not read; the caller subtracts the reading of another picture, and errors that both share cancel.
     pub(crate) fn read_mouth(&self, image: &GrayImage, shape: &[Point2<f64>]) -> Option<ReadNodes> {
         let mouth = self.model.mouth.as_ref()?;
         let (left, top, part) = mouth::part_of(image, shape)?;
         let corner = [left as f32, top as f32];
         let start: Shape = shape.iter().map(|p| [p.x as f32 - corner[0], p.y as f32 - corner[1]]).collect();
-        let read = mouth.placed(&Picture::new(&part)?, &self.model.mean, [&start, &start]);
+        let read = mouth.refined(Picture::new(&part)?.view(false), &self.model.mean, start);
         let at = |k: usize| Point2::new(f64::from(read[k][0] + corner[0]), f64::from(read[k][1] + corner[1]));
         Some(mouth::moved_points().into_iter().filter_map(|k| Some((points()[k].node?, at(k)))).collect())
     }

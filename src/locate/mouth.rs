@@ -95,9 +95,11 @@ impl MouthStage {
         if share == 0.0 {
             return;
         }
-        let placed = self.placed(picture, mean, readings.map(|r| &r.shape));
+        let plain = self.refined(picture.view(false), mean, readings[0].shape.clone());
+        let mirror = picture.view(true);
+        let mirrored = mirror.turn_shape(&self.refined(mirror, mean, mirror.turn_shape(&readings[1].shape)));
         for (k, error) in moved_points().into_iter().zip(&self.errors) {
-            shape[k] = between(shape[k], placed[k], share);
+            shape[k] = between(shape[k], between(plain[k], mirrored[k], 0.5), share);
             // What looks unlike a face to the other stages does so here, too.
             expected[k] += share * (error.max((error * expected[k]).sqrt()) - expected[k]);
         }
@@ -106,16 +108,8 @@ impl MouthStage {
         close_lips(shape, CLOSED[usize::from(!is_parted)]);
     }
 
-    /// Returns the mean of two shapes after all stages, the second of which are run on the mirrored picture; pixels of the picture.
-    pub fn placed(&self, picture: &Picture, mean: &[Point], [plain, other]: [&Shape; 2]) -> Shape {
-        let plain = self.refined(picture.view(false), mean, plain.clone());
-        let mirror = picture.view(true);
-        let other = mirror.turn_shape(&self.refined(mirror, mean, mirror.turn_shape(other)));
-        plain.iter().zip(&other).map(|(p, q)| between(*p, *q, 0.5)).collect()
-    }
-
     /// Returns a shape in pixels of a view after all stages.
-    fn refined(&self, view: View<'_>, mean: &[Point], mut shape: Shape) -> Shape {
+    pub fn refined(&self, view: View<'_>, mean: &[Point], mut shape: Shape) -> Shape {
         for stage in &self.stages {
             let placed = placed_part(mean, &shape);
             let after = placed.moved(&stage.step(&stage.features(view, &placed)).step);
