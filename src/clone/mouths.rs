@@ -67,6 +67,7 @@ fn normal(random: &mut ChaCha8Rng, deviation: f64) -> f64 {
 /// Returns the FAPs of a random posture. All lengths inside are shares of the eye distance, y down; `units` are the FAPUs of the mouth's
 /// distance from the nose and of its width in this unit.
 fn posture(random: &mut ChaCha8Rng, [mns, mw]: [f64; 2]) -> FapFrame {
+    // One mouth in five stays closed and only moves its corners; the others are ajar, open as in speech, or wide open as in surprise.
     let gap = match uniform(random, 0.0, 1.0) {
         kind if kind < 0.2 => 0.0,
         kind if kind < 0.35 => uniform(random, 0.02, 0.07),
@@ -76,9 +77,12 @@ fn posture(random: &mut ChaCha8Rng, [mns, mw]: [f64; 2]) -> FapFrame {
     let raise = (gap * uniform(random, 0.0, 0.3)).min(0.08) + normal(random, 0.012);
     let drop = gap - raise;
     let jaw = drop * uniform(random, 0.75, 1.05);
+    // An opening mouth becomes narrower, and its corners go down by a part of the way of the lower lip.
     let aside = -0.12 * gap + normal(random, 0.05);
     let down = gap * uniform(random, 0.15, 0.45) + normal(random, 0.03);
+    // Opening half way between corner and middle, as a share of that in the middle: 0.6 is nearly a rhomb, 0.92 an oval.
     let round = uniform(random, 0.6, 0.92);
+    // Lips become fuller when the mouth is pursed.
     let fuller = if aside < -0.03 { -0.25 * (aside + 0.03) } else { 0.0 };
     let (outer_up, outer_down) = (uniform(random, 0.6, 1.1), uniform(random, 0.9, 1.08));
     let mut frame = FapFrame::default();
