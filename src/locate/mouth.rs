@@ -15,7 +15,7 @@ use super::{
     linear::dot,
     picture::{Picture, View},
     points,
-    points::{lip_lines, pupils_apart},
+    points::{lip_lines, points_of, pupils_apart},
     shape::{Point, Shape, between, distance},
     stages::{LocalStage, Placed},
 };
@@ -49,7 +49,7 @@ pub struct MouthStage {
 
 /// Returns the indices in [`points()`] of the points that move with the mouth.
 pub fn moved_points() -> Vec<usize> {
-    (0..points().len()).filter(|&k| MOVED.contains(&points()[k].group.as_str())).collect()
+    points_of(&MOVED)
 }
 
 /// Returns the descriptors around [`moved_points`] among those around all points, of each local stage.

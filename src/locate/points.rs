@@ -23,6 +23,11 @@ pub struct LocatorPoint {
 /// Indices of the left and the right pupil; the distance between the two is the eye distance.
 pub const PUPILS: [usize; 2] = [0, 1];
 
+/// Returns the indices in [`points()`] of the points of some parts of the face.
+pub fn points_of(groups: &[&str]) -> Vec<usize> {
+    (0..points().len()).filter(|&k| groups.contains(&points()[k].group.as_str())).collect()
+}
+
 /// Returns the distance between the pupils of a shape, at least a tiny positive number.
 pub fn pupils_apart(shape: &[Point]) -> f32 {
     distance(shape[PUPILS[0]], shape[PUPILS[1]]).max(f32::MIN_POSITIVE)

@@ -2,7 +2,7 @@
 //!
 //! When a mouth opens wide, the skin of the inner lips turns out of sight, and teeth and tongue appear where it was. KLT then follows the
 //! tongue, and the alignment with the neutral frame, whose mouth is closed, cannot tell. The locator has learned open mouths: it reads the
-//! lips in the neutral and in the current frame, each time from where the tracked nodes place them. The difference of the two readings is a
+//! lips in the neutral and in the current frame, each time from the neutral face, moved as a whole with eyes and nose. The difference of the two readings is a
 //! second measurement of the motion; errors that both readings share cancel. The tracker is the more precise of the two as long as it
 //! follows the lip itself, so a node is only moved if the two differ by more than readings usually err.
 
@@ -113,14 +113,10 @@ fn middle(ways: impl Iterator<Item = Vector2<f64>>) -> Vector2<f64> {
 
 /// Returns the points of the neutral face moved as a whole with nodes that no expression moves.
 fn carried(face: &LocatedFace, motion: impl Fn(NodeId) -> Option<Vector2<f64>>) -> Option<Vec<Point2<f64>>> {
-    let still = face.points.iter().filter(|p| STILL.contains(&group_of(p.node)));
-    let (from, to): (Vec<_>, Vec<_>) = still.filter_map(|p| Some((p.position, p.position + motion(p.node)?))).unzip();
+    let still = points().iter().zip(&face.shape).filter(|(point, _)| STILL.contains(&point.group.as_str()));
+    let (from, to): (Vec<_>, Vec<_>) = still.filter_map(|(point, at)| Some((*at, at + motion(point.node?)?))).unzip();
     let whole = Similarity::fit(&from, &to, None).ok()?;
     Some(face.shape.iter().map(|p| whole.apply(p)).collect())
-}
-
-fn group_of(node: NodeId) -> &'static str {
-    points().iter().find(|point| point.node == Some(node)).map_or("", |point| &point.group)
 }
 
 #[cfg(test)]

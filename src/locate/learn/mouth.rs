@@ -18,7 +18,7 @@ use crate::modules::locate::{
     mouth::{ESTIMATES, MouthStage, around_moved, moved_points, placed_part},
     picture::Picture,
     points,
-    points::{lip_lines, pupils_apart},
+    points::{lip_lines, points_of, pupils_apart},
     shape::{Placement, Shape, distance},
     stages::LocalStage,
 };
@@ -28,6 +28,9 @@ const WIDE: &[Patch] = &[Patch { size: 36.0, cell: 0.18, side: 4, blur: 3 }, Pat
 
 /// Shares of the pictures of neutral faces whose estimate lies below the two ends of each of [`MouthStage::ramps`].
 const NEUTRAL: [f64; 2] = [0.6, 0.9];
+
+/// Parts of the face that a mouth does not move.
+const STILL: [&str; 3] = ["pupil", "eye corner", "nose"];
 
 /// Mean error of the points of nose and eyes, over the eye distance, above which a face was not found.
 const MISREAD: f32 = 0.07;
@@ -181,7 +184,7 @@ fn summary(kind: MouthKind, judged: &[Judged]) -> MouthSummary {
     let own: Vec<&Judged> = judged.iter().filter(|j| j.face.kind == kind).collect();
     let part = |is: &dyn Fn(f32) -> bool| own.iter().filter(|j| is(j.share)).count() as f64 / own.len().max(1) as f64;
     let errors = ["mouth corner", "lip", "chin"].map(|group| {
-        let members: Vec<usize> = (0..points().len()).filter(|&k| points()[k].group == group).collect();
+        let members = points_of(&[group]);
         let mut sums = [0.0; 2];
         for j in &own {
             for errors in members.iter().map(|&k| j.errors(k)) {
@@ -197,8 +200,7 @@ fn summary(kind: MouthKind, judged: &[Judged]) -> MouthSummary {
 /// Returns what is estimated of a moved face.
 fn amounts(people: &TrainingFaces, moved: &MovedFace) -> [f32; ESTIMATES] {
     let (neutral, shape) = (&people.faces[moved.person].shape, &moved.face.shape);
-    let of = |groups: &[&str]| (0..points().len()).filter(|&k| groups.contains(&points()[k].group.as_str())).collect::<Vec<_>>();
-    let (still, corners) = (of(&["pupil", "eye corner", "nose"]), of(&["mouth corner"]));
+    let (still, corners) = (points_of(&STILL), points_of(&["mouth corner"]));
     let pick = |shape: &Shape| still.iter().map(|&k| shape[k]).collect::<Shape>();
     let onto = Placement::fit(&pick(neutral), &pick(shape));
     let motion: f32 = corners.iter().map(|&k| distance(onto.apply(neutral[k]), shape[k])).sum();
@@ -277,8 +279,7 @@ fn read(
     let picture = Picture::new(&sample.image)?;
     let (reading, looks) =
         model.reading_and_looks(picture.view(false), start(&model.mean, &sample.truth, &mut stream(seed, 22, unit)));
-    let still: Vec<usize> =
-        (0..points().len()).filter(|&k| ["pupil", "eye corner", "nose"].contains(&points()[k].group.as_str())).collect();
+    let still = points_of(&STILL);
     let off: f32 = still.iter().map(|&k| distance(reading.shape[k], sample.truth[k])).sum();
     if off > MISREAD * still.len() as f32 * pupils_apart(&sample.truth) {
         return None;
