@@ -27,13 +27,14 @@ fn colour(state: NodeState) -> [u8; 3] {
         NodeState::Recovered(LossReason::Klt) => [213, 94, 0],
         NodeState::Recovered(LossReason::ForwardBackward) => [230, 159, 0],
         NodeState::Recovered(LossReason::Extreme) => [204, 121, 167],
+        NodeState::Recovered(LossReason::Jump) => [0, 114, 178],
         NodeState::Recovered(LossReason::Outside | LossReason::NoLandmark | LossReason::LostFrame) => [20, 20, 20],
     }
 }
 
 /// States and their colours, for a legend.
 pub fn legend() -> Vec<(NodeState, [u8; 3])> {
-    let lost = [LossReason::Klt, LossReason::ForwardBackward, LossReason::Extreme, LossReason::Outside];
+    let lost = [LossReason::Klt, LossReason::ForwardBackward, LossReason::Extreme, LossReason::Jump, LossReason::Outside];
     let states = [NodeState::Marked, NodeState::Fitted, NodeState::Tracked].into_iter();
     states.chain(lost.map(NodeState::Recovered)).map(|s| (s, colour(s))).collect()
 }

@@ -402,7 +402,7 @@ impl TrackDesk {
         });
         let mut frames = frames.to_vec();
         expect_errors(&mut frames, &self.bench.wireframe, &self.bench.tables, Confidence::shipped());
-        info.summary = summarize(&frames, &self.bench.wireframe, &self.bench.tables).told_by_the_picture_of(&info.summary);
+        info.summary = summarize(&frames, &self.bench.wireframe, &self.bench.tables).told_by_the_pictures_of(&info.summary);
         write_track(&item.csv, &frames, &mut info).map_err(RequestError::failed)?;
         item.corrected = count_corrected(&frames);
         item.summary = info.summary;

@@ -145,7 +145,7 @@ pub struct TrackArgs {
     /// Read the position of moved lips from the picture of the mouth [default: on]
     #[arg(long, value_parser = switch, value_name = "on|off")]
     read_lips: Option<bool>,
-    /// Locate the face again in a step that loses many nodes, as between two photographs [default: on]
+    /// Locate the face again in a large step, as between two photographs [default: on]
     #[arg(long, value_parser = switch, value_name = "on|off")]
     locate_lost: Option<bool>,
     /// Deform the wireframe after every step, which places lost nodes; with off they stay where they were

@@ -18,7 +18,7 @@ use crate::{
     normalize::{IrisdMode, NormalizeError, NormalizeOptions, Normalizer},
     pose::{HEAD_ES, HeadFit, HeadModel, HeadPose},
     sequence::Clock,
-    track::{LossReason, MOST_FILLED, NodeState, TrackedFrame, eye_distance_px, whole_steps},
+    track::{LossReason, MOST_FILLED, NodeState, TrackedFrame, backwards_said, eye_distance_px, whole_steps},
     units::{FaceUnit, NodeId},
     wireframe::{Tables, Wireframe},
 };
@@ -405,14 +405,9 @@ const BACKWARDS: f64 = -0.07;
 /// Returns a warning for a sequence whose apex seems to come first; `None` otherwise.
 pub fn order_warning(order: f64, track: &[TrackedFrame]) -> Option<String> {
     let [first, .., last] = track else { return None };
-    (order < BACKWARDS).then(|| {
-        format!(
-            "the sequence seems to go from an expression back to neutral: action units explain the motion from frame {} to frame {} \
-             better than its reverse; if frame {} is neutral, set it as first_frame and frame {} as last_frame in the manifest, and mark \
-             the neutral frame if you set marks",
-            last.number, first.number, last.number, first.number
-        )
-    })
+    let why =
+        format!("action units explain the motion from frame {} to frame {} better than its reverse", last.number, first.number);
+    (order < BACKWARDS).then(|| backwards_said(&why, first.number, last.number))
 }
 
 /// Returns FAPs 48 to 50 for yaw, pitch and roll in degrees, in 1e-5 rad: positive down, left, and towards the right shoulder.

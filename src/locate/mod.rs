@@ -297,13 +297,28 @@ impl Locator {
 
     /// Reads the face near approximate positions of some of its points; `None` if nothing there looks like a face.
     pub(crate) fn read_near(&self, image: &GrayImage, places: &[(NodeId, Point2<f64>)]) -> Option<LocatedFace> {
-        let picture = Picture::new(image)?;
+        let face = self.read(&Picture::new(image)?, self.placement_of(places)?);
+        (face.eye_distance > 0.0 && face.score >= f64::from(LEAST_SCORE)).then_some(face)
+    }
+
+    /// Returns the placement of a mean face on approximate positions of some of its points; `None` for fewer than two.
+    fn placement_of(&self, places: &[(NodeId, Point2<f64>)]) -> Option<Placement> {
         let mean =
             |node: NodeId| points().iter().zip(&self.model.mean).find(|(p, _)| p.node == Some(node)).map(|(_, &mean)| mean);
         let pairs = places.iter().filter_map(|(node, p)| Some((mean(*node)?, [p.x as f32, p.y as f32])));
         let (from, to): (Shape, Shape) = pairs.unzip();
-        let face = (from.len() >= 2).then(|| self.read(&picture, Placement::fit(&from, &to)))?;
-        (face.eye_distance > 0.0 && face.score >= f64::from(LEAST_SCORE)).then_some(face)
+        (from.len() >= 2).then(|| Placement::fit(&from, &to))
+    }
+
+    /// Estimates, near approximate positions of some points of a face, how far the corners of its mouth are from where a neutral face has
+    /// them and how far its lips are apart, over the eye distance; `None` if nothing there looks like a face. The mirror image is not read;
+    /// the caller compares with another picture of the same person.
+    pub(crate) fn mouth_estimates(&self, image: &GrayImage, places: &[(NodeId, Point2<f64>)]) -> Option<[f64; mouth::ESTIMATES]> {
+        self.model.mouth.as_ref()?;
+        let (picture, start) = (Picture::new(image)?, self.placement_of(places)?);
+        let start: Shape = self.model.mean.iter().map(|&p| start.apply(p)).collect();
+        let reading = self.model.reading(picture.view(false), start);
+        (reading.score >= LEAST_SCORE).then(|| reading.mouth.map(f64::from))
     }
 
     /// Reads the points that move with the mouth from the places of all points, px; nodes only. `None` if there is nothing to read. The

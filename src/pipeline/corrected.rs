@@ -45,7 +45,7 @@ pub(super) fn apply(
     if !fit.is_empty() {
         *frames = track(frames, &fit)?;
         expect_errors(frames, &bench.wireframe, &bench.tables, Confidence::shipped());
-        info.summary = summarize(frames, &bench.wireframe, &bench.tables).told_by_the_picture_of(&info.summary);
+        info.summary = summarize(frames, &bench.wireframe, &bench.tables).told_by_the_pictures_of(&info.summary);
     }
     info.corrections =
         Some(TrackCorrections { blake3: saved.blake3.clone(), image_size: known(set_on, info.image_size), not_applied, far });

@@ -22,7 +22,8 @@ use crate::{
     text::message,
     track::{
         Corrections, TRACK_SCHEMA, Track, TrackError, TrackFileError, TrackHashes, TrackInfo, TrackOptions, TrackedFrame,
-        neutral_first, parse_track, parse_track_info, summarize, track_csv, track_sequence, track_units, write_track,
+        mouth_back_said, neutral_first, parse_track, parse_track_info, summarize, track_csv, track_sequence, track_units,
+        write_track,
     },
     units::SequenceId,
 };
@@ -307,6 +308,8 @@ fn track_frames(
         }
         SequenceFailure { stage, reason, fatal: fatal || is_interrupted }
     })?;
+    let ends = track.frames.first().zip(track.frames.last());
+    let back = ends.and_then(|(first, last)| mouth_back_said(track.mouth_moved, first.number, last.number));
     let info = TrackInfo {
         schema_version: TRACK_SCHEMA,
         made_by: MADE_BY.to_owned(),
@@ -326,7 +329,8 @@ fn track_frames(
         track: bench.options.track,
         summary: summarize(&track.frames, &bench.wireframe, &bench.tables)
             .with_marks_beside(beside)
-            .with_covered(covered_said(&source.covered)),
+            .with_covered(covered_said(&source.covered))
+            .with_backwards(back),
         inputs_blake3: String::new(),
         frames_blake3: None,
         csv_blake3: String::new(),

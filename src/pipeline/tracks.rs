@@ -188,7 +188,7 @@ fn load(
     })?;
     let summary = summarize(&frames, &bench.wireframe, &bench.tables);
     let mut summary = match &earlier {
-        Some(earlier) => summary.told_by_the_picture_of(earlier),
+        Some(earlier) => summary.told_by_the_pictures_of(earlier),
         None => summary,
     };
     normalized.judge(&mut summary, &frames, bench);

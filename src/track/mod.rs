@@ -7,6 +7,7 @@
 //! again in the next frame (see `step`).
 
 mod align;
+mod backwards;
 mod clock;
 mod confidence;
 mod corrections;
@@ -38,6 +39,7 @@ use crate::{
 };
 
 pub use align::{AlignOptions, Patch};
+pub(crate) use backwards::{backwards_said, mouth_back_said, mouth_moved};
 pub(crate) use clock::{MOST_FILLED, clock_of_frames, whole_steps};
 pub use confidence::{Confidence, Evidence, NodeFeatures, expect_errors, node_features};
 pub(crate) use corrections::CORRECTIONS_FOLDER;
@@ -143,7 +145,7 @@ pub struct TrackedFrame {
 /// // `fitted` is the wireframe on the first frame of `folder`.
 /// let frames = SequenceReader::open(&list_frames(folder, None, Some(3))?)?;
 /// let plan = TrackPlan::new(&wireframe, &tables);
-/// let Track { size, frames } = track_sequence(&wireframe, &plan, &fitted, frames, &TrackOptions::default(), |_| true)?;
+/// let Track { size, frames, .. } = track_sequence(&wireframe, &plan, &fitted, frames, &TrackOptions::default(), |_| true)?;
 /// assert_eq!((size.to_string().as_str(), frames.len()), ("320x320", 3));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
@@ -153,6 +155,9 @@ pub struct Track {
     pub size: ImageSize,
     /// Its frames, at least two.
     pub frames: Vec<TrackedFrame>,
+    /// By how much the mouth moved away from that of a neutral face, from the first to the last frame, as the locator reads it: the corners
+    /// of the mouth and the distance between the lips, over the eye distance. `None` if the locator was not used or saw no face there.
+    pub mouth_moved: Option<[f64; 2]>,
 }
 
 /// Why a sequence cannot be tracked.
@@ -445,7 +450,7 @@ pub fn track_with(
 ) -> Result<Track, TrackError> {
     let mut out: Vec<TrackedFrame> = Vec::new();
     let mut running: Option<FrameTracker<'_, _>> = None;
-    let mut tracker = Some(tracker);
+    let (mut tracker, mut last) = (Some(tracker), None);
     for frame in frames {
         let frame = frame?;
         match (&mut running, tracker.take()) {
@@ -460,11 +465,13 @@ pub fn track_with(
         if !tick(frame.number()) {
             return Err(TrackError::Interrupted);
         }
+        last = Some(frame);
     }
-    match running.map(|running| running.size) {
-        Some(size) if out.len() >= 2 => {
+    match running.zip(last) {
+        Some((running, last)) if out.len() >= 2 => {
             expect_errors(&mut out, wireframe, &plan.tables, Confidence::shipped());
-            Ok(Track { size, frames: out })
+            let mouth_moved = running.leap.and_then(|leap| leap.mouth_moved(&last, &running.last));
+            Ok(Track { size: running.size, frames: out, mouth_moved })
         }
         _ => Err(TrackError::TooFewFrames { found: out.len() }),
     }
@@ -508,7 +515,7 @@ impl<'a, T: PointTracker> FrameTracker<'a, T> {
         let template = plan.template(wireframe, &tracker, nodes, (window, eye_distance), &options.align)?;
         let light = options.even_light.then(|| light::Light::new(frame, wireframe.live_nodes(), nodes, window));
         let lids = options.read_lids.then(|| lids::Lids::new(frame, nodes));
-        let leap = (options.locate_lost || options.read_lips).then(|| leap::Leap::new(frame, nodes));
+        let leap = options.locates().then(|| leap::Leap::new(frame, nodes));
         let lips = options.read_lips.then(|| lips::Lips::new(&plan.tables)).flatten();
         let last = TrackedFrame { number: frame.number(), nodes: neutral_nodes(wireframe, fitted) };
         let size = frame.size();

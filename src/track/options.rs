@@ -64,7 +64,7 @@ pub struct TrackOptions {
     pub read_lids: bool,
     /// Move lips towards where the locator reads them when a mouth has moved.
     pub read_lips: bool,
-    /// Locate the face in a step that loses many nodes, as between a neutral photograph and one of the apex.
+    /// Locate the face in a large step, as between a neutral photograph and one of the apex.
     pub locate_lost: bool,
     /// Deform the wireframe again after each step. Without it lost nodes do not move.
     pub deform: bool,
@@ -95,6 +95,13 @@ impl Default for TrackOptions {
             align: AlignOptions::default(),
             klt: KltKind::default(),
         }
+    }
+}
+
+impl TrackOptions {
+    /// Whether anything is read by the locator in later frames.
+    pub(crate) fn locates(&self) -> bool {
+        self.locate_lost || self.read_lips
     }
 }
 

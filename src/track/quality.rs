@@ -107,6 +107,9 @@ pub struct TrackSummary {
     /// The reason among `reasons` that lists the parts of the face covered in the neutral frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub covered: Option<String>,
+    /// The reason among `reasons` that says that the mouth of the neutral frame looks less neutral than that of the apex frame.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub backwards: Option<String>,
 }
 
 impl TrackSummary {
@@ -126,10 +129,23 @@ impl TrackSummary {
         self
     }
 
-    /// Copies the findings from the neutral picture out of `earlier`, a summary of the same track: the frames alone cannot give them.
+    /// Adds a mouth that moves back to neutral as a reason to look again.
     #[must_use]
-    pub(crate) fn told_by_the_picture_of(self, earlier: &Self) -> Self {
-        self.with_marks_beside(earlier.beside.clone()).with_covered(earlier.covered.clone())
+    pub(crate) fn with_backwards(mut self, backwards: Option<String>) -> Self {
+        if backwards.is_some() {
+            self.verdict = Verdict::LookAgain;
+        }
+        self.reasons.extend(backwards.iter().cloned());
+        self.backwards = backwards;
+        self
+    }
+
+    /// Copies the findings from the pictures out of `earlier`, a summary of the same track: the frames alone cannot give them.
+    #[must_use]
+    pub(crate) fn told_by_the_pictures_of(self, earlier: &Self) -> Self {
+        self.with_marks_beside(earlier.beside.clone())
+            .with_covered(earlier.covered.clone())
+            .with_backwards(earlier.backwards.clone())
     }
 
     /// Adds marks that lie beside the face as reasons to look again.
@@ -262,6 +278,7 @@ pub fn summarize(frames: &[TrackedFrame], wireframe: &Wireframe, tables: &Tables
         reasons: Vec::new(),
         beside: Vec::new(),
         covered: None,
+        backwards: None,
     };
     judge(&mut summary, frames, wireframe, tables);
     summary
@@ -321,11 +338,12 @@ fn judge(summary: &mut TrackSummary, frames: &[TrackedFrame], wireframe: &Wirefr
             ));
         }
     }
-    // Counts the nodes lost in a frame and the nodes that can be lost: a node without a landmark is never tracked, so it cannot be lost.
+    // Counts the nodes lost in a frame and the nodes that can be lost: a node without a landmark is never tracked, so it cannot be lost. A
+    // node that the located face placed counts as seen; its expected error says how well.
     let lost = |frame: &TrackedFrame| {
-        let states = live.iter().filter_map(|id| frame.nodes.get(id.index())).map(|n| n.state);
-        let could_be = states.filter(|&state| state != NodeState::Recovered(LossReason::NoLandmark));
-        could_be.fold((0, 0), |(lost, of), state| (lost + usize::from(matches!(state, NodeState::Recovered(_))), of + 1))
+        let states = live.iter().filter_map(|id| frame.nodes.get(id.index())).map(|n| n.state.loss());
+        let could_be = states.filter(|&loss| loss != Some(LossReason::NoLandmark));
+        could_be.fold((0, 0), |(lost, of), loss| (lost + usize::from(loss.is_some_and(|loss| loss != LossReason::Jump)), of + 1))
     };
     let by_frame: Vec<((usize, usize), u32)> = frames.iter().skip(1).map(|f| (lost(f), f.number)).collect();
     let (all_lost, all) = by_frame.iter().fold((0, 0), |(lost, of), &((l, o), _)| (lost + l, of + o));
@@ -337,7 +355,7 @@ fn judge(summary: &mut TrackSummary, frames: &[TrackedFrame], wireframe: &Wirefr
     if let Some(((count, of), number)) = worst_frame.filter(|&((count, of), _)| count as f64 > FRAME_LOST_LIMIT * of as f64) {
         reasons.push(format!("{count} of {of} nodes were lost in frame {number}"));
     }
-    if let ([apex], true) = (later, reasons.len() > before && by_images(later)) {
+    if let ([apex], true) = (later, (reasons.len() > before && by_images(later)) || (before > 0 && jumps(later))) {
         reasons.push(two_pictures_said(neutral.number, apex.number, "lie"));
     }
     if let Some(apex) = later.last().filter(|apex| !moves(neutral, apex, live, unit)) {
@@ -362,6 +380,11 @@ pub(crate) fn two_pictures_said(neutral: u32, apex: u32, lie: &str) -> String {
         "there are only two pictures, {neutral} and {apex}, and they {lie} far apart for a tracker, which follows small steps; landmarks in \
          both (--prefer-landmarks), or a video of the motion between them, give better tracks"
     )
+}
+
+/// Whether nodes were placed by a face that was located again.
+fn jumps(later: &[TrackedFrame]) -> bool {
+    later.iter().flat_map(|frame| &frame.nodes).any(|node| node.state.loss() == Some(LossReason::Jump))
 }
 
 /// Whether nodes were searched for in pictures: then they have a residual, or a loss reason that does not occur with landmarks.
@@ -425,17 +448,19 @@ mod tests {
     }
 
     #[test]
-    fn what_the_picture_told_is_carried_over() {
+    fn what_the_pictures_told_is_carried_over() {
         let (w, t) = (Wireframe::candide3(), Tables::candide3());
         let nodes: Vec<_> = w.frontal().iter().map(|&p| TrackedNode::new(p * 100.0, NodeState::Fitted, None)).collect();
         let again = || summarize(&[TrackedFrame { number: 1, nodes: nodes.clone() }], &w, &t);
         let covered = "the mouth is covered".to_owned();
+        let back = "back to neutral".to_owned();
         let earlier = again().with_marks_beside(vec!["the chin".to_owned()]).with_covered(Some(covered.clone()));
-        let told = again().told_by_the_picture_of(&earlier);
+        let earlier = earlier.with_backwards(Some(back.clone()));
+        let told = again().told_by_the_pictures_of(&earlier);
         assert_eq!(told, earlier);
         assert_eq!((told.verdict, told.covered), (Verdict::LookAgain, Some(covered.clone())));
-        assert!(told.reasons.ends_with(&["the chin".to_owned(), covered]), "{:?}", told.reasons);
-        assert_eq!(again().told_by_the_picture_of(&again()), again());
+        assert!(told.reasons.ends_with(&["the chin".to_owned(), covered, back]), "{:?}", told.reasons);
+        assert_eq!(again().told_by_the_pictures_of(&again()), again());
     }
 
     #[test]
@@ -502,6 +527,7 @@ mod tests {
         // 104 live nodes: 11 are more than a tenth.
         assert!(said(&of(11, LossReason::Klt)) && !said(&of(10, LossReason::Klt)));
         assert!(!said(&of(11, LossReason::LostFrame)), "landmarks were there");
+        assert!(!said(&of(60, LossReason::Jump)), "placed by the located face, with no other reason to look again");
         let [neutral, apex] = of(11, LossReason::Klt);
         assert!(!said(&[neutral, frame(3, 11, LossReason::Klt), apex]), "three pictures");
     }

@@ -112,7 +112,7 @@ pub fn resume_with(
         if index == 0 {
             light = options.even_light.then(|| Light::new(&frame, wireframe.live_nodes(), &rest, window));
             lids = options.read_lids.then(|| Lids::new(&frame, &rest));
-            leap = (options.locate_lost || options.read_lips).then(|| Leap::new(&frame, &rest));
+            leap = options.locates().then(|| Leap::new(&frame, &rest));
             template = plan.template(wireframe, tracker, &rest, (window, eye_distance), &options.align)?;
             // A corrected node's patch differs from the neutral frame: from there on it is not aligned with that frame.
             let corrected = corrections.iter().filter(|(number, _)| passed.contains(number)).flat_map(|(_, nodes)| nodes.keys());

@@ -20,6 +20,8 @@ pub enum LossReason {
     Outside,
     /// The displacement was extreme compared with the neighbours'.
     Extreme,
+    /// KLT lost the node in a large step; it was placed by the face as located in the neutral frame and in this one.
+    Jump,
     /// The node has no landmark; only in tracks from landmarks.
     NoLandmark,
     /// The whole frame was lost or is missing; only in tracks from landmarks.
@@ -34,6 +36,7 @@ impl LossReason {
             Self::ForwardBackward => "forward_backward",
             Self::Outside => "outside",
             Self::Extreme => "extreme",
+            Self::Jump => "jump",
             Self::NoLandmark => "no_landmark",
             Self::LostFrame => "lost_frame",
         }
@@ -65,7 +68,7 @@ pub enum NodeState {
 }
 
 impl NodeState {
-    const NAMES: [(Self, &'static str); 11] = [
+    const NAMES: [(Self, &'static str); 12] = [
         (Self::Marked, "marked"),
         (Self::Fitted, "fitted"),
         (Self::Corrected, "corrected"),
@@ -74,10 +77,19 @@ impl NodeState {
         (Self::Recovered(LossReason::ForwardBackward), "recovered_forward_backward"),
         (Self::Recovered(LossReason::Outside), "recovered_outside"),
         (Self::Recovered(LossReason::Extreme), "recovered_extreme"),
+        (Self::Recovered(LossReason::Jump), "recovered_jump"),
         (Self::Recovered(LossReason::NoLandmark), "recovered_no_landmark"),
         (Self::Recovered(LossReason::LostFrame), "recovered_lost_frame"),
         (Self::Follows, "follows"),
     ];
+
+    /// Returns why the node was lost; `None` if it was not.
+    pub fn loss(self) -> Option<LossReason> {
+        match self {
+            Self::Recovered(reason) => Some(reason),
+            _ => None,
+        }
+    }
 
     /// Returns the word in the `state` column of a track file.
     pub fn name(self) -> &'static str {

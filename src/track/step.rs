@@ -17,7 +17,7 @@ use super::{
     AlignOptions, Evidence, Forces, Found, LossReason, NodeState, PointTracker, Probe, Slot, TrackError, TrackOptions,
     TrackedFrame, TrackedNode,
     align::{Template, Ties},
-    leap::{FAR, LOST_SHARE, Leap, PREDICTED_FORCE},
+    leap::{FAR, Leap, PREDICTED_FORCE, is_large},
     lids::Lids,
     lips::Lips,
     recover,
@@ -159,7 +159,7 @@ pub(super) struct Step<'a> {
     pub lids: Option<&'a Lids>,
     /// Lips of the neutral frame, when lips are read.
     pub lips: Option<&'a Lips>,
-    /// The neutral frame, in which the face is located when lips are read, and in a step that loses much of it.
+    /// The neutral frame, in which the face is located when lips are read, and in a large step.
     pub leap: Option<&'a Leap>,
     /// The current frame as recorded; the tracker may hold a version with corrected lighting.
     pub frame: &'a Frame,
@@ -217,7 +217,7 @@ impl Step<'_> {
         lip.or(corner).unwrap_or_default()
     }
 
-    /// Searches again from where the located face predicts the nodes, if too many were lost.
+    /// Searches again from where the located face predicts the nodes, if the step is large.
     fn leap(
         &mut self,
         tracker: &mut impl PointTracker,
@@ -225,8 +225,7 @@ impl Step<'_> {
         starts: &[Point2<f64>],
         steps: &mut Vec<recover::NodeStep>,
     ) -> Result<(), TrackError> {
-        let lost = |steps: &[recover::NodeStep]| steps.iter().filter(|s| s.loss.is_some()).count();
-        if lost(steps) as f64 <= LOST_SHARE * steps.len() as f64 {
+        if !is_large(steps, self.eye_distance) {
             return Ok(());
         }
         let Some(leap) = self.leap.filter(|_| self.options.locate_lost) else { return Ok(()) };
@@ -243,6 +242,7 @@ impl Step<'_> {
         recover::reject_extremes(&self.plan.neighbours, &mut again, self.options.extreme, self.eye_distance);
         for (step, node) in again.iter_mut().zip(live) {
             if step.loss.is_some() {
+                step.loss = Some(LossReason::Jump);
                 step.displacement = predicted[node.index()] - positions[node.index()];
                 step.predicted = true;
             }

@@ -13,6 +13,7 @@ export const WORDS = {
   recovered_klt: 'lost: no match found',
   recovered_forward_backward: 'lost: failed the forward-backward check',
   recovered_extreme: 'lost: moved unlike its neighbours',
+  recovered_jump: 'lost in a large step: placed by the face found in both pictures',
   recovered_outside: 'lost: outside the image',
 };
 /** Names of points of the neutral frame that were not marked by hand, by their source. */

@@ -15,7 +15,10 @@ use super::super::{
 use crate::{
     dataset::{CorrespondenceSource, FailedEntry, FrameSource, LandmarkSelection, SequenceEntry, unread_beside},
     sequence::{ImageSize, SequenceError, SequenceReader, read_first_frame},
-    track::{TrackSummary, TrackedFrame, Verdict, missing_said, neutral_nodes, read_corrections, summarize, two_pictures_said},
+    track::{
+        TrackSummary, TrackedFrame, Verdict, missing_said, mouth_back_said, mouth_moved, neutral_nodes, read_corrections,
+        summarize, two_pictures_said,
+    },
     units::SequenceId,
 };
 
@@ -210,8 +213,13 @@ impl CheckedSequence {
         if let FrameSource::Images(files) = &source.frames {
             let ends = [files.first(), files.last()].into_iter().flatten().cloned().collect();
             let ends = SequenceReader::open_part(&FrameSource::Images(ends), &source.frames).map_err(&failed)?;
-            ends.collect::<Result<Vec<_>, _>>().map_err(&failed)?;
+            let ends = ends.collect::<Result<Vec<_>, _>>().map_err(&failed)?;
             summary.reasons.extend(missing_said(files.iter().map(|file| file.number)));
+            if let Some(last) = ends.last().filter(|_| bench.options.track.locates()) {
+                let nodes = fitted.model.nodes();
+                let moved = mouth_moved((first.image(), nodes), (last.image(), nodes));
+                summary = summary.with_backwards(mouth_back_said(moved, first.number(), last.number()));
+            }
         }
         let two = match &source.frames {
             FrameSource::Images(files) => match &files[..] {
