@@ -26,7 +26,7 @@ use crate::{
 };
 
 /// Share of the live nodes that a large step loses at least.
-const LOST_SHARE: f64 = 0.3;
+const LOST_SHARE: f64 = 0.2;
 /// The same if it is also fast: if one in ten of the nodes that are not lost goes further than [`JUMP`].
 const FAST_LOST_SHARE: f64 = 0.1;
 /// Largest distance of a match from the prediction, over the eye distance; a match further away is lost.
@@ -119,8 +119,7 @@ const JUMP: (f64, f64) = (0.03, 0.5);
 /// Quantile of the steps of all nodes that stands for the fastest ones, and for a lost node's step.
 const FAST_QUANTILE: f64 = 0.9;
 
-/// Whether a step is too large for KLT: it loses many nodes, or it is fast and loses some. Of 588 steps of 50 sequences none is large; of 90
-/// pairs of photographs, neutral and smiling, 85 are.
+/// Whether a step is too large for KLT: it loses many nodes, or it is fast and loses some. Of 588 steps of 50 sequences one is large.
 pub fn is_large(steps: &[NodeStep], unit: f64) -> bool {
     let moved: Vec<Vector2<f64>> = steps.iter().filter(|s| s.loss.is_none()).map(|s| s.displacement).collect();
     let lost = (steps.len() - moved.len()) as f64;
@@ -214,7 +213,7 @@ mod tests {
             is_large(&(0..20).map(step).collect::<Vec<_>>(), 100.0)
         };
         // The eyes are 100 px apart: against the head's 1 px, 3.1 px are more than 3 %.
-        assert_eq!([is_large(6, 0), is_large(7, 0)], [false, true]);
+        assert_eq!([is_large(4, 0), is_large(5, 0)], [false, true]);
         assert_eq!([is_large(3, 0), is_large(3, 2), is_large(2, 2)], [false, true, false]);
     }
 
@@ -233,7 +232,7 @@ mod tests {
         let errors = of(13.0, 3, NodeState::Tracked);
         assert_eq!((errors[0][0], errors[1][0], errors[2][0]), (0.0, 5.0, 5.0));
         assert_eq!((errors[1][1], errors[1][9], errors[2][9]), (0.0, 5.0, 5.0));
-        for none in [of(2.9, 3, NodeState::Tracked), of(13.0, 2, NodeState::Tracked)] {
+        for none in [of(2.9, 3, NodeState::Tracked), of(13.0, 1, NodeState::Tracked)] {
             assert!(none.iter().flatten().all(|&e| e == 0.0));
         }
         // A corrected node is where it was put.

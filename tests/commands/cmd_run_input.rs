@@ -1,6 +1,6 @@
 //! `grimace run` on datasets of every form, valid and invalid: which are read, which are refused, and with what message.
 
-use crate::common::{FACES, Work, assert_same_files};
+use crate::common::{FACES, Work, assert_same_files, root};
 use grimace::internal::wireframe::{LandmarkRow, Tables};
 
 /// A manifest of the sequences S001_005 and S002_005 with default paths.
@@ -416,6 +416,34 @@ fn photographs() -> Work {
         work.write(&format!("photos/{id}/smiling/correspondences.csv"), marks);
     }
     work
+}
+
+#[test]
+fn two_photographs_are_told_when_the_apex_comes_first() {
+    let fixture = |path: &str| std::fs::read(root().join("fixtures").join(path)).unwrap();
+    let work = Work::new();
+    work.write("P01.jpg", fixture("portraits/P01.jpg")).write("marks.csv", fixture("portraits/P01_correspondences.csv"));
+    work.write("surprise.csv", fixture("golden/representatives/surprise.csv"));
+    work.grimace("clone -s surprise.csv -t P01.jpg -c marks.csv -o clone -q --ease linear --fps 5 --duration 1").exit(0);
+    let [neutral, apex] = [1, 6].map(|number| format!("clone/frames/P01_{number:08}.png"));
+    let rows = format!("P01,forth,surprise,{neutral};{apex}\nP01,back,surprise,{apex};{neutral}\n");
+    work.write("manifest.csv", format!("subject,sequence,emotion,frames\n{rows}"));
+    let back =
+        "back to neutral: the mouth of frame 1 looks further from a neutral one than that of frame 2; if frame 2 is neutral";
+    work.grimace("check .").exit(3).prints(&[back]);
+    work.grimace("run . -o out --resample linear").exit(0);
+    let verdicts = work.read("out/verdicts.csv");
+    let of = |id: &str| verdicts.lines().find(|line| line.starts_with(&format!("P01,{id}"))).unwrap();
+    assert!(of("back").contains(back) && !of("forth").contains("back to neutral"), "{verdicts}");
+    assert!(work.read("out/tracks/P01_forth.csv").contains("recovered_jump"));
+    let info = work.read("out/tracks/P01_back.json");
+    // The finding stays when the tracks are analysed without the pictures.
+    assert!(info.contains("\"backwards\"") && !work.read("out/tracks/P01_forth.json").contains("\"backwards\""));
+    work.grimace("analyze out/tracks -o again --resample linear").exit(0);
+    assert!(work.read("again/verdicts.csv").contains(back));
+    // Without the locator nothing is said of the mouth.
+    work.grimace("run . -o plain --resample linear --locate-lost off --read-lips off").exit(0);
+    assert!(!work.read("plain/verdicts.csv").contains("the mouth of frame"));
 }
 
 #[test]
