@@ -311,14 +311,16 @@ impl Locator {
     }
 
     /// Estimates, near approximate positions of some points of a face, how far the corners of its mouth are from where a neutral face has
-    /// them and how far its lips are apart, over the eye distance; `None` if nothing there looks like a face. The mirror image is not read;
-    /// the caller compares with another picture of the same person.
+    /// them and how far its lips are apart, over the eye distance; `None` if nothing there looks like a face, or its mouth is covered. The
+    /// mirror image is not read; the caller compares with another picture of the same person.
     pub(crate) fn mouth_estimates(&self, image: &GrayImage, places: &[(NodeId, Point2<f64>)]) -> Option<[f64; mouth::ESTIMATES]> {
         self.model.mouth.as_ref()?;
         let (picture, start) = (Picture::new(image)?, self.placement_of(places)?);
         let start: Shape = self.model.mean.iter().map(|&p| start.apply(p)).collect();
         let reading = self.model.reading(picture.view(false), start);
-        (reading.score >= LEAST_SCORE).then(|| reading.mouth.map(f64::from))
+        let covers = self.model.covers.as_ref();
+        let is_covered = covers.is_some_and(|c| c.covered(&c.seen([&reading.seen, &reading.seen])).contains(&FacePart::Mouth));
+        (reading.score >= LEAST_SCORE && !is_covered).then(|| reading.mouth.map(f64::from))
     }
 
     /// Reads the points that move with the mouth from the places of all points, px; nodes only. `None` if there is nothing to read. The

@@ -32,7 +32,7 @@ impl Normalized {
         let Some(fit) = &self.fit else { return };
         // Otherwise action units would explain a nodding or turning head better in one direction.
         let is_free = bench.options.normalize.pose == PoseMode::Full;
-        let is_known = summary.backwards.is_some();
+        let is_known = summary.mouth_back.is_some();
         let order = if is_free && !is_known { bench.order(frames, &self.head_free).unwrap_or(0.0) } else { 0.0 };
         for warning in [turn_warning(fit, frames), pose_warning(fit, frames), order_warning(order, frames)].into_iter().flatten()
         {

@@ -330,7 +330,7 @@ fn track_frames(
         summary: summarize(&track.frames, &bench.wireframe, &bench.tables)
             .with_marks_beside(beside)
             .with_covered(covered_said(&source.covered))
-            .with_backwards(back),
+            .with_mouth_back(back),
         inputs_blake3: String::new(),
         frames_blake3: None,
         csv_blake3: String::new(),

@@ -20,7 +20,8 @@ pub enum LossReason {
     Outside,
     /// The displacement was extreme compared with the neighbours'.
     Extreme,
-    /// KLT lost the node in a large step; it was placed by the face as located in the neutral frame and in this one.
+    /// In a large step KLT lost the node, or found it far from where the face as located in the neutral frame and in this one puts it; the
+    /// located face placed it.
     Jump,
     /// The node has no landmark; only in tracks from landmarks.
     NoLandmark,

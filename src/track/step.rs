@@ -233,6 +233,7 @@ impl Step<'_> {
         let live = self.wireframe.live_nodes();
         let guesses: Vec<_> = live.iter().map(|&n| predicted[n.index()] + self.probe_offset(n, &predicted)).collect();
         let mut again = self.search(tracker, starts, Some(&guesses))?;
+        let frame = self.frame.size();
         for ((step, guess), start) in again.iter_mut().zip(&guesses).zip(starts) {
             let expected = guess - start;
             if step.loss.is_none() && (step.displacement - expected).norm() > FAR * self.eye_distance {
@@ -242,12 +243,18 @@ impl Step<'_> {
         recover::reject_extremes(&self.plan.neighbours, &mut again, self.options.extreme, self.eye_distance);
         for (step, node) in again.iter_mut().zip(live) {
             if step.loss.is_some() {
-                step.loss = Some(LossReason::Jump);
+                // Nobody sees what the frame does not show.
+                let is_inside = frame.contains(&predicted[node.index()]);
+                step.loss = Some(if is_inside { LossReason::Jump } else { LossReason::Outside });
                 step.displacement = predicted[node.index()] - positions[node.index()];
                 step.predicted = true;
             }
         }
-        *steps = again;
+        // A reading that contradicts most of what was found is wrong.
+        let found = |steps: &[recover::NodeStep]| steps.iter().filter(|s| s.loss.is_none()).count();
+        if 2 * found(&again) >= found(steps) {
+            *steps = again;
+        }
         Ok(())
     }
 

@@ -430,15 +430,17 @@ fn two_photographs_are_told_when_the_apex_comes_first() {
     work.write("manifest.csv", format!("subject,sequence,emotion,frames\n{rows}"));
     let back =
         "back to neutral: the mouth of frame 1 looks further from a neutral one than that of frame 2; if frame 2 is neutral";
-    work.grimace("check .").exit(3).prints(&[back]);
+    let checked = work.grimace("check .").exit(3).prints(&[back]);
+    assert_eq!(checked.stdout.matches("back to neutral").count(), 1, "{}", checked.stdout);
     work.grimace("run . -o out --resample linear").exit(0);
     let verdicts = work.read("out/verdicts.csv");
     let of = |id: &str| verdicts.lines().find(|line| line.starts_with(&format!("P01,{id}"))).unwrap();
+    assert_eq!(of("back").matches("back to neutral").count(), 1, "{verdicts}");
     assert!(of("back").contains(back) && !of("forth").contains("back to neutral"), "{verdicts}");
     assert!(work.read("out/tracks/P01_forth.csv").contains("recovered_jump"));
     let info = work.read("out/tracks/P01_back.json");
     // The finding stays when the tracks are analysed without the pictures.
-    assert!(info.contains("\"backwards\"") && !work.read("out/tracks/P01_forth.json").contains("\"backwards\""));
+    assert!(info.contains("\"mouth_back\"") && !work.read("out/tracks/P01_forth.json").contains("\"mouth_back\""));
     work.grimace("analyze out/tracks -o again --resample linear").exit(0);
     assert!(work.read("again/verdicts.csv").contains(back));
     // Without the locator nothing is said of the mouth.

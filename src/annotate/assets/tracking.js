@@ -300,7 +300,7 @@ export class Tracking {
   hint(lost) {
     if (this.stale !== null && this.frame >= this.stale && this.frame !== this.track.frames.at(-1).number) return 'Corrected. The later frames have not changed yet. Press R to track them again.';
     if (this.isNeutral()) return 'Press the full stop (.) or use the slider for the next frame. Bars below the frames show how many nodes were lost.';
-    return lost ? 'The springs placed the lost nodes. If a node is in the wrong place, drag it.' : 'If a node is in the wrong place, drag it.';
+    return lost ? 'The springs, or the face found again, placed the lost nodes. If a node is in the wrong place, drag it.' : 'If a node is in the wrong place, drag it.';
   }
 
   /** A node's state in words. */

@@ -218,7 +218,7 @@ impl CheckedSequence {
             if let Some(last) = ends.last().filter(|_| bench.options.track.locates()) {
                 let nodes = fitted.model.nodes();
                 let moved = mouth_moved((first.image(), nodes), (last.image(), nodes));
-                summary = summary.with_backwards(mouth_back_said(moved, first.number(), last.number()));
+                summary = summary.with_mouth_back(mouth_back_said(moved, first.number(), last.number()));
             }
         }
         let two = match &source.frames {
