@@ -4,18 +4,18 @@ use std::{
     fmt::Write as _,
     fs,
     path::{Path, PathBuf},
+    process::Command,
 };
 
-use assert_cmd::Command;
+use crate::common::{Ran, Run};
 use grimace::internal::{
     units::NodeId,
     wireframe::{Tables, Wireframe},
 };
-use predicates::{prelude::*, str::contains};
 use tempfile::TempDir;
 
-fn grimace(folder: &TempDir, arguments: &[&str]) -> assert_cmd::assert::Assert {
-    Command::new(crate::common::grimace()).current_dir(folder.path()).args(arguments).assert()
+fn grimace(folder: &TempDir, arguments: &[&str]) -> Ran {
+    Command::new(crate::common::grimace()).current_dir(folder.path()).args(arguments).run()
 }
 
 fn write(folder: &TempDir, name: &str, text: &str) -> PathBuf {
@@ -60,8 +60,8 @@ fn a_prior_is_learned_and_written_with_its_origin_the_same_each_time() {
     write(&folder, "people.csv", &people(12));
     let learn =
         |output| grimace(&folder, &["prior", "people.csv", "-o", output, "--modes", "3", "--credit", "Nobody, public domain"]);
-    learn("a/p.json").success().stdout("12 faces, 3 modes\n");
-    learn("b/p.json").success();
+    learn("a/p.json").exit(0).only_prints("12 faces, 3 modes\n");
+    learn("b/p.json").exit(0);
     let (a, b) = (folder.path().join("a/p.json"), folder.path().join("b/p.json"));
     assert_eq!(fs::read(&a).unwrap(), fs::read(&b).unwrap());
     let prior = json(&a);
@@ -73,7 +73,7 @@ fn a_prior_is_learned_and_written_with_its_origin_the_same_each_time() {
     assert_eq!(prior["mean"].as_array().unwrap().len(), 113);
     assert_eq!(prior["modes"].as_array().unwrap().len(), 3);
     // Written once; a second time only with --force.
-    learn("a/p.json").failure().stderr(contains("give --force to overwrite it"));
+    learn("a/p.json").exit(1).says(&["give --force to overwrite it"]);
 }
 
 #[test]
@@ -99,9 +99,9 @@ fn datasets_and_several_files_are_read() {
     write(&folder, "rows.csv", &rows);
     // 8 subjects, one neutral frame of each, and 6 rows.
     grimace(&folder, &["prior", "data", "rows.csv", "-o", "p.json", "--modes", "2"])
-        .success()
-        .stdout(contains("14 faces, 2 modes").and(contains("no --credit")))
-        .stderr(contains("skipped T: the manifest names no landmarks"));
+        .exit(0)
+        .prints(&["14 faces, 2 modes", "no --credit"])
+        .says(&["skipped T: the manifest names no landmarks"]);
     assert_eq!(json(&folder.path().join("p.json"))["sources"][0]["faces"], 8);
 }
 
@@ -116,7 +116,7 @@ fn inputs_that_give_no_prior_are_refused_with_the_reason() {
     write(&folder, "twice.csv", &cells);
     let error = |arguments: &[&str], text: &str| {
         let all = [&["prior"], arguments, &["-o", "p.json"]].concat();
-        grimace(&folder, &all).failure().code(1).stderr(contains(text));
+        grimace(&folder, &all).exit(1).says(&[text]);
         assert!(!folder.path().join("p.json").exists());
     };
     error(&["nine.csv"], "9 faces; a prior needs at least 10");
@@ -138,7 +138,7 @@ fn inputs_that_give_no_prior_are_refused_with_the_reason() {
         &people(12).replacen(&format!("P4,neutral{of_one}"), &format!("P4,neutral{}", values.join(",")), 1),
     );
     error(&["wild.csv", "--modes", "3"], "P4: point 48 is at (5000.0, ");
-    grimace(&folder, &["prior", "-o", "p.json"]).failure().code(2);
+    grimace(&folder, &["prior", "-o", "p.json"]).exit(2);
 }
 
 /// Writes a white picture and the marks of face `k`.
@@ -158,24 +158,24 @@ fn the_prior_of_a_fit_is_chosen_by_word_or_file() {
     let folder = tempfile::tempdir().unwrap();
     write(&folder, "people.csv", &people(12));
     picture_and_marks(&folder, 3);
-    grimace(&folder, &["prior", "people.csv", "-o", "p.json", "--modes", "3"]).success();
+    grimace(&folder, &["prior", "people.csv", "-o", "p.json", "--modes", "3"]).exit(0);
     let mut fits = Vec::new();
     for prior in ["none", "candide", "faces", "auto", "p.json"] {
         let output = format!("{prior}.csv");
         grimace(&folder, &["fit", "face.png", "-c", "marks.csv", "-o", &output, "--prior", prior, "--check-marks", "off", "-q"])
-            .success();
+            .exit(0);
         fits.push(fs::read_to_string(folder.path().join(output)).unwrap());
     }
     for (k, fit) in fits.iter().enumerate() {
         assert!(fits[..k].iter().all(|other| other != fit), "fit {k} equals that of another prior");
     }
     // Without --prior, the prior is `auto`.
-    grimace(&folder, &["fit", "face.png", "-c", "marks.csv", "-o", "default.csv", "-q"]).success();
+    grimace(&folder, &["fit", "face.png", "-c", "marks.csv", "-o", "default.csv", "-q"]).exit(0);
     assert_eq!(fs::read_to_string(folder.path().join("default.csv")).unwrap(), fits[3]);
 
     let refused = |prior: &str, text: &str| {
         let arguments = ["fit", "face.png", "-c", "marks.csv", "-o", "x.csv", "--prior", prior];
-        grimace(&folder, &arguments).failure().code(2).stderr(contains(text));
+        grimace(&folder, &arguments).exit(2).says(&[text]);
     };
     refused("face", "expected none, candide, faces, auto or a prior file");
     refused("marks.csv", "a prior file as written by `grimace prior` was expected");
@@ -189,30 +189,29 @@ fn the_prior_of_a_fit_is_chosen_by_word_or_file() {
     short["modes"].as_array_mut().unwrap().iter_mut().for_each(|mode| drop(mode.as_array_mut().unwrap().pop()));
     write(&folder, "short.json", &short.to_string());
     grimace(&folder, &["fit", "face.png", "-c", "marks.csv", "-o", "x.csv", "--prior", "short.json"])
-        .failure()
-        .code(1)
-        .stderr(contains("the shape prior has 112 nodes, but the wireframe has 113"));
+        .exit(1)
+        .says(&["the shape prior has 112 nodes, but the wireframe has 113"]);
 }
 
 #[test]
 fn a_run_remembers_the_content_of_its_prior_file() {
     let folder = tempfile::tempdir().unwrap();
     let simulate = ["simulate", "-o", "data", "--subjects", "1", "--emotions", "happiness", "--frames", "5", "--size", "160x120"];
-    grimace(&folder, &simulate).success();
+    grimace(&folder, &simulate).exit(0);
     write(&folder, "people.csv", &people(12));
-    grimace(&folder, &["prior", "people.csv", "-o", "p.json", "--modes", "3"]).success();
+    grimace(&folder, &["prior", "people.csv", "-o", "p.json", "--modes", "3"]).exit(0);
     let run = |prior: &str| grimace(&folder, &["run", "data", "-o", "out", "--prior", prior]);
-    run("p.json").success();
+    run("p.json").exit(0);
     let record = json(&folder.path().join("out/run.json"));
     let hash = blake3::hash(&fs::read(folder.path().join("p.json")).unwrap()).to_hex().to_string();
     assert_eq!(record["options"]["fit"]["prior"]["file"]["blake3"], hash.as_str());
     let inputs = record["sequences"][0]["inputs_blake3"].clone();
     // The same content under another name changes nothing; other content under the same name makes another run.
     fs::copy(folder.path().join("p.json"), folder.path().join("copy.json")).unwrap();
-    run("copy.json").success();
+    run("copy.json").exit(0);
     assert_eq!(json(&folder.path().join("out/run.json")), record);
-    grimace(&folder, &["prior", "people.csv", "-o", "p.json", "--modes", "2", "--force"]).success();
-    run("p.json").failure().stderr(contains("other options (fit prior: previously a file, now a file with another content);"));
-    grimace(&folder, &["run", "data", "-o", "out", "--prior", "p.json", "--force"]).success();
+    grimace(&folder, &["prior", "people.csv", "-o", "p.json", "--modes", "2", "--force"]).exit(0);
+    run("p.json").exit(1).says(&["other options (fit prior: previously a file, now a file with another content);"]);
+    grimace(&folder, &["run", "data", "-o", "out", "--prior", "p.json", "--force"]).exit(0);
     assert_ne!(json(&folder.path().join("out/run.json"))["sequences"][0]["inputs_blake3"], inputs);
 }

@@ -66,7 +66,7 @@ pub static FACES: LazyLock<Files> = LazyLock::new(|| {
     let options = "--subjects 3 --emotions happiness,surprise --frames 6 --size 200x160 --seed 7 --force";
     let mut simulate = std::process::Command::new(grimace());
     simulate.arg("simulate").args(options.split_whitespace()).arg("-o").arg(folder.path());
-    Ran::from(simulate.output().unwrap()).exit(0);
+    simulate.run().exit(0);
     files_in(folder.path())
 });
 
@@ -131,6 +131,20 @@ impl Ran {
         self
     }
 
+    /// Fails the test unless standard error is this text.
+    #[track_caller]
+    pub fn only_says(self, text: &str) -> Self {
+        assert_eq!(self.stderr, text);
+        self
+    }
+
+    /// Fails the test unless standard output is this text.
+    #[track_caller]
+    pub fn only_prints(self, text: &str) -> Self {
+        assert_eq!(self.stdout, text);
+        self
+    }
+
     /// Fails the test unless standard output contains all of the texts.
     #[track_caller]
     pub fn prints(self, texts: &[&str]) -> Self {
@@ -138,6 +152,18 @@ impl Ran {
             assert!(self.stdout.contains(text), "`{text}` is not in: {}", self.stdout);
         }
         self
+    }
+}
+
+/// Runs commands to their end.
+pub trait Run {
+    /// Returns the output and the exit status.
+    fn run(&mut self) -> Ran;
+}
+
+impl Run for std::process::Command {
+    fn run(&mut self) -> Ran {
+        self.output().unwrap().into()
     }
 }
 
@@ -214,6 +240,11 @@ impl Work {
         String::from_utf8(self.bytes(name)).unwrap()
     }
 
+    /// Returns the value of a JSON file.
+    pub fn json(&self, name: &str) -> serde_json::Value {
+        serde_json::from_slice(&self.bytes(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
+    }
+
     /// Replaces text in a file, which must contain it.
     #[track_caller]
     pub fn replace(&self, name: &str, from: &str, to: &str) -> &Self {
@@ -236,14 +267,14 @@ impl Work {
 
     /// Runs `grimace ARGS`, with arguments separated by blanks.
     pub fn grimace(&self, args: &str) -> Ran {
-        self.command().args(args.split_whitespace()).output().unwrap().into()
+        self.command().args(args.split_whitespace()).run()
     }
 
     /// Runs a shell script in which `$GRIMACE` is the command.
     pub fn shell(&self, script: &str) -> Ran {
         let mut command = std::process::Command::new("sh");
         command.current_dir(self.folder.path()).env("GRIMACE", grimace()).args(["-c", script]);
-        command.output().unwrap().into()
+        command.run()
     }
 
     /// Returns the rows of a CSV file without its header, with fields by column.

@@ -1,13 +1,8 @@
 //! `grimace simulate`.
 
-use std::{
-    collections::BTreeMap,
-    fs,
-    path::{Path, PathBuf},
-};
+use std::{fs, path::Path, process::Command};
 
-use assert_cmd::Command;
-use predicates::prelude::{PredicateBooleanExt, predicate::str::contains};
+use crate::common::{Run, files_in};
 
 fn simulate(out: &Path) -> Command {
     let mut command = Command::new(crate::common::grimace());
@@ -22,23 +17,6 @@ fn small(out: &Path) -> Command {
     command
 }
 
-/// Returns every file below a folder with its bytes.
-fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
-    let mut found = BTreeMap::new();
-    let mut open = vec![folder.to_owned()];
-    while let Some(here) = open.pop() {
-        for entry in fs::read_dir(here).unwrap() {
-            let path = entry.unwrap().path();
-            if path.is_dir() {
-                open.push(path);
-            } else {
-                found.insert(path.strip_prefix(folder).unwrap().to_owned(), fs::read(&path).unwrap());
-            }
-        }
-    }
-    found
-}
-
 fn rows(path: &Path) -> (Vec<String>, Vec<Vec<String>>) {
     let mut reader = csv::Reader::from_path(path).unwrap();
     let text = |record: &csv::StringRecord| record.iter().map(str::to_owned).collect::<Vec<_>>();
@@ -50,7 +28,7 @@ fn rows(path: &Path) -> (Vec<String>, Vec<Vec<String>>) {
 fn writes_a_dataset_with_manifest_frames_marks_and_truth() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("faces");
-    small(&out).args(["--marks-noise", "0"]).assert().success().stdout(contains("4 sequences of 2 subjects, 12 frames"));
+    small(&out).args(["--marks-noise", "0"]).run().exit(0).prints(&["4 sequences of 2 subjects, 12 frames"]);
     let (header, manifest) = rows(&out.join("manifest.csv"));
     assert_eq!(header, ["subject", "sequence", "emotion", "frames", "correspondences", "fps", "sex", "cohort"]);
     assert_eq!(manifest.len(), 4);
@@ -80,9 +58,9 @@ fn writes_a_dataset_with_manifest_frames_marks_and_truth() {
 fn gives_the_same_bytes_for_any_number_of_threads() {
     let folder = tempfile::tempdir().unwrap();
     let [one, two] = ["one", "two"].map(|name| folder.path().join(name));
-    small(&one).args(["--threads", "1"]).assert().success();
-    small(&two).args(["-j", "2", "--quiet"]).assert().success().stdout("");
-    let (a, b) = (files(&one), files(&two));
+    small(&one).args(["--threads", "1"]).run().exit(0);
+    small(&two).args(["-j", "2", "--quiet"]).run().exit(0).only_prints("");
+    let (a, b) = (files_in(&one), files_in(&two));
     // 12 frames, 4 files of marks, 4 of truth, the manifest, the provenance, and the record of all files.
     assert_eq!(a.len(), 23);
     assert!(a == b, "files differ between 1 and 2 threads");
@@ -95,8 +73,8 @@ fn another_seed_gives_other_faces() {
         let out = folder.path().join(seed);
         simulate(&out)
             .args(["--subjects", "1", "--emotions", "fear", "--frames", "2", "--size", "64x64", "--seed", seed])
-            .assert()
-            .success();
+            .run()
+            .exit(0);
         fs::read(out.join("S001/004/S001_004_00000001.png")).unwrap()
     });
     assert_ne!(pictures[0], pictures[1]);
@@ -106,9 +84,9 @@ fn another_seed_gives_other_faces() {
 fn a_sequence_does_not_depend_on_what_else_is_asked_for() {
     let folder = tempfile::tempdir().unwrap();
     let [all, one] = ["all", "one"].map(|name| folder.path().join(name));
-    small(&all).assert().success();
+    small(&all).run().exit(0);
     let options = ["--subjects", "1", "--emotions", "surprise", "--frames", "3", "--size", "96x80", "--seed", "5"];
-    simulate(&one).args(options).assert().success();
+    simulate(&one).args(options).run().exit(0);
     let name = "S001/007/S001_007_00000003.png";
     assert_eq!(fs::read(all.join(name)).unwrap(), fs::read(one.join(name)).unwrap());
 }
@@ -117,9 +95,9 @@ fn a_sequence_does_not_depend_on_what_else_is_asked_for() {
 fn refuses_a_folder_that_is_not_empty_unless_forced() {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("precious.txt"), "keep").unwrap();
-    small(folder.path()).assert().code(1).stderr(contains("is not empty").and(contains("--force")));
-    assert_eq!(files(folder.path()).len(), 1);
-    small(folder.path()).arg("--force").assert().success();
+    small(folder.path()).run().exit(1).says(&["is not empty", "--force"]);
+    assert_eq!(files_in(folder.path()).len(), 1);
+    small(folder.path()).arg("--force").run().exit(0);
     assert_eq!(fs::read(folder.path().join("precious.txt")).unwrap(), b"keep");
 }
 
@@ -127,11 +105,11 @@ fn refuses_a_folder_that_is_not_empty_unless_forced() {
 fn forcing_leaves_no_frames_of_the_earlier_run() {
     let folder = tempfile::tempdir().unwrap();
     let [again, fresh] = ["again", "fresh"].map(|name| folder.path().join(name));
-    small(&again).assert().success();
+    small(&again).run().exit(0);
     let short = ["--subjects", "2", "--emotions", "happiness,surprise", "--frames", "2", "--size", "96x80", "--format", "jpg"];
-    simulate(&again).args(short).arg("--force").assert().success();
-    simulate(&fresh).args(short).assert().success();
-    assert!(files(&again) == files(&fresh), "files of the earlier run remain");
+    simulate(&again).args(short).arg("--force").run().exit(0);
+    simulate(&fresh).args(short).run().exit(0);
+    assert!(files_in(&again) == files_in(&fresh), "files of the earlier run remain");
 }
 
 /// Datasets are read by folder, so foreign files would become part of the dataset; only the user may remove them.
@@ -140,15 +118,15 @@ fn forcing_removes_only_files_of_a_simulation() {
     let folder = tempfile::tempdir().unwrap();
     let mine = folder.path().join("manifest.csv");
     fs::write(&mine, "subject,sequence\n").unwrap();
-    small(folder.path()).arg("--force").assert().code(1).stderr(contains("manifest.csv was not written by a simulation"));
+    small(folder.path()).arg("--force").run().exit(1).says(&["manifest.csv was not written by a simulation"]);
     assert_eq!(fs::read(&mine).unwrap(), b"subject,sequence\n");
     fs::remove_file(&mine).unwrap();
-    small(folder.path()).arg("--force").assert().success();
+    small(folder.path()).arg("--force").run().exit(0);
     let frame = folder.path().join("S001/005/S001_005_00000003.png");
     fs::write(&frame, "edited").unwrap();
     fs::write(folder.path().join("S001/005/S001_005_notes.txt"), "mine").unwrap();
     let short = ["--subjects", "2", "--emotions", "happiness,surprise", "--frames", "2", "--size", "96x80"];
-    simulate(folder.path()).args(short).arg("--force").assert().code(1).stderr(contains("S001_005_00000003.png"));
+    simulate(folder.path()).args(short).arg("--force").run().exit(1).says(&["S001_005_00000003.png"]);
     assert_eq!(fs::read(&frame).unwrap(), b"edited");
     assert!(folder.path().join("S001/005/S001_005_notes.txt").exists());
 }
@@ -168,7 +146,7 @@ fn bad_options_are_named_with_their_range() {
         (&["--format", "jpg", "--quality", "101"], 1, "--quality is 101"),
     ];
     for (args, status, message) in cases {
-        simulate(&out).args(args).assert().code(status).stderr(contains(message));
+        simulate(&out).args(args).run().exit(status).says(&[message]);
         assert!(!out.exists(), "{args:?} left a folder behind");
     }
 }
@@ -177,9 +155,9 @@ fn bad_options_are_named_with_their_range() {
 fn help_has_an_example() {
     Command::new(crate::common::grimace())
         .args(["simulate", "--help"])
-        .assert()
-        .success()
-        .stdout(contains("grimace simulate -o faces").and(contains("correspondences.csv")));
+        .run()
+        .exit(0)
+        .prints(&["grimace simulate -o faces", "correspondences.csv"]);
 }
 
 /// Tolerances in grey levels, mean and (`LARGEST_TOLERANCE`) largest, between a frame of the shipped dataset and a new one: libraries of
@@ -203,16 +181,16 @@ fn the_shipped_dataset_is_what_its_command_makes() {
     let subjects = args.iter().position(|&a| a == "--subjects").unwrap();
     args[subjects + 1] = "1";
     args.extend(["--emotions", "surprise"]);
-    Command::new(crate::common::grimace()).arg("simulate").args(args).assert().success();
-    let again = files(&out);
+    Command::new(crate::common::grimace()).arg("simulate").args(args).run().exit(0);
+    let again = files_in(&out);
     let mut frames = 0;
     for (path, bytes) in again.iter().filter(|(p, _)| p.starts_with("S001") || p.starts_with("truth")) {
-        if path.extension().is_some_and(|e| e == "csv") {
+        if path.ends_with(".csv") {
             let (fresh, kept) = (rows(&out.join(path)), rows(&shipped.join(path)));
-            assert_eq!((&fresh.0, fresh.1.len()), (&kept.0, kept.1.len()), "{}", path.display());
+            assert_eq!((&fresh.0, fresh.1.len()), (&kept.0, kept.1.len()), "{path}");
             for (a, b) in fresh.1.iter().flatten().zip(kept.1.iter().flatten()) {
                 let (a, b): (f64, f64) = (a.parse().unwrap(), b.parse().unwrap());
-                assert!((a - b).abs() < 1e-5, "{}: {a} and {b}", path.display());
+                assert!((a - b).abs() < 1e-5, "{path}: {a} and {b}");
             }
             continue;
         }
@@ -221,8 +199,8 @@ fn the_shipped_dataset_is_what_its_command_makes() {
         assert_eq!(fresh.dimensions(), kept.dimensions());
         let differences: Vec<u8> = fresh.iter().zip(kept.iter()).map(|(a, b)| a.abs_diff(*b)).collect();
         let mean = differences.iter().map(|&d| f64::from(d)).sum::<f64>() / differences.len() as f64;
-        assert!(mean <= MEAN_TOLERANCE, "{}: mean difference {mean}", path.display());
-        assert!(differences.iter().all(|&d| d <= LARGEST_TOLERANCE), "{}", path.display());
+        assert!(mean <= MEAN_TOLERANCE, "{path}: mean difference {mean}");
+        assert!(differences.iter().all(|&d| d <= LARGEST_TOLERANCE), "{path}");
         frames += 1;
     }
     assert!(frames >= 8, "{frames} frames compared");
@@ -234,7 +212,7 @@ fn writes_the_layout_of_cohn_kanade_and_run_reads_it() {
     let (out, results) = (folder.path().join("ck"), folder.path().join("results"));
     let mut command = simulate(&out);
     command.args(["--subjects", "2", "--emotions", "surprise", "--frames", "3", "--size", "200x160", "--layout", "cohn-kanade"]);
-    command.assert().success();
+    command.run().exit(0);
     assert!(!out.join("manifest.csv").exists());
     assert!(out.join("cohn-kanade-images/S002/007/S002_007_00000003.png").is_file());
     let label = fs::read_to_string(out.join("Emotion/S001/007/S001_007_00000003_emotion.txt")).unwrap();
@@ -248,7 +226,7 @@ fn writes_the_layout_of_cohn_kanade_and_run_reads_it() {
     assert_eq!(node[..2], ["2", "10"]);
     assert!((chin[0] - node[2].parse::<f64>().unwrap()).abs() < 1e-4 && (chin[1] - node[3].parse::<f64>().unwrap()).abs() < 1e-4);
     let mut run = Command::new(crate::common::grimace());
-    run.arg("run").arg(&out).arg("-o").arg(&results).assert().success().stdout(contains("2 sequences: 2 tracked"));
+    run.arg("run").arg(&out).arg("-o").arg(&results).run().exit(0).prints(&["2 sequences: 2 tracked"]);
     assert!(results.join("fap/surprise.fap").is_file());
 }
 
@@ -256,15 +234,15 @@ fn writes_the_layout_of_cohn_kanade_and_run_reads_it() {
 fn faults_of_the_camera_change_pictures_and_never_positions() {
     let folder = tempfile::tempdir().unwrap();
     let (plain, faulty) = (folder.path().join("plain"), folder.path().join("faulty"));
-    small(&plain).assert().success();
+    small(&plain).run().exit(0);
     let faults = ["--shutter", "0.5", "--defocus", "1", "--gain-change", "0.2", "--bias-change", "5", "--light-gradient", "0.1"];
-    small(&faulty).args(faults).args(["--compression", "60"]).assert().success();
-    let (plain, faulty) = (files(&plain), files(&faulty));
+    small(&faulty).args(faults).args(["--compression", "60"]).run().exit(0);
+    let (plain, faulty) = (files_in(&plain), files_in(&faulty));
     assert_eq!(plain.keys().collect::<Vec<_>>(), faulty.keys().collect::<Vec<_>>());
     for (path, bytes) in &plain {
-        let picture = path.extension().is_some_and(|e| e == "png");
+        let picture = path.ends_with(".png");
         let options = path.ends_with("simulate.json") || path.ends_with("simulate.b3");
-        assert_eq!(faulty[path] != *bytes, picture || options, "{}", path.display());
+        assert_eq!(faulty[path] != *bytes, picture || options, "{path}");
     }
 }
 
@@ -277,9 +255,9 @@ fn faults_out_of_range_are_named() {
         ("--compression", "0", "--compression is 0; it must be 1 to 100"),
         ("--light-gradient", "nan", "--light-gradient is NaN; it must be 0 to 0.9"),
     ] {
-        small(&out).args([flag, value]).assert().code(1).stderr(contains(message));
+        small(&out).args([flag, value]).run().exit(1).says(&[message]);
     }
-    small(&out).args(["--layout", "ck"]).assert().code(2).stderr(contains("cohn-kanade"));
+    small(&out).args(["--layout", "ck"]).run().exit(2).says(&["cohn-kanade"]);
 }
 
 #[test]
@@ -288,8 +266,8 @@ fn recordings_have_their_truth_and_are_the_same_every_time() {
     let make = |name: &str, threads: &str| {
         let out = folder.path().join(name);
         let options = ["--recordings", "--subjects", "2", "--emotions", "happiness,surprise", "--size", "96x80", "--yaw", "10"];
-        let said = simulate(&out).args(options).args(["--format", "jpg", "--threads", threads]).assert().success();
-        said.stdout(contains("2 recordings of 2 subjects"));
+        let said = simulate(&out).args(options).args(["--format", "jpg", "--threads", threads]).run().exit(0);
+        said.prints(&["2 recordings of 2 subjects"]);
         out
     };
     let out = make("a", "1");
@@ -308,11 +286,6 @@ fn recordings_have_their_truth_and_are_the_same_every_time() {
         let overlaps = |r: &&Vec<String>| r[0] == "S001" && number(&r[2]) > onset && number(&r[3]) < offset;
         assert_eq!(rests.iter().find(overlaps), None, "a rest within {e:?}");
     }
-    assert_eq!(files(&out), files(&make("b", "2")));
-    simulate(&folder.path().join("c"))
-        .args(["--recordings", "--blink", "1"])
-        .assert()
-        .failure()
-        .code(2)
-        .stderr(contains("--blink"));
+    assert_eq!(files_in(&out), files_in(&make("b", "2")));
+    simulate(&folder.path().join("c")).args(["--recordings", "--blink", "1"]).run().exit(2).says(&["--blink"]);
 }

@@ -4,12 +4,12 @@ use std::{
     collections::BTreeMap,
     fs,
     path::{Path, PathBuf},
+    process::Command,
     sync::LazyLock,
 };
 
-use assert_cmd::Command;
+use crate::common::Run;
 use grimace_lab::simulate::{Emotion, SimulateOptions, simulate_sequence};
-use predicates::prelude::predicate::str::contains;
 use tempfile::TempDir;
 
 fn grimace() -> Command {
@@ -60,12 +60,7 @@ fn a_photograph_performs_and_the_tracker_finds_its_nodes_where_the_truth_says() 
     let (out, results) = (folder.path().join("faces"), folder.path().join("results"));
     let photo = PHOTO.path.join("anna.png");
     let still = ["--noise", "0", "--roll", "0", "--shift", "0", "--scale-change", "0"];
-    animate(&photo, &out)
-        .args(still)
-        .args(["--blink", "1"])
-        .assert()
-        .success()
-        .stdout(contains("1 sequence of 1 subject, 5 frames"));
+    animate(&photo, &out).args(still).args(["--blink", "1"]).run().exit(0).prints(&["1 sequence of 1 subject, 5 frames"]);
     let manifest = fs::read_to_string(out.join("manifest.csv")).unwrap();
     assert_eq!(
         manifest.lines().collect::<Vec<_>>(),
@@ -87,7 +82,7 @@ fn a_photograph_performs_and_the_tracker_finds_its_nodes_where_the_truth_says() 
     assert!(gap(5, 21, 22) >= gap(1, 21, 22));
     // Five frames to a wide open mouth are large steps; the rigid parts of the face are found within a fraction of a pixel.
     let mut evaluate = grimace();
-    evaluate.args(["evaluate", "tracking"]).arg(&out).arg("-o").arg(&results).assert().success();
+    evaluate.args(["evaluate", "tracking"]).arg(&out).arg("-o").arg(&results).run().exit(0);
     let mut reader = csv::Reader::from_path(results.join("tracking_last.csv")).unwrap();
     let header = reader.headers().unwrap().clone();
     let at = |name: &str| header.iter().position(|h| h == name).unwrap();
@@ -103,7 +98,7 @@ fn the_same_seed_gives_the_same_bytes_whatever_the_threads() {
     let faults = ["--shutter", "0.5", "--defocus", "0.6", "--gain-change", "0.1", "--compression", "80", "--yaw", "4"];
     let bytes = |threads: &str| {
         let out = folder.path().join(threads);
-        animate(&photo, &out).args(faults).args(["--subjects", "2", "--threads", threads]).assert().success();
+        animate(&photo, &out).args(faults).args(["--subjects", "2", "--threads", threads]).run().exit(0);
         ["anna/007/anna_007_00000004.png", "anna-2/007/anna-2_007_00000005.png", "truth/anna-2_007.csv", "manifest.csv"]
             .map(|file| fs::read(out.join(file)).unwrap())
     };
@@ -125,21 +120,21 @@ fn landmarks_folders_and_datasets_are_accepted_as_portraits() {
         let mut reader = csv::Reader::from_path(out(name).join("manifest.csv")).unwrap();
         reader.records().map(|r| r.unwrap()[0].to_owned()).collect::<Vec<_>>()
     };
-    animate(&portraits, &out(all)).assert().success();
+    animate(&portraits, &out(all)).run().exit(0);
     assert_eq!(subjects(all), ["anna", "ben", "smiling"]);
     fs::write(portraits.join("manifest.csv"), "file,state,publish,fps,age\nben.png,neutral,no,9,31\nsmiling.png,smile,,,\n")
         .unwrap();
-    animate(&portraits, &out(listed)).assert().success();
+    animate(&portraits, &out(listed)).run().exit(0);
     assert_eq!(subjects(listed), ["ben"]);
     // Columns about the person are copied, but not those about the original sequence.
     let manifest = fs::read_to_string(out(listed).join("manifest.csv")).unwrap();
     assert!(manifest.starts_with("subject,sequence,emotion,frames,correspondences,fps,portrait,age,publish\n"), "{manifest}");
     assert!(manifest.trim_end().ends_with(",25.0,ben,31,no"), "{manifest}");
     // A dataset as input: the neutral frames of its subjects.
-    animate(&out(all), &out(again)).args(["--subjects", "4"]).assert().success();
+    animate(&out(all), &out(again)).args(["--subjects", "4"]).run().exit(0);
     assert_eq!(subjects(again), ["anna", "ben", "smiling", "anna-2"]);
     let points = PHOTO.path.join("points.csv");
-    animate(&PHOTO.path.join("anna.png"), &out(one)).arg("--landmarks").arg(points).assert().success();
+    animate(&PHOTO.path.join("anna.png"), &out(one)).arg("--landmarks").arg(points).run().exit(0);
     assert_eq!(subjects(one), ["anna"]);
 }
 
@@ -150,7 +145,7 @@ fn missing_marks_are_found() {
     let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/portraits");
     fs::copy(fixtures.join("P01.jpg"), &photo).unwrap();
     let out = folder.path().join("out");
-    animate(&photo, &out).assert().success().stderr(contains("marks that nobody set are found: composite"));
+    animate(&photo, &out).run().exit(0).says(&["marks that nobody set are found: composite"]);
     // The outer corner of an eye, compared with the hand-set mark: within 3 % of the 110 px between the eyes.
     let found = positions(&out.join("truth/composite_007.csv"))[&(1, 20)];
     let marks = fs::read_to_string(fixtures.join("P01_correspondences.csv")).unwrap();
@@ -184,7 +179,7 @@ fn fap_curves_are_performed_and_run_reads_the_layout_of_cohn_kanade() {
         "--scale-change",
         "0",
     ]);
-    command.assert().success();
+    command.run().exit(0);
     let truth = positions(&out.join("truth/anna_008.csv"));
     let moved = |node: usize, axis: usize| truth[&(4, node)][axis] - truth[&(1, node)][axis];
     // The subject's left is at the image's right.
@@ -199,7 +194,7 @@ fn fap_curves_are_performed_and_run_reads_the_layout_of_cohn_kanade() {
     // smooths.
     let third = truth[&(2, 31)][0] - truth[&(1, 31)][0];
     assert!((third / moved(31, 0) - 1.0 / 3.0).abs() < 0.02);
-    grimace().arg("run").arg(&out).arg("-o").arg(&results).assert().success().stdout(contains("1 sequence: 1 tracked"));
+    grimace().arg("run").arg(&out).arg("-o").arg(&results).run().exit(0).prints(&["1 sequence: 1 tracked"]);
     assert!(results.join("fap/happiness.fap").is_file());
 }
 
@@ -209,7 +204,7 @@ fn inputs_that_cannot_be_animated_are_explained() {
     let out = folder.path().join("out");
     let photo = PHOTO.path.join("anna.png");
     let fails = |command: &mut Command, message: &str| {
-        command.assert().code(1).stderr(contains(message));
+        command.run().exit(1).says(&[message]);
         assert!(!out.join("manifest.csv").exists());
     };
     let file = |name: &str, content: &str| {
@@ -244,7 +239,7 @@ fn inputs_that_cannot_be_animated_are_explained() {
     command.arg("simulate").arg("--photo").arg(&photo).arg("-o").arg(&out).arg("--fap").arg(fap);
     fails(command.args(["--frames", "2", "--layout", "cohn-kanade"]), "no code for the emotion `wink`");
     // Options that need each other, and options that exclude each other.
-    grimace().args(["simulate", "-o", "x", "--fap", "a.fap"]).assert().code(2).stderr(contains("--photo"));
-    animate(&photo, &out).args(["--size", "64x64"]).assert().code(2).stderr(contains("--size"));
-    animate(&photo, &out).args(["--blink", "2"]).assert().code(1).stderr(contains("--blink is 2"));
+    grimace().args(["simulate", "-o", "x", "--fap", "a.fap"]).run().exit(2).says(&["--photo"]);
+    animate(&photo, &out).args(["--size", "64x64"]).run().exit(2).says(&["--size"]);
+    animate(&photo, &out).args(["--blink", "2"]).run().exit(1).says(&["--blink is 2"]);
 }
