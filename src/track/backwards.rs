@@ -51,6 +51,7 @@ pub(crate) fn backwards_said(why: &str, first: u32, last: u32) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{locate::LocateOptions, sequence::read_frame};
 
     #[test]
     fn a_mouth_goes_back_if_its_corners_do_and_its_lips_do_not_part() {
@@ -62,6 +63,26 @@ mod tests {
         assert!(
             text.contains("the mouth of frame 1 looks further from a neutral one than that of frame 9; if frame 9 is neutral")
         );
+    }
+
+    #[test]
+    fn a_covered_mouth_is_not_compared() {
+        let portrait = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/portraits/P01.jpg");
+        let frame = read_frame(&portrait).unwrap();
+        let face = Locator::shipped().unwrap().locate(frame.image(), &LocateOptions::default()).remove(0);
+        let mut nodes = vec![Point2::origin(); 113];
+        face.points.iter().for_each(|point| nodes[point.node.index()] = point.position);
+        assert_eq!(mouth_moved((frame.image(), &nodes), (frame.image(), &nodes)), Some([0.0, 0.0]));
+        // A plain mask from below the nose to below the lips.
+        let (unit, mouth) = (face.eye_distance, nodes[7] + (nodes[8] - nodes[7]) / 2.0);
+        let mut masked = frame.image().clone();
+        for (x, y, pixel) in masked.enumerate_pixels_mut() {
+            let way = Point2::new(f64::from(x), f64::from(y)) - mouth;
+            if way.x.abs() < 0.7 * unit && way.y.abs() < 0.28 * unit {
+                pixel.0 = [230];
+            }
+        }
+        assert_eq!(mouth_moved((&masked, &nodes), (frame.image(), &nodes)), None);
     }
 
     #[test]
