@@ -157,7 +157,7 @@ pub fn thumbnail(picture: &RgbImage, wireframe: &Wireframe, nodes: &[TrackedNode
     }
     for &id in wireframe.live_nodes() {
         if let Some(node) = nodes.get(id.index())
-            && matches!(node.state, NodeState::Recovered(_))
+            && node.state.loss().is_some()
         {
             let (x, y) = at(&node.position);
             dot(&mut canvas, x, y, 1.8, colour(node.state));

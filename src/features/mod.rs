@@ -420,7 +420,7 @@ pub fn head_faps([yaw, pitch, roll]: [f64; 3]) -> Vec<(FapNumber, f64)> {
 fn seen_share(frame: &TrackedFrame, live: &[NodeId]) -> f64 {
     let counted = |n: &&NodeId| frame.nodes[n.index()].state != NodeState::Recovered(LossReason::NoLandmark);
     let all = live.iter().filter(counted).count();
-    let seen = live.iter().filter(counted).filter(|n| !matches!(frame.nodes[n.index()].state, NodeState::Recovered(_))).count();
+    let seen = live.iter().filter(counted).filter(|n| frame.nodes[n.index()].state.loss().is_none()).count();
     if all == 0 { 0.0 } else { seen as f64 / all as f64 }
 }
 

@@ -186,7 +186,7 @@ pub fn node_features(frames: &[TrackedFrame], wireframe: &Wireframe, tables: &Ta
         let features = live.iter().enumerate().map(|(place, &id)| {
             let (node, start) = (frame.nodes.get(id.index())?, neutral.nodes.get(id.index())?);
             let sum = &mut sums[place];
-            let lost = matches!(node.state, NodeState::Recovered(_));
+            let lost = node.state.loss().is_some();
             sum.lost += u32::from(lost);
             sum.residual += node.residual.unwrap_or(0.0).powi(2);
             sum.difference = sum.difference.max(node.evidence.map_or(context.difference, |e| e.difference));
@@ -271,7 +271,7 @@ impl FrameContext {
         let head = Vector2::new(median(&mut x).unwrap_or(0.0), median(&mut y).unwrap_or(0.0));
         let nodes = || live.iter().filter_map(|id| frame.nodes.get(id.index()));
         let mut differences: Vec<f64> = nodes().filter_map(|n| Some(n.evidence?.difference)).collect();
-        let lost = nodes().filter(|n| matches!(n.state, NodeState::Recovered(_))).count();
+        let lost = nodes().filter(|n| n.state.loss().is_some()).count();
         Self {
             offsets,
             head,

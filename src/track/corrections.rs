@@ -12,7 +12,7 @@ use std::{
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
-use super::{Corrections, NodeState, TrackFileError, TrackInfo, TrackedFrame, corrections_of, eye_distance_px, read_track};
+use super::{Corrections, TrackFileError, TrackInfo, TrackedFrame, corrections_of, eye_distance_px, read_track};
 use crate::{
     geometry::Similarity,
     input::CsvFile,
@@ -176,7 +176,7 @@ pub fn far_corrections(
     for frame in frames.iter().skip(1) {
         let Some(set) = corrections.get(&frame.number) else { continue };
         let tracked = places(frame);
-        let is_lost = |&&k: &&usize| frame.nodes.get(k).is_some_and(|n| matches!(n.state, NodeState::Recovered(_)));
+        let is_lost = |&&k: &&usize| frame.nodes.get(k).is_some_and(|n| n.state.loss().is_some());
         let is_lost = live.iter().filter(is_lost).count() as f64 >= LOST * live.len() as f64;
         let head = carried(&neutral, live.iter().filter_map(|&k| Some((k, *tracked.get(k)?))));
         for (node, place) in set {
@@ -211,7 +211,7 @@ mod tests {
 
     use super::*;
     use crate::{
-        track::{LossReason, TrackedNode},
+        track::{LossReason, NodeState, TrackedNode},
         units::NodeId,
     };
 

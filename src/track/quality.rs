@@ -118,26 +118,26 @@ impl TrackSummary {
         (self.eye_distance_px > 0.0).then(|| 100.0 * px / self.eye_distance_px)
     }
 
-    /// Adds the covered parts of the face as a reason to look again.
-    #[must_use]
-    pub(crate) fn with_covered(mut self, covered: Option<String>) -> Self {
-        if covered.is_some() {
+    /// Adds reasons to look again.
+    fn with_reasons(mut self, reasons: impl IntoIterator<Item = String>) -> Self {
+        let before = self.reasons.len();
+        self.reasons.extend(reasons);
+        if self.reasons.len() > before {
             self.verdict = Verdict::LookAgain;
         }
-        self.reasons.extend(covered.iter().cloned());
-        self.covered = covered;
         self
+    }
+
+    /// Adds the covered parts of the face as a reason to look again.
+    #[must_use]
+    pub(crate) fn with_covered(self, covered: Option<String>) -> Self {
+        Self { covered: covered.clone(), ..self.with_reasons(covered) }
     }
 
     /// Adds a mouth that moves back to neutral as a reason to look again.
     #[must_use]
-    pub(crate) fn with_mouth_back(mut self, mouth_back: Option<String>) -> Self {
-        if mouth_back.is_some() {
-            self.verdict = Verdict::LookAgain;
-        }
-        self.reasons.extend(mouth_back.iter().cloned());
-        self.mouth_back = mouth_back;
-        self
+    pub(crate) fn with_mouth_back(self, mouth_back: Option<String>) -> Self {
+        Self { mouth_back: mouth_back.clone(), ..self.with_reasons(mouth_back) }
     }
 
     /// Copies the findings from the pictures out of `earlier`, a summary of the same track: the frames alone cannot give them.
@@ -150,13 +150,8 @@ impl TrackSummary {
 
     /// Adds marks that lie beside the face as reasons to look again.
     #[must_use]
-    pub(crate) fn with_marks_beside(mut self, beside: Vec<String>) -> Self {
-        if !beside.is_empty() {
-            self.verdict = Verdict::LookAgain;
-        }
-        self.reasons.extend(beside.iter().cloned());
-        self.beside = beside;
-        self
+    pub(crate) fn with_marks_beside(self, beside: Vec<String>) -> Self {
+        Self { beside: beside.clone(), ..self.with_reasons(beside) }
     }
 }
 
@@ -214,7 +209,7 @@ pub fn course(frames: &[TrackedFrame], wireframe: &Wireframe) -> Vec<FrameQualit
     let live = wireframe.live_nodes();
     let frame = |frame: &TrackedFrame| {
         let nodes: Vec<_> = live.iter().filter_map(|id| frame.nodes.get(id.index())).collect();
-        let lost = nodes.iter().filter(|n| matches!(n.state, NodeState::Recovered(_))).count();
+        let lost = nodes.iter().filter(|n| n.state.loss().is_some()).count();
         let mut errors: Vec<f64> = nodes.iter().filter_map(|n| n.expected_error).collect();
         FrameQuality { lost: lost as f64 / nodes.len().max(1) as f64, expected_error_px: median(&mut errors) }
     };

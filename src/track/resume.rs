@@ -53,9 +53,7 @@ pub fn correct_nodes(
         return Ok(nodes.to_vec());
     }
     let rest: Vec<_> = nodes.iter().map(|n| n.position).collect();
-    let is_held = |node: &&NodeId| {
-        !hard.contains_key(*node) && nodes.get(node.index()).is_some_and(|n| !matches!(n.state, NodeState::Recovered(_)))
-    };
+    let is_held = |node: &&NodeId| !hard.contains_key(*node) && nodes.get(node.index()).is_some_and(|n| n.state.loss().is_none());
     let held = wireframe.live_nodes().iter().filter(is_held);
     let held = held.map(|&node| DrivenNode { node, position: rest[node.index()], pull: Pull::Force(HOLDING_FORCE) });
     let set = hard.iter().map(|(&node, &position)| DrivenNode { node, position, pull: Pull::Hard });

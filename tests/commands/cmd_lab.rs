@@ -3,7 +3,7 @@
 
 use std::{fs, path::Path, process::Command};
 
-use crate::common::{Ran, grimace, install};
+use crate::common::{Ran, Run, grimace, install};
 
 /// Writes a script that prints its name and arguments and ends with status 3.
 fn script(folder: &Path, name: &str) {
@@ -21,7 +21,7 @@ fn run(folder: &Path, args: &str) -> Ran {
     }
     let mut command = Command::new(program);
     command.env("PATH", folder.join("path")).args(args.split_whitespace());
-    Ran::from(command.output().unwrap())
+    command.run()
 }
 
 #[test]

@@ -4,7 +4,7 @@ use std::{ffi::OsString, fs, process::Command};
 
 use grimace::internal::companion::{Answer, Companion, wire::Reply};
 
-use crate::common::{Ran, SEQUENCES, Work, grimace, install, video::write_video};
+use crate::common::{Ran, Run, SEQUENCES, Work, grimace, install, video::write_video};
 
 const MARKS: &str = "faces/S001/005/correspondences.csv";
 
@@ -23,7 +23,7 @@ fn alone(work: &Work, args: &str) -> Ran {
     }
     let mut command = Command::new(program);
     command.current_dir(work.path(".")).env("PATH", work.path("path")).args(args.split_whitespace());
-    Ran::from(command.output().unwrap())
+    command.run()
 }
 
 #[test]
@@ -142,7 +142,7 @@ fn lists_of_files_are_not_videos_and_colons_are_not_protocols() {
 #[test]
 fn the_program_explains_its_purpose() {
     let program = grimace().with_file_name(format!("grimace-opencv{}", std::env::consts::EXE_SUFFIX));
-    let run = |word: &str| Ran::from(Command::new(&program).arg(word).output().unwrap());
+    let run = |word: &str| Command::new(&program).arg(word).run();
     run("--help").exit(0).prints(&["started by it", "grimace --help"]);
     run("--version").exit(0).prints(&[&format!("grimace-opencv {}", env!("CARGO_PKG_VERSION"))]);
     run("nonsense").exit(2).says(&["grimace --help"]);

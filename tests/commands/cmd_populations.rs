@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::common::{Ran, SEQUENCES, Work, assert_same_files};
+use crate::common::{Ran, Run, SEQUENCES, Work, assert_same_files};
 use grimace::internal::{
     columnar::{ColumnarModels, ColumnarRow, ColumnarWriter},
     model::{DynamicExpressionModel, FrameExpressionModel},
@@ -435,7 +435,7 @@ fn covariates_with_similar_names_have_separate_files() {
     let columns = format!("a b,a-b,a b,{long}");
     let run = || -> Ran {
         let mut command = work.command();
-        command.args(["run", "people", "-o", "out", "--resample", "linear", "--covariate", &columns]).output().unwrap().into()
+        command.args(["run", "people", "-o", "out", "--resample", "linear", "--covariate", &columns]).run()
     };
     run().exit(0).prints(&["values that are not numbers are ignored: `3O` in the column", "(1 person)"]);
     let tests = work.rows("out/covariates.csv");

@@ -187,7 +187,7 @@ fn astray(survey: &Survey, place: usize, tracked: &TrackedFrame, eye_distance: f
     let look = survey.looks.binary_search_by_key(&place, |look| look.place).ok().map(|k| &survey.looks[k])?;
     let Some(FoundFace { marks, trusted: true, .. }) = &look.face else {
         let live = bench.wireframe.live_nodes();
-        let lost = live.iter().filter(|n| matches!(tracked.nodes[n.index()].state, NodeState::Recovered(_))).count();
+        let lost = live.iter().filter(|n| tracked.nodes[n.index()].state.loss().is_some()).count();
         let is_gone = look.face.is_none() && lost as f64 > GONE * live.len() as f64;
         return is_gone.then(|| format!("frame {}: no face is found, and {lost} nodes were lost", tracked.number));
     };

@@ -20,7 +20,7 @@ use crate::{
     pipeline::{FoundFace, FoundMarksError, Workbench},
     pose::HEAD_ES,
     sequence::Frame,
-    track::{NodeState, TrackedFrame},
+    track::TrackedFrame,
     units::NodeId,
 };
 
@@ -54,7 +54,7 @@ pub(super) fn is_another(
     bench: &Workbench,
 ) -> Result<bool, FoundMarksError> {
     let live = bench.wireframe.live_nodes();
-    let lost = live.iter().filter(|n| matches!(is.nodes[n.index()].state, NodeState::Recovered(_))).count();
+    let lost = live.iter().filter(|n| is.nodes[n.index()].state.loss().is_some()).count();
     if lost as f64 <= SUSPECT * live.len() as f64 {
         return Ok(false);
     }

@@ -10,8 +10,8 @@ use grimace::internal::{
     fit::FittedWireframe,
     sequence::{Frame, SequenceError},
     track::{
-        AlignOptions, Found, Klt, NodeState, PointTracker, Probe, Slot, TrackError, TrackFileError, TrackOptions, TrackPlan,
-        TrackedFrame, TrackedNode, read_track, track_sequence,
+        AlignOptions, Found, Klt, PointTracker, Probe, Slot, TrackError, TrackFileError, TrackOptions, TrackPlan, TrackedFrame,
+        TrackedNode, read_track, track_sequence,
     },
     wireframe::Wireframe,
 };
@@ -144,11 +144,7 @@ pub(super) enum VariantError {
 }
 
 fn placed_frames(frames: &[TrackedFrame]) -> Vec<(u32, Vec<Placed>)> {
-    let placed = |n: &TrackedNode| Placed {
-        position: n.position,
-        tracked: !matches!(n.state, NodeState::Recovered(_)),
-        expected: n.expected_error,
-    };
+    let placed = |n: &TrackedNode| Placed { position: n.position, tracked: n.state.loss().is_none(), expected: n.expected_error };
     frames.iter().map(|f| (f.number, f.nodes.iter().map(placed).collect())).collect()
 }
 
