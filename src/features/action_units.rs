@@ -3,20 +3,24 @@
 //! The neutral offsets of the nodes are modelled as a non-negative sum of expression shapes, each named after its action unit, plus noise
 //! whose standard deviation at every node is the node's expected error. Shapes are learned from a face model; left and right are separate
 //! unknowns. Candide's own action unit vectors are further unknowns, for faces animated with Candide. The intensity of an action unit is
-//! the mean of its sides plus the contribution of its vector. Shapes outside the list (sideways jaw, puffed cheeks) explain their part and
+//! the mean of its sides plus the contribution of its vector. The mean smile of photographed people is one more unknown of AU 12: real smiles
+//! draw the corners of the mouth wider apart than the face model's. Errors of the eye corners, by which frames are aligned, move all nodes;
+//! these four motions (turn, size, place) are integrated out. Shapes outside the list (sideways jaw, puffed cheeks) explain their part and
 //! are not reported.
 
-use nalgebra::{DMatrix, DVector, Point2, Vector2, Vector3};
+use std::sync::LazyLock;
+
+use nalgebra::{DMatrix, DVector, Point2, SMatrix, SVector, Vector2, Vector3};
 
 use super::FeaturesError;
 use crate::{
     least_squares::{Rows, add_mixture},
     model::{DynamicExpressionModel, FrameExpressionModel},
-    normalize::Normalizer,
+    normalize::{EyeCorners, Normalizer},
     pose::HeadModel,
     text::excerpt,
     units::NodeId,
-    wireframe::{UnitKind, Wireframe},
+    wireframe::{Tables, UnitKind, Wireframe},
 };
 
 /// An action unit of FACS and its expression shapes.
@@ -100,6 +104,10 @@ impl std::str::FromStr for ActionUnit {
 /// Action units and the Candide-3 action unit vectors that also represent them, both sides at once.
 const CANDIDE: [(u8, u16); 11] =
     [(2, 5), (4, 3), (5, 10), (7, 7), (9, 8), (10, 0), (15, 14), (20, 2), (23, 9), (26, 11), (45, 6)];
+/// The action unit of smiles.
+const SMILE: u8 = 12;
+/// Mean posed smile of photographed people at full strength, face units.
+const SMILE_SHAPE: &str = include_str!("../../candide/smile_shape.csv");
 /// Shapes outside the list of action units that explain their part of a motion.
 const OTHERS: [&str; 7] = ["jawLeft", "jawRight", "jawForward", "mouthLeft", "mouthRight", "cheekPuff", "mouthShrugUpper"];
 
@@ -112,6 +120,8 @@ const RARITY: f64 = 1.0;
 const CANDIDE_RARITY: f64 = 8.0;
 /// Standard deviation of an additional normal factor of the prior, which excludes strengths far beyond 1.
 const STRENGTH: f64 = 1.0;
+/// Motions of the whole face that errors of the eye corners cause.
+const ALIGNMENTS: usize = 4;
 /// Iterations of the non-negative solution.
 const TURNS: usize = 300;
 /// Median absolute deviation of a standard normal number.
@@ -121,8 +131,10 @@ const MEDIAN: f64 = 0.6745;
 /// it, small accurate offsets are explained by shapes that cancel each other: of 45 sequences of photographs and videos, eight showed
 /// raised lids and a blink at once, and one broad smile had no lip corner puller.
 const SHAPE_ERROR: f64 = 6.0;
-/// Intensity, 0 to 5, from which an action unit counts as present, if it also exceeds twice its expected error.
+/// Intensity, 0 to 5, from which an action unit counts as present, if there is also [`EVIDENCE`] of it.
 const PRESENT: f64 = 1.0;
+/// Least evidence of a present action unit.
+pub(super) const EVIDENCE: f64 = 2.0;
 
 /// Smallest difference of log likelihoods of a motion and its opposite that gives an order. Chosen so that speech and faces that hardly
 /// move, which are equally likely either way, have no order against their motion: played forwards, the reverse is the likelier one by 9.5 at
@@ -134,8 +146,10 @@ const SURE: f64 = 12.0;
 /// ```
 /// use grimace::features::Intensity;
 ///
-/// let smile = Intensity { number: 12, value: 3.5, expected_error: 0.2 };
-/// assert!(smile.is_present() && !Intensity { value: 0.0, ..smile }.is_present());
+/// let smile = Intensity { number: 12, value: 3.5, expected_error: 0.2, evidence: 9.0 };
+/// assert!(smile.is_present() && !Intensity { value: 0.5, ..smile }.is_present());
+/// // The other action units explain the face as well.
+/// assert!(!Intensity { evidence: 0.3, ..smile }.is_present());
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Intensity {
@@ -145,13 +159,31 @@ pub struct Intensity {
     pub value: f64,
     /// Expected error of the value: half of such values are closer, half further away.
     pub expected_error: f64,
+    /// How much better the face is explained with the action unit than by all others alone: difference of the log posteriors of the best
+    /// mixtures. 0 for intensities below 1, where it is not determined.
+    pub evidence: f64,
 }
 
 impl Intensity {
-    /// Whether the action unit is present.
+    /// Whether the action unit is present: its intensity is at least 1, and the other units do not explain the face nearly as well.
     pub fn is_present(&self) -> bool {
-        self.value >= PRESENT && self.value > 2.0 * self.expected_error
+        self.value >= PRESENT && self.evidence >= EVIDENCE
     }
+}
+
+/// Returns the mean smile at full strength over the first `count` nodes, face units; nodes that Candide-3 does not have do not move.
+fn smile_shape(count: usize) -> Vec<Vector2<f64>> {
+    static ROWS: LazyLock<Vec<(usize, f64, f64)>> = LazyLock::new(|| {
+        let rows: Result<_, _> = csv::Reader::from_reader(SMILE_SHAPE.as_bytes()).into_deserialize().collect();
+        rows.unwrap_or_else(|error| unreachable!("embedded table smile_shape.csv: {error}"))
+    });
+    let mut shape = vec![Vector2::zeros(); count];
+    for &(node, x, y) in ROWS.iter() {
+        if let Some(offset) = shape.get_mut(node) {
+            *offset = Vector2::new(x, y);
+        }
+    }
+    shape
 }
 
 /// Expression shapes over the nodes of the canonical face.
@@ -163,7 +195,7 @@ impl Intensity {
 /// use nalgebra::Vector2;
 ///
 /// let normalizer = Normalizer::new(&wireframe, &tables, Default::default())?;
-/// let units = ActionUnits::new(&HeadModel::shipped(&wireframe, &tables), &wireframe, &normalizer)?;
+/// let units = ActionUnits::new(&HeadModel::shipped(&wireframe, &tables), &wireframe, &tables, &normalizer)?;
 /// let nodes: Vec<_> = wireframe.live_nodes().iter().map(|node| (*node, 5.0)).collect();
 /// let found = units.intensities(&vec![Vector2::zeros(); 113], &nodes);
 /// assert!(found.iter().all(|unit| unit.value == 0.0 && !unit.is_present()));
@@ -177,6 +209,39 @@ pub struct ActionUnits {
     rarities: Vec<f64>,
     /// Unknowns of each action unit and their weights in its strength: one half for each of two sides.
     members: Vec<Vec<(usize, f64)>>,
+    alignment: AlignmentErrors,
+}
+
+/// Motions of all nodes by errors of the eye corners, by which frames are aligned with the neutral frame.
+#[derive(Clone, Debug)]
+struct AlignmentErrors {
+    corners: Vec<usize>,
+    /// Offset of each node for each of [`ALIGNMENTS`] independent motions (along x, along y, turn, size), one standard deviation each for
+    /// eye corners with one of 1 in x and in y.
+    motions: Vec<[Vector2<f64>; ALIGNMENTS]>,
+}
+
+impl AlignmentErrors {
+    /// Creates the motions for a neutral face and its eye corners.
+    fn new(neutral: &[Point2<f64>], corners: &EyeCorners) -> Self {
+        let corners = corners.nodes().to_vec();
+        let count = corners.len().max(1) as f64;
+        let middle = corners.iter().map(|&k| neutral[k].coords).sum::<Vector2<f64>>() / count;
+        let spread = corners.iter().map(|&k| (neutral[k].coords - middle).norm_squared()).sum::<f64>().sqrt().max(1.0);
+        let shift = count.sqrt().recip();
+        let motion = |at: &Point2<f64>| {
+            let from = (at.coords - middle) / spread;
+            [Vector2::new(shift, 0.0), Vector2::new(0.0, shift), Vector2::new(-from.y, from.x), from]
+        };
+        Self { corners, motions: neutral.iter().map(motion).collect() }
+    }
+
+    /// Returns the standard deviation of the eye corners among nodes with these expected errors; 0 if none of them is there.
+    fn deviation(&self, nodes: &[(NodeId, f64)]) -> f64 {
+        let squares: Vec<f64> =
+            nodes.iter().filter(|(n, _)| self.corners.contains(&n.index())).map(|(_, e)| (e / MEDIAN).powi(2)).collect();
+        (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt()
+    }
 }
 
 impl ActionUnits {
@@ -184,7 +249,12 @@ impl ActionUnits {
     ///
     /// # Errors
     /// [`FeaturesError`] when the head does not normalize.
-    pub fn new(head: &HeadModel, wireframe: &Wireframe, normalizer: &Normalizer<'_>) -> Result<Self, FeaturesError> {
+    pub fn new(
+        head: &HeadModel,
+        wireframe: &Wireframe,
+        tables: &Tables,
+        normalizer: &Normalizer<'_>,
+    ) -> Result<Self, FeaturesError> {
         const PX: f64 = 100.0;
         let canonical = |offset: &dyn Fn(usize) -> Vector3<f64>| -> Result<Vec<Vector2<f64>>, FeaturesError> {
             let frame = |share: f64| {
@@ -219,12 +289,19 @@ impl ActionUnits {
                 }
             }
             rarities.resize(shapes.len(), CANDIDE_RARITY);
+            if number == SMILE {
+                unknowns.push((shapes.len(), 1.0));
+                shapes.push(smile_shape(wireframe.node_count()));
+                rarities.push(RARITY);
+            }
             members.push(unknowns);
         }
         members.truncate(ACTION_UNITS.len());
         let axes = (0..wireframe.node_count()).flat_map(|k| [(k, 0), (k, 1)]);
         let shapes = axes.flat_map(|(k, axis)| shapes.iter().map(move |shape: &Vec<Vector2<f64>>| shape[k][axis])).collect();
-        Ok(Self { shapes, rarities, members })
+        let corners = EyeCorners::new(tables, wireframe.node_count());
+        let alignment = AlignmentErrors::new(normalizer.canonical().neutral.nodes(), &corners);
+        Ok(Self { shapes, rarities, members, alignment })
     }
 
     /// Returns the offsets of a node along x and along y, for each unknown.
@@ -247,16 +324,33 @@ impl ActionUnits {
         let mut normal = DMatrix::<f64>::identity(count, count) / (STRENGTH * STRENGTH);
         let mut seen = DVector::<f64>::zeros(count);
         let mut rows = Rows::new(count);
+        let deviation = self.alignment.deviation(nodes);
+        // With the motions `B` of a misaligned face: `I + B' W B`, `A' W B` and `B' W d`.
+        let mut between = SMatrix::<f64, ALIGNMENTS, ALIGNMENTS>::identity();
+        let mut shared = DMatrix::<f64>::zeros(count, ALIGNMENTS);
+        let mut misaligned = SVector::<f64, ALIGNMENTS>::zeros();
         for &(node, expected) in nodes {
             let k = node.index();
             let inverse = MEDIAN / expected.hypot(SHAPE_ERROR);
+            let weight = inverse * inverse;
             for (axis, along) in self.along(k).into_iter().enumerate() {
                 rows.add_mixture([inverse], [along]);
-                add_mixture(seen.as_mut_slice(), [inverse * inverse * offsets[k][axis]], [along]);
+                add_mixture(seen.as_mut_slice(), [weight * offsets[k][axis]], [along]);
+                let motions = SVector::from(self.alignment.motions[k].map(|motion| deviation * motion[axis]));
+                between += motions * motions.transpose() * weight;
+                misaligned += motions * (weight * offsets[k][axis]);
+                for (motion, mut column) in motions.iter().zip(shared.column_iter_mut()) {
+                    add_mixture(column.as_mut_slice(), [weight * motion], [along]);
+                }
             }
         }
         rows.add_products(&rows, &mut normal);
         normal.fill_upper_triangle_with_lower_triangle();
+        // The weights of nodes that also move together: `W - W B (I + B' W B)^-1 B' W`.
+        if let Some(factor) = between.cholesky() {
+            normal -= &shared * factor.inverse() * shared.transpose();
+            seen -= &shared * factor.solve(&misaligned);
+        }
         (normal, seen)
     }
 
@@ -273,7 +367,7 @@ impl ActionUnits {
     /// # use grimace::{features::ActionUnits, normalize::Normalizer, pose::HeadModel};
     /// # use nalgebra::Vector2;
     /// # let normalizer = Normalizer::new(&wireframe, &tables, Default::default())?;
-    /// # let units = ActionUnits::new(&HeadModel::shipped(&wireframe, &tables), &wireframe, &normalizer)?;
+    /// # let units = ActionUnits::new(&HeadModel::shipped(&wireframe, &tables), &wireframe, &tables, &normalizer)?;
     /// let nodes: Vec<_> = wireframe.live_nodes().iter().map(|node| (*node, 5.0)).collect();
     /// assert_eq!(units.order(&vec![Vector2::zeros(); 113], &nodes), 0.0);
     /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -292,10 +386,17 @@ impl ActionUnits {
     /// Returns the intensities that explain neutral offsets (face units) of nodes with these expected errors (face units).
     pub fn intensities(&self, offsets: &[Vector2<f64>], nodes: &[(NodeId, f64)]) -> Vec<Intensity> {
         let (normal, seen) = self.system(offsets, nodes);
-        let strengths = non_negative(&normal, &(seen - DVector::from_column_slice(&self.rarities)));
-        let covariance = normal.cholesky().map(|factor| factor.inverse());
+        let right = seen - DVector::from_column_slice(&self.rarities);
+        let strengths = non_negative(&normal, &right);
+        let covariance = normal.clone().cholesky().map(|factor| factor.inverse());
+        let log_posterior = |x: &DVector<f64>| right.dot(x) - 0.5 * (&normal * x).dot(x);
+        let best = log_posterior(&strengths);
+        let evidence = |members: &[(usize, f64)]| {
+            let others = non_negative_from(&strengths, &normal, &right, |i| members.iter().all(|(member, _)| *member != i));
+            (best - log_posterior(&others)).max(0.0)
+        };
         let one = |(unit, members): (&ActionUnit, &Vec<(usize, f64)>)| {
-            let strength = members.iter().map(|&(i, share)| share * strengths[i]).sum::<f64>();
+            let value = (FULL * members.iter().map(|&(i, share)| share * strengths[i]).sum::<f64>()).min(FULL);
             // The intensity of a unit is unknown if none of its shapes is visible.
             let covariance = covariance.as_ref().filter(|_| !members.is_empty());
             let variance = covariance.map_or(f64::INFINITY, |c| {
@@ -303,8 +404,9 @@ impl ActionUnits {
             });
             Intensity {
                 number: unit.number,
-                value: (FULL * strength).min(FULL),
+                value,
                 expected_error: (FULL * MEDIAN * variance.max(0.0).sqrt()).min(FULL),
+                evidence: if value < PRESENT { 0.0 } else { evidence(members) },
             }
         };
         ACTION_UNITS.iter().zip(&self.members).map(one).collect()
@@ -313,10 +415,23 @@ impl ActionUnits {
 
 /// Returns the non-negative minimum of `x' N x / 2 - r' x`, by coordinate descent.
 fn non_negative(normal: &DMatrix<f64>, right: &DVector<f64>) -> DVector<f64> {
-    let mut x = DVector::<f64>::zeros(right.len());
+    non_negative_from(&DVector::zeros(right.len()), normal, right, |_| true)
+}
+
+/// Returns the non-negative minimum of `x' N x / 2 - r' x` over the unknowns that are `used`, the others being 0, by coordinate descent from
+/// a start.
+fn non_negative_from(
+    start: &DVector<f64>,
+    normal: &DMatrix<f64>,
+    right: &DVector<f64>,
+    used: impl Fn(usize) -> bool,
+) -> DVector<f64> {
+    let used: Vec<usize> = (0..start.len()).filter(|&i| used(i)).collect();
+    let mut x = DVector::<f64>::zeros(start.len());
+    used.iter().for_each(|&i| x[i] = start[i]);
     for _ in 0..TURNS {
         let mut largest: f64 = 0.0;
-        for i in 0..x.len() {
+        for &i in &used {
             let slope = right[i] - normal.column(i).dot(&x);
             let to = (x[i] + slope / normal[(i, i)]).max(0.0);
             largest = largest.max((to - x[i]).abs());
@@ -352,18 +467,52 @@ mod tests {
         assert_eq!(x.as_slice(), [0.0, 2.0]);
     }
 
-    #[test]
-    fn a_mixture_of_shapes_is_taken_apart() {
+    /// Returns the shipped action units and the live nodes, all with one expected error.
+    fn shipped(expected: f64) -> (ActionUnits, Vec<(NodeId, f64)>) {
         let (w, tables) = (Wireframe::candide3(), Tables::candide3());
         let normalizer = Normalizer::new(&w, &tables, NormalizeOptions::default()).unwrap();
-        let units = ActionUnits::new(&HeadModel::shipped(&w, &tables), &w, &normalizer).unwrap();
+        let units = ActionUnits::new(&HeadModel::shipped(&w, &tables), &w, &tables, &normalizer).unwrap();
+        let nodes = w.live_nodes().iter().map(|&n| (n, expected)).collect();
+        (units, nodes)
+    }
+
+    #[test]
+    fn the_mean_smile_is_a_smile_of_half_strength_and_nothing_else() {
+        let (units, nodes) = shipped(5.0);
+        let smile: Vec<Vector2<f64>> = smile_shape(113).into_iter().map(|offset| offset * 0.5).collect();
+        let found = units.intensities(&smile, &nodes);
+        let present: Vec<u8> = found.iter().filter(|unit| unit.is_present()).map(|unit| unit.number).collect();
+        assert_eq!(present, [SMILE]);
+        let value = found.iter().find(|unit| unit.number == SMILE).unwrap().value;
+        assert!((value - 2.5).abs() < 0.4, "{value}");
+    }
+
+    #[test]
+    fn a_turn_and_a_size_that_the_eye_corners_leave_open_are_no_expression() {
+        let (units, nodes) = shipped(10.0);
+        // One and a half standard deviations each of what corners that are 10 / 0.6745 off do to the whole face.
+        let moved = |m: &[Vector2<f64>; ALIGNMENTS]| (m[2] + m[3]) * 1.5 * 10.0 / MEDIAN;
+        let offsets: Vec<Vector2<f64>> = units.alignment.motions.iter().map(moved).collect();
+        assert!(offsets[10].norm() > 25.0, "the chin moves: {}", offsets[10].norm());
+        for unit in units.intensities(&offsets, &nodes) {
+            assert!(unit.value < 0.5 && !unit.is_present(), "AU {}: {}", unit.number, unit.value);
+        }
+        // If the corners were exact, the same motion would have to be an expression.
+        let mut exact = units.clone();
+        exact.alignment.corners.clear();
+        assert!(exact.intensities(&offsets, &nodes).iter().any(|unit| unit.value > 0.5));
+    }
+
+    #[test]
+    fn a_mixture_of_shapes_is_taken_apart() {
+        let (units, nodes) = shipped(2.0);
         let strength = |number: u8| match number {
             12 => 0.6,
             1 => 0.4,
             26 => 0.3,
             _ => 0.0,
         };
-        let mut offsets = vec![Vector2::zeros(); w.node_count()];
+        let mut offsets = vec![Vector2::zeros(); 113];
         for (unit, members) in ACTION_UNITS.iter().zip(&units.members) {
             // Both sides of the learned shapes, without Candide's.
             for &(i, _) in members.iter().filter(|(i, share)| *share < 1.0 || *i == members[0].0) {
@@ -372,7 +521,6 @@ mod tests {
                 }
             }
         }
-        let nodes: Vec<(NodeId, f64)> = w.live_nodes().iter().map(|&n| (n, 2.0)).collect();
         let back: Vec<Vector2<f64>> = offsets.iter().map(|offset| -offset).collect();
         let [order, reversed] = [&offsets, &back].map(|offsets| units.order(offsets, &nodes));
         assert!(order > 0.02 && (order + reversed).abs() < 1e-9, "{order} {reversed}");

@@ -51,6 +51,7 @@ mod tests {
             number: unit.number,
             value: if unit.number == 12 { smile } else { 0.0 },
             expected_error: 0.1,
+            evidence: 0.0,
         };
         FrameFeatures {
             frame,

@@ -23,6 +23,7 @@ use crate::{
     wireframe::{Tables, Wireframe},
 };
 
+use action_units::EVIDENCE;
 pub use action_units::{ACTION_UNITS, ActionUnit, ActionUnits, FULL, Intensity, LIPS_PART};
 pub use blendshapes::{COEFFICIENTS, ColumnsBeside, read_blendshapes};
 pub use course::{COURSE_POINTS, Course};
@@ -38,6 +39,8 @@ const NODE_ERROR: f64 = 0.01;
 /// Upper and lower lid of the left and the right eye, inner upper and lower lip.
 const LIDS: [[usize; 2]; 2] = [[21, 22], [54, 55]];
 const LIPS: [usize; 2] = [87, 40];
+/// Number of the action unit that raises the upper lids.
+const UPPER_LIDS: u8 = 5;
 /// The top of the skull, which lies on hair or beyond the picture: no muscle moves it, and its track may be far off.
 const SKULL: [u16; 5] = [0, 11, 12, 44, 45];
 
@@ -146,7 +149,7 @@ pub struct Measured<'a> {
 /// let options = FeatureMeter::normalize_options(Default::default());
 /// let normalizer = Normalizer::new(&wireframe, &tables, options)?;
 /// let model = normalizer.normalize_every_frame(&fitter.frontal((&wireframe, &tables), &fit, &track)?)?;
-/// let meter = FeatureMeter::new(fitter.model(), &wireframe, &normalizer)?;
+/// let meter = FeatureMeter::new(fitter.model(), &wireframe, &tables, &normalizer)?;
 /// let rows = meter.measure(Measured { track: &track, fit: &fit, model: &model }, &normalizer, &tables)?;
 /// let smile = rows[9].action_units.iter().find(|unit| unit.number == 12).expect("AU12");
 /// assert!(smile.is_present());
@@ -169,8 +172,13 @@ impl FeatureMeter {
     ///
     /// # Errors
     /// [`FeaturesError`] when the head model does not normalize.
-    pub fn new(head: &HeadModel, wireframe: &Wireframe, normalizer: &Normalizer<'_>) -> Result<Self, FeaturesError> {
-        let units = ActionUnits::new(head, wireframe, normalizer)?;
+    pub fn new(
+        head: &HeadModel,
+        wireframe: &Wireframe,
+        tables: &Tables,
+        normalizer: &Normalizer<'_>,
+    ) -> Result<Self, FeaturesError> {
+        let units = ActionUnits::new(head, wireframe, tables, normalizer)?;
         let lips_full = units.gap_of_jaw(LIPS).max(1.0);
         Ok(Self { units, lips_full, live: wireframe.live_nodes().to_vec(), irises: head.irises.clone() })
     }
@@ -275,7 +283,12 @@ impl FeatureMeter {
             row.action_units.iter_mut().filter(|unit| unit.number == LIPS_PART).for_each(|unit| {
                 unit.value = (FULL * parted / self.lips_full).clamp(0.0, FULL);
                 unit.expected_error = (FULL * errors[0].hypot(errors[1]) / self.lips_full).min(FULL);
+                // Enough at twice the expected error, which counts the errors of both lips as independent.
+                unit.evidence = EVIDENCE * (unit.value / (2.0 * unit.expected_error)).powi(2);
             });
+            // Without a wider eye, what looks like raised upper lids is the rest of the face.
+            let wider = row.eye_opening.iter().any(|opening| *opening > 1.0);
+            row.action_units.iter_mut().filter(|unit| unit.number == UPPER_LIDS && !wider).for_each(|unit| unit.evidence = 0.0);
             row.faps.extend(head_faps(angles));
             row.faps.sort_by_key(|(fap, _)| *fap);
             row.reason = reason(&row, fit, m);
@@ -467,7 +480,7 @@ mod tests {
         let fit = fitter.fit(&t, &track, &[]).unwrap();
         let normalizer = Normalizer::new(&w, &t, FeatureMeter::normalize_options(NormalizeOptions::default())).unwrap();
         let model = normalizer.normalize_every_frame(&fitter.frontal((&w, &t), &fit, &track).unwrap()).unwrap();
-        let meter = FeatureMeter::new(fitter.model(), &w, &normalizer).unwrap();
+        let meter = FeatureMeter::new(fitter.model(), &w, &t, &normalizer).unwrap();
         // Hair that was followed upwards, by a sixteenth of the eye distance, as in tracks of real smiles.
         let (last, mut frames) = (model.frame_count() - 1, model.frames().to_vec());
         let up =

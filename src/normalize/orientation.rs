@@ -41,6 +41,11 @@ impl EyeCorners {
         Self(nodes_of(EYE_CORNERS.iter(), tables, count))
     }
 
+    /// Returns the indices of their nodes.
+    pub(crate) fn nodes(&self) -> &[usize] {
+        &self.0
+    }
+
     /// Returns the similarity that maps the eye corners of `from` to those of `to`.
     ///
     /// # Errors

@@ -27,6 +27,10 @@ use grimace::internal::{
 const JUDGED: [u8; 10] = [1, 2, 4, 5, 10, 12, 15, 20, 26, 45];
 /// Share of the frames in which an action unit is active.
 const ACTIVE: f64 = 0.3;
+/// True intensity, 0 to 5, from which an action unit should count as present.
+const SHOWN: f64 = 1.5;
+/// True intensity below which it should not.
+const ABSENT: f64 = 0.5;
 /// Shortest and longest duration of a burst, frames.
 const BURST: (usize, usize) = (8, 24);
 
@@ -81,6 +85,10 @@ pub struct ActionUnitTrial {
     pub error: f64,
     /// Share of the frames whose error is below the expected error; 0.5 is ideal.
     pub within: f64,
+    /// Share of the frames with a true intensity of at least [`SHOWN`] in which the unit counts as present; NaN if there are none.
+    pub found: f64,
+    /// Share of the frames with a true intensity below [`ABSENT`] in which the unit counts as present; NaN if there are none.
+    pub false_alarms: f64,
 }
 
 /// Runs the study; `bench` must remove the head pose.
@@ -140,6 +148,11 @@ pub(super) fn judge(head: usize, unit: &ActionUnit, truth: &[f64], features: &[F
     let measured: Vec<Intensity> = features.iter().filter_map(of).collect();
     let off: Vec<f64> = measured.iter().zip(truth).map(|(found, s)| (found.value - FULL * s).abs()).collect();
     let count = off.len() as f64;
+    let present_among = |counts: &dyn Fn(f64) -> bool| {
+        let among: Vec<bool> =
+            measured.iter().zip(truth).filter(|(_, s)| counts(FULL * **s)).map(|(u, _)| u.is_present()).collect();
+        among.iter().filter(|present| **present).count() as f64 / among.len() as f64
+    };
     ActionUnitTrial {
         number: unit.number,
         name: unit.name,
@@ -147,6 +160,8 @@ pub(super) fn judge(head: usize, unit: &ActionUnit, truth: &[f64], features: &[F
         correlation: correlation(&measured.iter().map(|found| found.value).collect::<Vec<_>>(), truth),
         error: off.iter().sum::<f64>() / count,
         within: off.iter().zip(&measured).filter(|(off, found)| **off <= found.expected_error).count() as f64 / count,
+        found: present_among(&|intensity| intensity >= SHOWN),
+        false_alarms: present_among(&|intensity| intensity < ABSENT),
     }
 }
 
@@ -186,6 +201,8 @@ pub fn action_unit_table(trials: &[ActionUnitTrial]) -> Table {
         "worst",
         "mean error (0 to 5)",
         "within the expected error",
+        "present at 1.5 and more",
+        "present below 0.5",
         "judged",
     ]);
     for unit in &ACTION_UNITS {
@@ -194,6 +211,10 @@ pub fn action_unit_table(trials: &[ActionUnitTrial]) -> Table {
             continue;
         }
         let mean = |f: &dyn Fn(&ActionUnitTrial) -> f64| of.iter().map(|t| f(t)).sum::<f64>() / of.len() as f64;
+        let known = |f: &dyn Fn(&ActionUnitTrial) -> f64| {
+            let known: Vec<f64> = of.iter().map(|t| f(t)).filter(|share| share.is_finite()).collect();
+            known.iter().sum::<f64>() / known.len() as f64
+        };
         table.rows.push(vec![
             Cell::Count(usize::from(unit.number)),
             Cell::text(unit.name),
@@ -202,6 +223,8 @@ pub fn action_unit_table(trials: &[ActionUnitTrial]) -> Table {
             Cell::Number(of.iter().map(|t| t.correlation).fold(f64::INFINITY, f64::min), 3),
             Cell::Number(mean(&|t| t.error), 2),
             Cell::Number(mean(&|t| t.within), 2),
+            Cell::Number(known(&|t| t.found), 2),
+            Cell::Number(known(&|t| t.false_alarms), 2),
             Cell::text(if JUDGED.contains(&unit.number) { "yes" } else { "" }),
         ]);
     }

@@ -24,7 +24,8 @@ Example:
 
 Heads of a dense face model (a folder of NumPy arrays as for `grimace learn head`) turn and show bursts of several action units at once. A \
 perspective camera sees 68 landmarks of each head, with 110 px between the pupils. The table has the correlation over time of measured and \
-true intensity, the mean error on the scale of 0 to 5, and the share of frames within the expected error (ideally one half).")]
+true intensity, the mean error on the scale of 0 to 5, the share of frames within the expected error (ideally one half), and the \
+shares of frames with a true intensity of 1.5 and more, and below 0.5, in which the unit counts as present.")]
 pub struct Args {
     /// Folder of the dense face model
     #[arg(value_name = "MODEL", required_unless_present = "images")]
