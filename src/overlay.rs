@@ -11,6 +11,8 @@ use crate::{
     wireframe::Wireframe,
 };
 
+/// Width up to which pictures are shown as they are, px.
+const SCREEN_WIDTH: f32 = 1280.0;
 /// Least width of a picture, px; smaller frames are enlarged by an integer factor so that thin lines stay readable.
 const MIN_WIDTH: u32 = 900;
 
@@ -54,7 +56,7 @@ pub fn draw_overlay(frame: &Frame, wireframe: &Wireframe, nodes: &[TrackedNode],
     // Pixel centres have integer coordinates in image space and half-integers on the canvas.
     let scale = f64::from(factor);
     let at = |p: &Point2<f64>| (((p.x + 0.5) * scale) as f32, ((p.y + 0.5) * scale) as f32);
-    let width = 0.9 * factor as f32;
+    let width = line_width(gray.width()) * factor as f32;
     draw_nodes(&mut canvas, wireframe, nodes, at, width);
     for mark in marks {
         let (x, y) = at(mark);
@@ -73,9 +75,14 @@ pub fn draw_on_colour(picture: &RgbImage, wireframe: &Wireframe, nodes: &[Tracke
     for (pixel, rgb) in canvas.data_mut().chunks_exact_mut(4).zip(picture.pixels()) {
         pixel.copy_from_slice(&[rgb[0], rgb[1], rgb[2], 255]);
     }
-    draw_nodes(&mut canvas, wireframe, nodes, |p| ((p.x + 0.5) as f32, (p.y + 0.5) as f32), 0.9);
+    draw_nodes(&mut canvas, wireframe, nodes, |p| ((p.x + 0.5) as f32, (p.y + 0.5) as f32), line_width(picture.width()));
     let rgb = canvas.data().chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
     RgbImage::from_raw(picture.width(), picture.height(), rgb).unwrap_or_default()
+}
+
+/// Width of lines on a picture of this width, px: pictures larger than a screen are looked at in a smaller size.
+fn line_width(picture: u32) -> f32 {
+    0.9 * (picture as f32 / SCREEN_WIDTH).max(1.0)
 }
 
 /// Draws springs as lines and live nodes as dots in the colour of their state.

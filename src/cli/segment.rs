@@ -12,7 +12,7 @@ use std::{
 use anyhow::Context;
 use grimace::{
     dataset::{check_file_name, list_recording},
-    output::count,
+    output::{count, listed},
     pipeline::{
         EarlierSegments, GivenForAll, ManifestColumns, PipelineOptions, Recording, RecordingError, RecordingFiles, RecordingStep,
         SegmentRow, UNLABELLED, Workbench, reuse_recording, segment_recording, segments_folder, write_recording,
@@ -205,6 +205,16 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let earlier = EarlierSegments::read(&args.output).map_err(|error| {
         anyhow::anyhow!("{error}; it is not overwritten, because its content would be lost: repair it, or move it away")
     })?;
+    let base = base_of(&args.output);
+    let named: Vec<String> = args.recordings.iter().map(|path| named_from(&base, path)).collect();
+    let others = earlier.others_than(&named);
+    anyhow::ensure!(
+        others.is_empty(),
+        "{}: the table also has sequences of {}, whose rows would be lost; name {} too, delete these rows, or choose another table",
+        args.output.display(),
+        listed(&others, 5),
+        if others.len() == 1 { "this recording" } else { "these recordings" }
+    );
     anyhow::ensure!(
         args.recordings.len() == 1 || args.correspondences.is_none(),
         "--correspondences belong to a frame of one recording; give only one recording"
@@ -215,7 +225,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         ..PipelineOptions::default()
     };
     let bench = args.general.workbench(options)?;
-    let (recordings, base) = (recordings(args, &bench)?, base_of(&args.output));
+    let recordings = recordings(args, &bench)?;
     let stop = stop_flag()?;
     let (mut done, mut failed): (Vec<(ManifestColumns, RecordingFiles)>, usize) = (Vec::new(), 0);
     for (path, recording) in &recordings {

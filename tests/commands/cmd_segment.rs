@@ -139,6 +139,13 @@ fn labels_by_a_person_are_kept_when_a_recording_is_segmented_again() {
     assert_eq!(work.read("segments.csv"), edited);
     segment("--emotion joy").says(&["the old table had other labels: talk-01 (happiness, now joy)"]);
     assert_eq!(work.rows("segments.csv")[0]["emotion"], "joy");
+    // Rows of a recording that is not named are not dropped.
+    let table = work.read("segments.csv");
+    record(&work, "other", &expression("005")[10..78]);
+    work.grimace("segment other -o segments.csv --no-faces --force")
+        .exit(1)
+        .says(&["segments.csv: the table also has sequences of talk, whose rows would be lost; name this recording too"]);
+    assert_eq!(work.read("segments.csv"), table);
     // A record of a newer version of the program leaves the table unchanged.
     let (table, known) = (work.read("segments.csv"), work.read("segments/talk.json"));
     record(&work, "dark", &DARK);

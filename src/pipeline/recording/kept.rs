@@ -161,6 +161,18 @@ impl EarlierSegments {
         Ok(Self { columns, rows, proposed: read_proposed(path)? })
     }
 
+    /// Returns the recordings in the table that are not among `named` (paths as in its column `frames`), each once.
+    pub fn others_than(&self, named: &[String]) -> Vec<String> {
+        let named: Vec<String> = named.iter().map(|frames| place(frames)).collect();
+        let mut others: Vec<String> = Vec::new();
+        for row in &self.rows {
+            if !named.contains(&row.frames) && !others.contains(&row.frames) {
+                others.push(row.frames.clone());
+            }
+        }
+        others
+    }
+
     /// Columns that the user added, as in [`SegmentRow::more`].
     pub fn columns(&self) -> &[String] {
         &self.columns
