@@ -199,7 +199,8 @@ fn values<'a>(
     for row in catalog.rows().iter().filter(|row| row.frontal.is_measured() && row.range.is_some()) {
         let Some(scale) = Scale::of(row, fapus)? else { continue };
         let shift = mean_offset(row, &row.nodes, offsets)? - mean_offset(row, &row.relative_to, offsets)?;
-        found.push((row, scale.value(along(scale.axis, shift)) * lids.of_fap(row.number.get())));
+        let gaze = if scale.is_angle && scale.axis == Axis::Y { lids.gaze() } else { 1.0 };
+        found.push((row, scale.value(along(scale.axis, shift) * gaze) * lids.of_fap(row.number.get())));
     }
     Ok(found)
 }

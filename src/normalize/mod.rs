@@ -288,8 +288,11 @@ impl<'a> Normalizer<'a> {
             let still = DynamicExpressionModel::new(vec![FrameExpressionModel::new(neutral.to_vec()); 2]).ok()?;
             orientation::upright(&still, &frontal, self.tables).ok()?.into_iter().next()
         });
-        let units =
-            |upright: Vec<Point2<f64>>| Some(LidUnits::measure(&self.options.irisd.fapus(self.tables, &upright).ok()?, &upright));
+        let units = |upright: Vec<Point2<f64>>| {
+            let used = self.options.irisd.fapus(self.tables, &upright).ok()?;
+            let lids = IrisdMode::Lids.fapus(self.tables, &upright).ok()?;
+            Some(LidUnits::measure(&used, &upright).with_irisd(used.irisd, lids.irisd))
+        };
         upright.flatten().and_then(units).unwrap_or(LidUnits::CANONICAL)
     }
 

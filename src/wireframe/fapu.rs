@@ -266,17 +266,23 @@ pub(crate) const LID_LIMIT: f64 = 3.0;
 ///
 /// [`Fapus::irisd`], which normalizes models, is one length for both eyes. This type stores that length divided by the opening of
 /// each eye; multiplying a value in IRISD0 by it gives a value in openings.
+///
+/// It also stores how that length compares with the opening of the lids, so that eyeballs that look up or down by one angle (FAPs 25 and
+/// 26) have one value, whichever of the two lengths normalized the model.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LidUnits([f64; 2]);
+pub struct LidUnits {
+    lids: [f64; 2],
+    gaze: f64,
+}
 
 impl LidUnits {
     /// Units for face units: one IRISD0 of the canonical neutral is one opening, whatever was measured.
-    pub const CANONICAL: Self = Self([1.0, 1.0]);
+    pub const CANONICAL: Self = Self { lids: [1.0, 1.0], gaze: 1.0 };
 
     /// Units of a face from its FAPUs and the openings of its left and right eye.
     pub fn new(fapus: &Fapus, openings: [f64; 2]) -> Self {
         let unit = |opening: f64| if opening > 0.0 { (fapus.irisd / opening).clamp(1.0 / LID_LIMIT, LID_LIMIT) } else { 1.0 };
-        Self(openings.map(unit))
+        Self { lids: openings.map(unit), gaze: 1.0 }
     }
 
     /// Measures the units on an upright neutral face, y up.
@@ -284,11 +290,21 @@ impl LidUnits {
         Self::new(fapus, openings(upright).map(|opening| opening.unwrap_or(0.0)))
     }
 
+    /// The same for models normalized by `used` instead of `lids`, the IRISD0 of the same face measured on its lids.
+    pub fn with_irisd(self, used: f64, lids: f64) -> Self {
+        Self { gaze: if lids > 0.0 { used / lids } else { 1.0 }, ..self }
+    }
+
+    /// Factor for the vertical shift of an iris in a model that was normalized by IRISD0, for the angle of the eyeball.
+    pub fn gaze(self) -> f64 {
+        self.gaze
+    }
+
     /// Factor for a value of this FAP in IRISD0; 1 for a FAP that is not of the lids.
     pub fn of_fap(self, fap: u8) -> f64 {
         match fap {
-            19 | 21 => self.0[0],
-            20 | 22 => self.0[1],
+            19 | 21 => self.lids[0],
+            20 | 22 => self.lids[1],
             _ => 1.0,
         }
     }
@@ -296,7 +312,7 @@ impl LidUnits {
     /// Factor for the motion of a node in IRISD0; 1 for a node that is not the middle of a lid.
     pub fn of_node(self, node: NodeId) -> f64 {
         let eye = LID_MIDDLES.iter().position(|&(above, below)| node.index() == above || node.index() == below);
-        eye.map_or(1.0, |eye| self.0[eye])
+        eye.map_or(1.0, |eye| self.lids[eye])
     }
 }
 
@@ -333,6 +349,10 @@ mod tests {
         assert_relative_eq!(fapus.irisd, 0.135 * 0.085 / 0.082, epsilon = 1e-12);
         assert_relative_eq!(Fapus::of_nodes(&Tables::candide3().fapus, &face).unwrap().irisd, 0.085, epsilon = 1e-12);
         assert_eq!((units.of_fap(31), units.of_node(NodeId(31))), (1.0, 1.0));
+        // An iris that rises by a tenth of the lids' IRISD0 has one angle, also in a model normalized by iris boxes of 0.085.
+        let boxes = units.with_irisd(0.085, fapus.irisd);
+        assert_relative_eq!(0.1 * fapus.irisd / 0.085 * boxes.gaze(), 0.1, epsilon = 1e-12);
+        assert_eq!((units.gaze(), boxes.of_fap(19)), (1.0, units.of_fap(19)));
         // A closed neutral eye has no opening to measure in.
         assert_eq!(LidUnits::new(&fapus, [0.0, -1.0]), LidUnits::CANONICAL);
     }
