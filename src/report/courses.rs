@@ -57,11 +57,39 @@ struct MemberView {
     pose: String,
 }
 
+/// Colours of curves. An action unit has the same colour in every chart; with the dashed lines there are enough for all.
+const COLOURS: [Colour; 11] = [
+    [0x00, 0x72, 0xb2],
+    [0xd5, 0x5e, 0x00],
+    [0x00, 0x9e, 0x73],
+    [0xcc, 0x79, 0xa7],
+    [0x7b, 0x4f, 0xa3],
+    [0x56, 0xb4, 0xe9],
+    [0x8c, 0x56, 0x4b],
+    [0x8a, 0x9a, 0x00],
+    [0xe6, 0x9f, 0x00],
+    [0x80, 0x80, 0x80],
+    [0xb2, 0x18, 0x2b],
+];
+
 /// One curve: its name, its means, and half the width of its interval at every time (empty for none).
 struct Curve {
     name: String,
+    /// Index of its style: of an action unit in the list, of an angle in its order.
+    style: usize,
     values: Vec<f64>,
     interval: Vec<f64>,
+}
+
+impl Curve {
+    fn colour(&self) -> Colour {
+        COLOURS[self.style % COLOURS.len()]
+    }
+
+    fn pen(&self, width: f64) -> Pen {
+        let pen = Pen::line("", self.colour(), width);
+        if self.style < COLOURS.len() { pen } else { pen.dashed() }
+    }
 }
 
 /// Curves of the classes; `None` if no sequence has one.
@@ -138,7 +166,8 @@ fn mean_curves(of: &[(&str, &Course)]) -> Vec<Curve> {
             errors * (squares / (n - 1.0) / n).sqrt()
         };
         let interval = errors.map(|errors| (0..COURSE_POINTS).map(|t| half(errors, t)).collect()).unwrap_or_default();
-        Curve { name: format!("AU{:02} {}", ACTION_UNITS[k].number, ACTION_UNITS[k].name), values, interval }
+        let name = format!("AU{:02} {}", ACTION_UNITS[k].number, ACTION_UNITS[k].name);
+        Curve { name, style: k, values, interval }
     };
     let mut curves: Vec<Curve> = (0..ACTION_UNITS.len()).map(curve).collect();
     let height = |c: &Curve| c.values.iter().copied().fold(0.0, f64::max);
@@ -153,6 +182,7 @@ fn member(id: &SequenceId, course: &Course) -> MemberView {
     let units = chart(&mean_curves(&[("", course)]), (0.0, TOP), size).inline("course", &format!("Action units over time, {id}"));
     let angle = |k: usize, name: &str| Curve {
         name: name.to_owned(),
+        style: k,
         values: course.pose.iter().map(|pose| f64::from(pose[k])).collect(),
         interval: Vec::new(),
     };
@@ -166,8 +196,6 @@ fn member(id: &SequenceId, course: &Course) -> MemberView {
 
 /// A line chart over time from 0 (neutral) to 1 (apex).
 fn chart(curves: &[Curve], (low, high): (f64, f64), (width, height): (f64, f64)) -> Drawing {
-    const COLOURS: [Colour; CURVES] =
-        [[0x00, 0x72, 0xb2], [0xd5, 0x5e, 0x00], [0x00, 0x9e, 0x73], [0xcc, 0x79, 0xa7], [0xe6, 0x9f, 0x00], [0x56, 0xb4, 0xe9]];
     let names = if curves.iter().any(|c| c.name.len() > 6) { 172.0 } else { 54.0 };
     let (left, right, top, bottom) = (26.0, width - names, 8.0, height - 22.0);
     let x = |t: usize| left + (right - left) * t as f64 / (COURSE_POINTS - 1) as f64;
@@ -180,18 +208,18 @@ fn chart(curves: &[Curve], (low, high): (f64, f64), (width, height): (f64, f64))
     chart.text(left, bottom + 15.0, TEXT, Anchor::Start, "neutral");
     chart.text(right, bottom + 15.0, TEXT, Anchor::End, "apex");
     let point = |(t, value): (usize, f64)| Point2::new(x(t), y(value));
-    for (curve, colour) in curves.iter().zip(COLOURS) {
+    for curve in curves {
         if !curve.interval.is_empty() {
             let ends = |sign: f64| curve.values.iter().zip(&curve.interval).map(move |(v, half)| v + sign * half).enumerate();
             let around = ends(1.0).chain(ends(-1.0).collect::<Vec<_>>().into_iter().rev()).map(point);
-            chart.polygon(Pen::area(colour).at(0.16), around);
+            chart.polygon(Pen::area(curve.colour()).at(0.12), around);
         }
-        chart.polyline(Pen::line("", colour, 1.8), curve.values.iter().copied().enumerate().map(point));
+        chart.polyline(curve.pen(1.8), curve.values.iter().copied().enumerate().map(point));
     }
-    for (k, (curve, colour)) in curves.iter().zip(COLOURS).enumerate() {
+    for (k, curve) in curves.iter().enumerate() {
         let at = top + 10.0 + 15.0 * k as f64;
         let key = [right + 8.0, right + 20.0].map(|x| Point2::new(x, at - 3.5));
-        chart.polyline(Pen::line("", colour, 2.4), key);
+        chart.polyline(curve.pen(2.4), key);
         chart.text(right + 24.0, at, TEXT, Anchor::Start, curve.name.as_str());
     }
     chart
@@ -221,6 +249,19 @@ mod tests {
         let twice = mean_curves(&[("P1", &a), ("P2", &b), ("P2", &b)]);
         assert_eq!((&twice[0].values, &twice[0].interval), (&curves[0].values, &curves[0].interval));
         assert!(mean_curves(&[("P1", &a), ("P1", &b)])[0].interval.is_empty());
+    }
+
+    #[test]
+    fn every_action_unit_has_a_style_of_its_own() {
+        assert!(ACTION_UNITS.len() <= 2 * COLOURS.len());
+        // AU 12 looks the same whether it is the strongest unit or not.
+        let one = course(3.0);
+        let mut two = course(3.0);
+        two.units.iter_mut().enumerate().for_each(|(t, row)| row[0] = 4.0 * t as f32 / 12.0);
+        let colour =
+            |course: &Course| mean_curves(&[("P1", course)]).iter().find(|c| c.name.starts_with("AU12")).unwrap().colour();
+        assert_eq!(mean_curves(&[("P1", &two)])[0].name, "AU01 inner brow raiser");
+        assert_eq!(colour(&one), colour(&two));
     }
 
     #[test]
