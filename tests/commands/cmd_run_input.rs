@@ -455,7 +455,7 @@ fn a_neutral_photograph_and_one_of_an_expression_are_a_sequence() {
     let init = work.grimace("init photos").exit(0);
     init.prints(&[
         "manifest.csv: 2 sequences",
-        "note: in no pair: S003 (the neutral picture alone)",
+        "note: in no pair: neutral/S003.png (the only picture of S003)",
         "grimace run photos -o results --resample linear",
     ]);
     let manifest = "subject,sequence,emotion,frames\n\
