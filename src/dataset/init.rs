@@ -5,9 +5,11 @@ mod codes;
 mod emotions;
 mod kept;
 mod people;
+mod pictures;
 mod search;
 #[cfg(test)]
 mod tests;
+mod unpaired;
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -19,7 +21,7 @@ use self::{
     people::{Pairs, take_pictures_of_people},
     search::Found,
 };
-pub use self::{kept::Kept, people::PicturesOfPeople};
+pub use self::{kept::Kept, unpaired::PicturesOfPeople};
 use super::{Dataset, DatasetError, Labels, MANIFEST_NAME, cohn_kanade, entry::is_publish_column, error::name_key};
 use crate::{
     input::CsvFile,
