@@ -628,6 +628,8 @@ mod tests {
         assert_eq!(taken(&frames(&["anna/neutral", "anna/happy", "ben/neutral", "ben/happy"], ["x01", "x02"])), 4);
         assert_eq!(taken(&frames(&["neutral", "happy"], ["frame_1", "frame_2"])), 2);
         assert_eq!(taken(&files(&["anna/neutral_1.png", "anna/happy_2.png"])), 1, "numbered from neutral to happy");
+        let phases = files(&["anna/t_neutral_1.png", "anna/t_onset_2.png", "anna/t_happy_3.png", "anna/t_offset_4.png"]);
+        assert_eq!(taken(&phases), 1, "phases between");
     }
 
     #[test]

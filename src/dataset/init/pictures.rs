@@ -244,18 +244,18 @@ pub(super) fn numbered(name: &str) -> (&str, &str) {
     (word.trim_end_matches(SEPARATORS), &name[word.len()..])
 }
 
-/// Whether files are numbered like the frames of one sequence: with one word, without duplicates, and with few changes of the expression.
+/// Whether files are numbered like the frames of one sequence: without duplicates and, where the names contain an expression, with one word
+/// beside it and few changes.
 pub(super) fn are_frames(pictures: &[Named]) -> bool {
     let numbers: BTreeSet<&str> = pictures.iter().map(|p| numbered(&p.person).1).collect();
-    let words: BTreeSet<&str> = pictures.iter().map(|p| numbered(&p.person).0).collect();
-    let mut in_order: Vec<(usize, &str, Option<&str>)> = pictures
-        .iter()
-        .map(|p| (numbered(&p.person).1.trim_start_matches('0'), p.emotion))
-        .map(|(n, e)| (n.len(), n, e))
-        .collect();
+    let of_expressions = || pictures.iter().filter(|p| p.emotion.is_some());
+    let words: BTreeSet<&str> = of_expressions().map(|p| numbered(&p.person).0).collect();
+    let number = |p: &Named| numbered(&p.person).1.trim_start_matches('0').to_owned();
+    let mut in_order: Vec<(usize, String, Option<&str>)> =
+        of_expressions().map(|p| (number(p).len(), number(p), p.emotion)).collect();
     in_order.sort_unstable();
     let changes = in_order.windows(2).filter(|two| two[0].2 != two[1].2).count();
-    numbers.len() == pictures.len() && !numbers.contains("") && words.len() == 1 && changes <= 2
+    numbers.len() == pictures.len() && !numbers.contains("") && words.len() < 2 && changes <= 2
 }
 
 /// Numbers of the files, if these have one word and follow each other without gaps.
