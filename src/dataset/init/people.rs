@@ -364,7 +364,7 @@ pub(super) fn take_pictures_of_people(root: &Path, found: &mut Found) -> Pairs {
         match pairs.add(root, &pictures, place) {
             Ok(()) => people.extend(shared),
             Err(alike) => {
-                pairs.refused.push(refused(root, &paths, &pictures, shared.iter().map(String::as_str).collect(), alike))
+                pairs.refused.push(refused(root, &paths, &pictures, shared.iter().map(String::as_str).collect(), alike));
             }
         }
         taken.extend(folders.iter().map(|folder| folder.path.clone()));
