@@ -5,9 +5,11 @@ mod codes;
 mod emotions;
 mod kept;
 mod people;
+mod pictures;
 mod search;
 #[cfg(test)]
 mod tests;
+mod unpaired;
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -19,7 +21,7 @@ use self::{
     people::{Pairs, take_pictures_of_people},
     search::Found,
 };
-pub use self::{kept::Kept, people::PicturesOfPeople};
+pub use self::{kept::Kept, unpaired::PicturesOfPeople};
 use super::{Dataset, DatasetError, Labels, MANIFEST_NAME, cohn_kanade, entry::is_publish_column, error::name_key};
 use crate::{
     input::CsvFile,
@@ -120,7 +122,8 @@ pub fn propose_manifest(root: &Path) -> Result<ProposedManifest, DatasetError> {
 
 impl ProposedManifest {
     /// Joins a table of people: a CSV file with a column `subject` (or `person`). Its other columns are added to every sequence of the
-    /// subject, except columns that describe sequences ([`ProposedManifest::not_joined`]). Subjects are compared without regard to case.
+    /// subject, except columns that describe sequences ([`ProposedManifest::not_joined`]). Subjects are compared without regard to case, and
+    /// `Ole B` is the subject `Ole_B` unless the table has both.
     ///
     /// # Errors
     /// [`DatasetError`] when the file cannot be read, has no such column, or none of its people is in the dataset.
@@ -151,7 +154,17 @@ impl ProposedManifest {
                 return Err(DatasetError::Contradiction { path: path.to_owned(), line: row.line(), subject });
             }
         }
-        if !self.rows.iter().any(|row| people.contains_key(&name_key(&row.subject))) {
+        // Names from files have `_` between their words. By such a name: the key in the table, if it is the only one.
+        let mut cleaned: BTreeMap<String, Option<String>> = BTreeMap::new();
+        for (key, (name, _)) in &people {
+            cleaned.entry(joined_words(name)).and_modify(|only| *only = None).or_insert_with(|| Some(key.clone()));
+        }
+        let key_of = |subject: &str| {
+            let key = name_key(subject);
+            let known = people.contains_key(&key).then_some(key);
+            known.or_else(|| cleaned.get(&joined_words(subject)).cloned().flatten())
+        };
+        if !self.rows.iter().any(|row| key_of(&row.subject).is_some()) {
             let subject = self.rows.first().map(|row| row.subject.clone()).unwrap_or_default();
             return Err(DatasetError::NobodyKnown { path: path.to_owned(), subject });
         }
@@ -163,10 +176,10 @@ impl ProposedManifest {
         let unknown_person: Vec<String> = self.person_columns.iter().map(nothing_known).collect();
         let (mut known, mut unknown) = (BTreeSet::new(), BTreeSet::new());
         for row in &mut self.rows {
-            let key = name_key(&row.subject);
-            if let Some((_, fields)) = people.get(&key) {
+            let key = key_of(&row.subject);
+            if let Some((key, (_, fields))) = key.and_then(|key| people.get_key_value(&key)) {
                 row.person.clone_from(fields);
-                known.insert(key);
+                known.insert(key.clone());
             } else {
                 row.person.clone_from(&unknown_person);
                 unknown.insert(row.subject.clone());
@@ -197,6 +210,11 @@ impl ProposedManifest {
         });
         write_records(path, header, rows).map(|_| ())
     }
+}
+
+/// Key of a name whose words may be separated by any separator.
+fn joined_words(name: &str) -> String {
+    name_key(&name.split(SEPARATORS).filter(|word| !word.is_empty()).collect::<Vec<_>>().join("_"))
 }
 
 /// Path from `root` with `/` between folders.

@@ -455,7 +455,7 @@ fn a_neutral_photograph_and_one_of_an_expression_are_a_sequence() {
     let init = work.grimace("init photos").exit(0);
     init.prints(&[
         "manifest.csv: 2 sequences",
-        "note: in no pair: S003 (the neutral picture alone)",
+        "note: in no pair: neutral/S003.png (the only picture of S003)",
         "grimace run photos -o results --resample linear",
     ]);
     let manifest = "subject,sequence,emotion,frames\n\
@@ -485,6 +485,46 @@ fn a_neutral_photograph_and_one_of_an_expression_are_a_sequence() {
     work.grimace("run photos -o out --resample linear").exit(0).prints(&["2 sequences: 1 tracked, 1 unchanged"]);
     // Overlay pictures are kept apart from the photographs.
     work.grimace("run photos -o other --overlay photos/smiling").exit(1).says(&["would lie among the frames of S001_smiling"]);
+}
+
+#[test]
+fn pictures_of_people_without_common_names_are_in_no_manifest() {
+    let work = Work::new();
+    for (folder, seconds) in [("neutral", ["01", "21", "41"]), ("happy", ["11", "31", "51"])] {
+        for second in seconds {
+            work.write(&format!("faces/{folder}/IMG_20240501_1200{second}.jpg"), "");
+        }
+    }
+    let said = "`happy/`; `neutral/`: these folders hold pictures with no name in common; name the two pictures of a person alike, e.g. \
+                neutral/anna.jpg and happy/anna.jpg";
+    work.grimace("init faces").exit(1).says(&[said]);
+    assert!(!work.path("faces/manifest.csv").exists());
+    // Beside people whose pictures pair, it is a note.
+    for file in [
+        "Joy_neutral",
+        "Joy_happy_1",
+        "Joy_happy_2",
+        "Ole B_01_neutral",
+        "Ole B_02_sad",
+        "ida_sad",
+        "Eva_sad",
+        "Eva_neutral",
+        "eva_neutral",
+    ] {
+        work.write(&format!("faces/{file}.jpg"), "");
+    }
+    work.write("people.csv", "subject,sex\nOle B,m\nJoy,f\n");
+    work.grimace("init faces --people people.csv").exit(0).prints(&[
+        "manifest.csv: 3 sequences",
+        "note: in no pair: Eva_neutral.jpg (Eva and eva differ only in case; rename one), eva_neutral.jpg",
+        "ida_sad.jpg (no neutral picture of ida)",
+        said,
+    ]);
+    let manifest = "subject,sequence,emotion,frames,sex\n\
+                    Joy,happy_1,happiness,Joy_neutral.jpg;Joy_happy_1.jpg,f\n\
+                    Joy,happy_2,happiness,Joy_neutral.jpg;Joy_happy_2.jpg,f\n\
+                    Ole_B,sad,sadness,Ole B_01_neutral.jpg;Ole B_02_sad.jpg,m\n";
+    assert_eq!(work.read("faces/manifest.csv"), manifest);
 }
 
 #[test]

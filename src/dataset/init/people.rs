@@ -3,7 +3,6 @@
 
 use std::{
     collections::{BTreeMap, BTreeSet},
-    fmt,
     path::{Path, PathBuf},
 };
 
@@ -13,75 +12,16 @@ use super::{
         frames::{is_picture, visible},
         name_key,
     },
-    ProposedRow, SEPARATORS, UNKNOWN_EMOTION,
-    codes::{Coded, coded},
-    emotions::{emotion_of, has_other_words},
-    is_label, relative,
+    ProposedRow, SEPARATORS, UNKNOWN_EMOTION, is_label,
+    pictures::{
+        FRAME_WORDS, NEUTRAL, Named, are_frames, are_unordered, consecutive, expression_of, numbered, pictures, read_to_pair,
+        readings_in_folder, without_shots,
+    },
+    relative,
     search::Found,
+    unpaired::{PicturesOfPeople, Unpaired},
 };
-use crate::{
-    output::{count, listed},
-    text::composed,
-};
-
-/// The emotion that forms a pair with any other.
-const NEUTRAL: &str = "neutral";
-
-/// Words that precede frame numbers and are not names.
-const FRAME_WORDS: [&str; 20] = [
-    "", "img", "image", "frame", "frames", "f", "pic", "picture", "photo", "foto", "bild", "dsc", "still", "shot", "cap",
-    "capture", "clip", "video", "vid", "seq",
-];
-
-/// Most names in a message.
-const MOST_NAMED: usize = 6;
-
-/// A collection of pictures of several people, one picture per expression.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct PicturesOfPeople {
-    /// Its folders, relative to the manifest.
-    pub folders: Vec<String>,
-    /// The people, from the file names.
-    pub people: Vec<String>,
-    /// Neutral picture and picture of an expression of one person, relative to the manifest, and the expression; `None` without such a
-    /// pair.
-    pub pair: Option<[String; 3]>,
-}
-
-impl fmt::Display for PicturesOfPeople {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let folders: Vec<String> = self
-            .folders
-            .iter()
-            .map(|folder| if folder == "." { "this folder".to_owned() } else { format!("`{folder}`") })
-            .collect();
-        let whose = if self.people.len() == 1 { "single pictures of" } else { "single pictures of several people:" };
-        write!(f, "{}: {whose} {}; ", listed(&folders, MOST_NAMED), listed(&self.people, MOST_NAMED))?;
-        write!(f, "make a folder for every person and expression, with the neutral picture as 1 and the other as 2")?;
-        let Some([neutral, other, emotion]) = &self.pair else { return Ok(()) };
-        let person = self.people.first().map_or("", String::as_str);
-        let extension =
-            |file: &str| Path::new(file).extension().map_or_else(String::new, |e| format!(".{}", e.to_string_lossy()));
-        let (first, second) = (extension(neutral), extension(other));
-        write!(f, ": copy {neutral} to {person}/{emotion}/1{first} and {other} to {person}/{emotion}/2{second}")
-    }
-}
-
-/// A picture with the information in its name.
-struct Named {
-    path: PathBuf,
-    /// The name without emotions. Pictures of one person with equal names form a pair.
-    person: String,
-    /// The person in the manifest.
-    subject: String,
-    emotion: Option<&'static str>,
-    /// The expression as in the name.
-    kind: String,
-    /// Name of the sequence.
-    word: String,
-    /// Whether the face is seen from the side.
-    is_side: bool,
-}
+use crate::{output::count, text::composed};
 
 /// Words without meaning in the names of folders of pictures.
 const PICTURE_WORDS: [&str; 12] = [
@@ -98,53 +38,6 @@ const PICTURE_WORDS: [&str; 12] = [
     "expression",
     "expressions",
 ];
-
-/// Words that denote a neutral face only beside pictures of emotions.
-const RESTING: [&str; 4] = ["rest", "resting", "relaxed", "baseline"];
-
-/// The emotion of a word that contains nothing else, or of a word for a face at rest.
-fn expression_of(part: &str) -> Option<&'static str> {
-    if RESTING.contains(&part.to_lowercase().as_str()) {
-        return Some(NEUTRAL);
-    }
-    emotion_of(part).filter(|_| !has_other_words(part))
-}
-
-/// A picture in the folder `folder`.
-fn named(folder: &Path, path: PathBuf) -> Named {
-    let stem = composed(&path.file_stem().unwrap_or_default().to_string_lossy());
-    if let Some(Coded { person, subject, emotion, kind, word, is_side }) = coded(&stem) {
-        return Named { path, person, subject, emotion: Some(emotion), kind, word, is_side };
-    }
-    let (emotions, others): (Vec<&str>, Vec<&str>) =
-        stem.split(SEPARATORS).filter(|part| !part.is_empty()).partition(|part| expression_of(part).is_some());
-    let emotion = emotions.first().and_then(|part| expression_of(part));
-    let mut person = others.join("_");
-    if person.is_empty() {
-        person = composed(&folder.file_name().unwrap_or_default().to_string_lossy());
-    }
-    let word = emotions.first().map(|&part| part.to_owned()).unwrap_or_default();
-    Named { path, subject: person.clone(), person, emotion, kind: word.to_lowercase(), word, is_side: false }
-}
-
-/// Pictures of a folder.
-fn pictures(folder: &Path) -> Vec<Named> {
-    let resolved = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
-    let files = visible(folder).unwrap_or_default().into_iter().map(|entry| entry.path()).filter(|path| is_picture(path));
-    files.map(|path| named(&resolved, path)).collect()
-}
-
-/// The part of a name before its last number, and the number.
-fn numbered(name: &str) -> (&str, &str) {
-    let word = name.trim_end_matches(|c: char| c.is_ascii_digit());
-    (word.trim_end_matches(SEPARATORS), &name[word.len()..])
-}
-
-/// Whether files are numbered like the frames of one sequence: without gaps and duplicates.
-fn are_frames(pictures: &[Named]) -> bool {
-    let numbers: BTreeSet<&str> = pictures.iter().map(|p| numbered(&p.person).1).collect();
-    numbers.len() == pictures.len() && !numbers.contains("")
-}
 
 /// A neutral picture and a picture of an expression of the same person.
 fn pair(root: &Path, pictures: &[&Named], person: &str) -> Option<[String; 3]> {
@@ -163,11 +56,21 @@ fn of_people(root: &Path, folders: &[&PathBuf], pictures: &[&Named], people: BTr
         let example = people.remove(place);
         people.insert(0, example);
     }
-    PicturesOfPeople {
-        folders: folders.iter().map(|folder| relative(root, folder)).collect(),
-        pair: people.first().and_then(|person| pair(root, pictures, person)),
-        people,
-    }
+    let pair = people.first().and_then(|person| pair(root, pictures, person));
+    let folders = folders.iter().map(|folder| relative(root, folder)).collect();
+    PicturesOfPeople { folders, reason: Unpaired::People { people, pair } }
+}
+
+/// A collection without pairs; `alike` are names of people that differ only in case.
+fn refused(
+    root: &Path,
+    folders: &[&PathBuf],
+    pictures: &[&Named],
+    people: BTreeSet<&str>,
+    alike: Vec<String>,
+) -> PicturesOfPeople {
+    let refused = of_people(root, folders, pictures, people);
+    if alike.is_empty() { refused } else { PicturesOfPeople { reason: Unpaired::SameButCase { names: alike }, ..refused } }
 }
 
 /// Sequences of two pictures, and what was found beside them.
@@ -175,8 +78,10 @@ fn of_people(root: &Path, folders: &[&PathBuf], pictures: &[&Named], people: BTr
 pub(super) struct Pairs {
     /// The sequences.
     pub rows: Vec<ProposedRow>,
-    /// People without a neutral picture or without a picture of an expression, and other pictures in no pair.
+    /// Pictures of people, and other pictures, in no pair.
     pub lacking: Vec<String>,
+    /// Pictures without an emotion in the name.
+    unnamed: Vec<String>,
     /// Pictures from the side.
     side: usize,
     /// Collections without pairs.
@@ -184,68 +89,77 @@ pub(super) struct Pairs {
 }
 
 impl Pairs {
-    /// Adds a sequence of each neutral picture and each picture of an expression of the same person. Returns `false`, without a change, if there
-    /// is none.
+    /// Adds a sequence of each neutral picture and each picture of an expression of the same person. If there is none, it changes nothing
+    /// and returns names of people that differ only in case.
     ///
     /// `place` is the name of the sequence and, in messages, of the place of a picture.
-    fn add(&mut self, root: &Path, pictures: &[&Named], place: impl Fn(&Named) -> (String, String)) -> bool {
+    fn add(&mut self, root: &Path, pictures: &[&Named], place: impl Fn(&Named) -> (String, String)) -> Result<(), Vec<String>> {
         let (side, front): (Vec<&Named>, Vec<&Named>) = pictures.iter().partition(|p| p.is_side);
         let mut people: BTreeMap<String, [Vec<&Named>; 2]> = BTreeMap::new();
-        let mut unknown: Vec<String> = Vec::new();
+        let mut unnamed: Vec<String> = Vec::new();
         for picture in front {
             match picture.emotion {
                 Some(emotion) => {
                     let person = people.entry(name_key(&picture.person)).or_default();
                     person[usize::from(emotion != NEUTRAL)].push(picture);
                 }
-                None => unknown.push(format!("{} (no emotion in the name)", relative(root, &picture.path))),
+                None => unnamed.push(format!("{} (no emotion in the name)", relative(root, &picture.path))),
             }
         }
         let mut rows = Vec::new();
         let mut lacking = Vec::new();
-        let places: BTreeSet<String> = people.values().flat_map(|[_, others]| others).map(|p| place(p).1).collect();
+        let mut alike = Vec::new();
         for [neutral, others] in people.values() {
-            let Some(first) = neutral.first().or(others.first()) else { continue };
-            let (subject, person) = (&first.subject, &first.person);
+            let Some(person) = neutral.first().or(others.first()).map(|first| &first.person) else { continue };
+            let spellings: BTreeSet<&str> = neutral.iter().chain(others).map(|p| p.person.as_str()).collect();
+            let names = spellings.into_iter().collect::<Vec<_>>().join(" and ");
+            let differ = names != *person;
+            let mut leave_out = |pictures: &[&Named], reason: &str| {
+                lacking.extend(pictures.iter().map(|p| format!("{} ({reason})", relative(root, &p.path))));
+            };
             let neutral = match &neutral[..] {
                 [] => {
-                    lacking.push(format!("{person} (no neutral picture)"));
+                    leave_out(others, &format!("no neutral picture of {person}"));
                     continue;
                 }
                 [neutral] => *neutral,
-                _ => {
-                    lacking.push(format!("{person} (several neutral pictures)"));
+                several => {
+                    let reason = if differ {
+                        alike.push(names.clone());
+                        format!("{names} differ only in case; rename one")
+                    } else {
+                        format!("several neutral pictures of {person}")
+                    };
+                    leave_out(several, &reason);
+                    leave_out(others, &reason);
                     continue;
                 }
             };
             if others.is_empty() {
-                lacking.push(format!("{person} (the neutral picture alone)"));
+                leave_out(&[neutral], &format!("the only picture of {person}"));
                 continue;
             }
-            for of in &places {
-                let (sequence, emotion, picture) = match others.iter().filter(|p| place(p).1 == *of).collect::<Vec<_>>()[..] {
-                    [] => {
-                        lacking.push(format!("{person} (no picture in {of})"));
-                        continue;
-                    }
-                    [picture] => (place(picture).0, picture.emotion.unwrap_or(UNKNOWN_EMOTION), picture),
-                    _ => {
-                        lacking.push(format!("{person} (several pictures in {of})"));
-                        continue;
-                    }
+            let mut places: BTreeMap<String, Vec<&Named>> = BTreeMap::new();
+            for picture in others {
+                places.entry(place(picture).1).or_default().push(picture);
+            }
+            for (of, pictures) in &places {
+                let [picture] = pictures[..] else {
+                    leave_out(pictures, &format!("several pictures of {names} in {of}"));
+                    continue;
                 };
-                let pair = [neutral, *picture].map(|p| relative(root, &p.path));
+                let pair = [neutral, picture].map(|p| relative(root, &p.path));
                 if pair.iter().any(|path| path.contains(PICTURE_SEPARATOR) || path.trim() != path) {
-                    lacking.push(format!(
-                        "{person} (`{PICTURE_SEPARATOR}` or a blank at an end in the name of {})",
-                        pair.join(" or ")
-                    ));
+                    leave_out(
+                        &[picture],
+                        &format!("`{PICTURE_SEPARATOR}` or a blank at an end in the name of {}", pair.join(" or ")),
+                    );
                     continue;
                 }
                 rows.push(ProposedRow {
-                    subject: subject.clone(),
-                    sequence,
-                    emotion: emotion.to_owned(),
+                    subject: neutral.subject.clone(),
+                    sequence: place(picture).0,
+                    emotion: picture.emotion.unwrap_or(UNKNOWN_EMOTION).to_owned(),
                     frames: pair.join(&PICTURE_SEPARATOR.to_string()),
                     landmarks: String::new(),
                     person: Vec::new(),
@@ -254,16 +168,18 @@ impl Pairs {
             }
         }
         if rows.is_empty() {
-            return false;
+            return Err(alike);
         }
         self.rows.extend(rows);
-        self.lacking.extend(lacking.into_iter().chain(unknown));
+        self.lacking.extend(lacking);
+        self.unnamed.extend(unnamed);
         self.side += side.len();
-        true
+        Ok(())
     }
 
-    /// With the pictures from the side, as one message.
+    /// With the pictures without an emotion after those of people, and the pictures from the side as one message.
     fn finished(mut self) -> Self {
+        self.lacking.append(&mut self.unnamed);
         if self.side > 0 {
             self.lacking.push(count(self.side, "picture from the side", "pictures from the side"));
         }
@@ -291,7 +207,16 @@ fn emotion_folder(path: &Path) -> Option<EmotionFolder> {
         |part: &str| part.chars().all(|c| c.is_ascii_digit()) || PICTURE_WORDS.contains(&part.to_lowercase().as_str());
     let view = others.into_iter().filter(|part| !has_no_meaning(part)).collect::<Vec<_>>().join("_").to_lowercase();
     let mut pictures = pictures(path);
-    pictures.iter_mut().for_each(|p| p.emotion = Some(emotion));
+    for picture in &mut pictures {
+        if !picture.readings.is_empty() {
+            let stem = composed(&picture.path.file_stem().unwrap_or_default().to_string_lossy());
+            picture.readings = readings_in_folder(&stem, emotion);
+            if let Some(reading) = picture.readings.last().cloned() {
+                picture.take(reading);
+            }
+        }
+        picture.emotion = Some(emotion);
+    }
     Some(EmotionFolder { path: path.to_owned(), view, pictures })
 }
 
@@ -318,7 +243,9 @@ fn without_codes(folders: &mut [EmotionFolder]) -> bool {
 }
 
 /// People in several of the sibling folders, if these contain a picture of every person rather than the frames of one.
-fn people_of(parent: &str, folders: &[EmotionFolder], are_coded: bool) -> Option<BTreeSet<String>> {
+///
+/// `are_frames` says whether folders may hold frames; otherwise one person suffices.
+fn people_of(parent: &str, folders: &[EmotionFolder], are_coded: bool, are_frames: bool) -> Option<BTreeSet<String>> {
     let mut times: BTreeMap<&str, usize> = BTreeMap::new();
     for name in folders.iter().flat_map(|folder| folder.pictures.iter().map(|p| p.person.as_str()).collect::<BTreeSet<_>>()) {
         *times.entry(name).or_insert(0) += 1;
@@ -333,7 +260,31 @@ fn people_of(parent: &str, folders: &[EmotionFolder], are_coded: bool) -> Option
     let sizes = || folders.iter().map(|folder| folder.pictures.len());
     let fewest = sizes().filter(|size| *size > 1).min().unwrap_or(1);
     let least = if sizes().all(|size| size == 1) { 1 } else { 2 };
-    (shared.len() >= least && 2 * shared.len() >= fewest && (are_coded || !is_label(parent))).then_some(shared)
+    let suffice = if are_frames { shared.len() >= least && 2 * shared.len() >= fewest } else { !shared.is_empty() };
+    (suffice && (are_coded || !is_label(parent))).then_some(shared)
+}
+
+/// Names for an example, if the neutral folder and another have two or more pictures each, no name in common, and are not numbered like frames that
+/// start anew in each folder.
+fn nothing_in_common(root: &Path, folders: &[EmotionFolder]) -> Option<[String; 2]> {
+    let (neutral, others): (Vec<&EmotionFolder>, Vec<&EmotionFolder>) =
+        folders.iter().filter(|f| f.pictures.len() > 1).partition(|f| f.pictures.iter().all(|p| p.emotion == Some(NEUTRAL)));
+    let (first, other) = (neutral.first()?, others.first()?);
+    let names = |folders: &[&EmotionFolder]| -> BTreeSet<String> {
+        let readings = folders
+            .iter()
+            .flat_map(|folder| &folder.pictures)
+            .flat_map(|p| p.readings.iter().map(|reading| reading.person.as_str()).chain([p.person.as_str()]));
+        readings.map(name_key).collect()
+    };
+    let numbers = |folder: &&EmotionFolder| consecutive(&folder.pictures);
+    let restart =
+        || others.iter().any(|other| numbers(first).zip(numbers(other)).is_some_and(|(first, other)| !first.is_disjoint(&other)));
+    if !names(&neutral).is_disjoint(&names(&others)) || restart() {
+        return None;
+    }
+    let extension = first.pictures.first()?.path.extension().map(|e| e.to_string_lossy().into_owned()).unwrap_or_default();
+    Some([first, other].map(|folder| format!("{}/anna.{extension}", relative(root, &folder.path))))
 }
 
 /// Removes folders with single pictures of people from what was found, and pairs their pictures. These are folders whose pictures show several
@@ -342,14 +293,24 @@ fn people_of(parent: &str, folders: &[EmotionFolder], are_coded: bool) -> Option
 pub(super) fn take_pictures_of_people(root: &Path, found: &mut Found) -> Pairs {
     let mut pairs = Pairs::default();
     let mut taken: BTreeSet<PathBuf> = BTreeSet::new();
+    // In a folder of one emotion, a word such as `Joy` may be a name.
+    let mut perhaps: BTreeMap<PathBuf, PicturesOfPeople> = BTreeMap::new();
     let mut beside: BTreeMap<PathBuf, BTreeMap<String, Vec<EmotionFolder>>> = BTreeMap::new();
     for folder in found.sequences.iter().filter(|path| path.is_dir()) {
-        let pictures = pictures(folder);
+        let mut pictures = pictures(folder);
+        read_to_pair(&mut pictures.iter_mut().collect::<Vec<_>>());
         let emotions: BTreeSet<Option<&str>> = pictures.iter().map(|p| p.emotion).collect();
         if emotions.len() > 1 && !are_frames(&pictures) {
+            let resolved = folder.canonicalize().unwrap_or_else(|_| folder.clone());
+            without_shots(Some(&resolved), &mut pictures.iter_mut().collect::<Vec<_>>());
             let all: Vec<&Named> = pictures.iter().collect();
-            if !pairs.add(root, &all, |p| (p.word.clone(), format!("`{}`", p.kind))) {
-                pairs.refused.push(of_people(root, &[folder], &all, pictures.iter().map(|p| p.person.as_str()).collect()));
+            if let Err(alike) = pairs.add(root, &all, |p| (p.sequence(&p.word), format!("`{}`", p.sequence(&p.kind)))) {
+                let refused = refused(root, &[folder], &all, pictures.iter().map(|p| p.person.as_str()).collect(), alike);
+                if emotion_folder(folder).is_some() {
+                    perhaps.insert(folder.clone(), refused);
+                    continue;
+                }
+                pairs.refused.push(refused);
             }
             taken.insert(folder.clone());
         }
@@ -368,6 +329,7 @@ pub(super) fn take_pictures_of_people(root: &Path, found: &mut Found) -> Pairs {
     beside.retain(|_, views| !views.is_empty());
     // Several such parents mean one person each.
     let (Some((parent, mut views)), true) = (beside.pop_first(), beside.is_empty()) else {
+        leave_rest(root, found, perhaps, &mut taken, &mut pairs);
         found.sequences.retain(|path| !taken.contains(path));
         return pairs.finished();
     };
@@ -375,22 +337,35 @@ pub(super) fn take_pictures_of_people(root: &Path, found: &mut Found) -> Pairs {
     let mut people: BTreeSet<String> = BTreeSet::new();
     for folders in views.values_mut() {
         folders.sort_by(|a, b| a.path.cmp(&b.path));
-        let mut shared = people_of(&name, folders, false);
+        let mut all: Vec<&mut Named> = folders.iter_mut().flat_map(|folder| &mut folder.pictures).collect();
+        read_to_pair(&mut all);
+        without_shots(None, &mut all);
+        let mut shared = people_of(&name, folders, false, true);
         if shared.is_none() && without_codes(folders) {
-            shared = people_of(&name, folders, true);
+            shared = people_of(&name, folders, true, true);
+        } else if shared.is_none() && folders.iter().all(|f| f.pictures.len() < 2 || consecutive(&f.pictures).is_none()) {
+            shared = people_of(&name, folders, false, false);
         }
-        let Some(shared) = shared else { continue };
+        let paths: Vec<&PathBuf> = folders.iter().map(|folder| &folder.path).collect();
+        let Some(shared) = shared else {
+            if let Some(example) = nothing_in_common(root, folders) {
+                let folders = paths.iter().map(|folder| format!("{}/", relative(root, folder))).collect();
+                pairs.refused.push(PicturesOfPeople { folders, reason: Unpaired::NothingInCommon { example } });
+                taken.extend(paths.into_iter().cloned());
+            }
+            continue;
+        };
         let pictures: Vec<&Named> = folders.iter().flat_map(|folder| &folder.pictures).collect();
         let place = |picture: &Named| {
             let folder = picture.path.parent().unwrap_or(root);
             let name = composed(&folder.file_name().unwrap_or_default().to_string_lossy());
-            (name, format!("`{}`", relative(root, folder)))
+            (picture.sequence(&name), format!("`{}`", picture.sequence(&relative(root, folder))))
         };
-        if pairs.add(root, &pictures, place) {
-            people.extend(shared);
-        } else {
-            let paths: Vec<&PathBuf> = folders.iter().map(|folder| &folder.path).collect();
-            pairs.refused.push(of_people(root, &paths, &pictures, shared.iter().map(String::as_str).collect()));
+        match pairs.add(root, &pictures, place) {
+            Ok(()) => people.extend(shared),
+            Err(alike) => {
+                pairs.refused.push(refused(root, &paths, &pictures, shared.iter().map(String::as_str).collect(), alike));
+            }
         }
         taken.extend(folders.iter().map(|folder| folder.path.clone()));
     }
@@ -403,13 +378,40 @@ pub(super) fn take_pictures_of_people(root: &Path, found: &mut Found) -> Pairs {
             2 * pictures.iter().filter(|p| is_person(p)).count() >= pictures.len()
         };
         if !people.is_empty() && !taken.contains(path) && is_of_people() {
-            pairs.lacking.push(format!("`{}` (no emotion in its name, or no neutral folder of this kind)", relative(root, path)));
+            pairs.unnamed.push(format!("`{}` (no emotion in its name, or no neutral folder of this kind)", relative(root, path)));
             taken.insert(path.clone());
         }
     }
+    leave_rest(root, found, perhaps, &mut taken, &mut pairs);
     found.sequences.retain(|path| !taken.contains(path));
     found.left_out.retain(|path| !taken.contains(path));
     pairs.finished()
+}
+
+/// Takes the folders in `perhaps`, and those whose pictures are in no order because their names are those of people or of unknown expressions.
+fn leave_rest(
+    root: &Path,
+    found: &Found,
+    perhaps: BTreeMap<PathBuf, PicturesOfPeople>,
+    taken: &mut BTreeSet<PathBuf>,
+    pairs: &mut Pairs,
+) {
+    for (folder, refused) in perhaps {
+        if taken.insert(folder) {
+            pairs.refused.push(refused);
+        }
+    }
+    for folder in found.sequences.iter().filter(|path| path.is_dir()) {
+        let mut pictures = pictures(folder);
+        pictures.retain(|picture| !found.is_own(&picture.path));
+        if !taken.contains(folder) && are_unordered(&pictures) {
+            let name = |p: &Named| p.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            let files = pictures.iter().map(name).collect();
+            let folders = vec![relative(root, folder)];
+            pairs.refused.push(PicturesOfPeople { folders, reason: Unpaired::NoExpression { files } });
+            taken.insert(folder.clone());
+        }
+    }
 }
 
 #[cfg(test)]
@@ -439,7 +441,10 @@ mod tests {
             "S9 happy happiness S9/happy",
         ];
         assert_eq!(rows, expected);
-        assert_eq!(lacking, ["L004 (the neutral picture alone)", "L005 (no neutral picture)"]);
+        assert_eq!(
+            lacking,
+            ["mix/neutral/L004.jpg (the only picture of L004)", "mix/smiling/L005.jpg (no neutral picture of L005)"]
+        );
         // Several emotions, one with a single picture, and other words for neutral.
         let (rows, lacking) =
             pairs(&files(&["visage neutre/a.jpg", "visage neutre/b.jpg", "sad/a.png", "joy/a.jpg", "joy/b.jpg"]));
@@ -449,7 +454,7 @@ mod tests {
             "b joy happiness visage neutre/b.jpg;joy/b.jpg",
         ];
         assert_eq!(rows, expected);
-        assert_eq!(lacking, ["b (no picture in `sad`)"]);
+        assert!(lacking.is_empty(), "every picture is in a pair: {lacking:?}");
     }
 
     #[test]
@@ -470,7 +475,10 @@ mod tests {
             ["001", "002"].map(|p| format!("{p} smiling_front happiness neutral_front/{p}_03.jpg;smiling_front/{p}_08.jpg"));
         assert_eq!(rows, expected);
         let left_out = |folder: &str| format!("`{folder}` (no emotion in its name, or no neutral folder of this kind)");
-        assert_eq!(lacking, ["005 (the neutral picture alone)".to_owned(), left_out("joie"), left_out("neutral_left")]);
+        assert_eq!(
+            lacking,
+            ["neutral_front/005_03.jpg (the only picture of 005)".to_owned(), left_out("joie"), left_out("neutral_left")]
+        );
     }
 
     #[test]
@@ -480,13 +488,7 @@ mod tests {
         let expected =
             ["L001 happy happiness L001_neutral.jpg;L001_happy.jpg", "L003 Trauer sadness L003_rest.jpg;L003_Trauer.jpg"];
         assert_eq!(rows, expected);
-        let expected = [
-            "L001 (no picture in `trauer`)",
-            "L003 (no picture in `happy`)",
-            "L004 (the neutral picture alone)",
-            "L005.jpg (no emotion in the name)",
-        ];
-        assert_eq!(lacking, expected);
+        assert_eq!(lacking, ["L004_neutral.jpg (the only picture of L004)", "L005.jpg (no emotion in the name)"]);
         let (rows, _) = pairs(&files(&["anna/neutral.jpg", "anna/happy.jpg", "ben/neutral.jpg", "ben/happy.jpg"]));
         let expected = ["anna", "ben"].map(|p| format!("{p} happy happiness {p}/neutral.jpg;{p}/happy.jpg"));
         assert_eq!(rows, expected);
@@ -494,6 +496,110 @@ mod tests {
         let (rows, lacking) = pairs(&files(&["AF01NES.JPG", "AF01HAS.JPG", "BF01NES.JPG", "BF01HAS.JPG", "AF01HAHL.JPG"]));
         let expected = ["A", "B"].map(|s| format!("F01 {s}-HA happiness {s}F01NES.JPG;{s}F01HAS.JPG"));
         assert_eq!((rows, lacking), (expected.to_vec(), vec!["1 picture from the side".to_owned()]));
+    }
+
+    /// Without the frames.
+    fn sequences(names: &[&str]) -> Vec<String> {
+        let manifest = propose_manifest(folder(names).path()).unwrap();
+        manifest.rows.iter().map(|row| format!("{} {} {}", row.subject, row.sequence, row.emotion)).collect()
+    }
+
+    fn refusal(names: &[&str]) -> String {
+        propose_manifest(folder(names).path()).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn folders_of_emotions_without_a_common_name_are_no_sequences() {
+        let camera = |folder: &str, last: u32| [0, 20, 40].map(|at| format!("{folder}/IMG_20240501_{}.jpg", 120_001 + last + at));
+        let mut names = [camera("B4/neutral", 0), camera("B4/happy", 10)].concat();
+        let said = refusal(&names.iter().map(String::as_str).collect::<Vec<_>>());
+        let expected = "no sequences found: `B4/happy/`; `B4/neutral/`: these folders hold pictures with no name in common; name the two \
+                        pictures of a person alike, e.g. B4/neutral/anna.jpg and B4/happy/anna.jpg";
+        assert!(said.contains(expected), "{said}");
+        // Beside others they are skipped.
+        names.extend(files(&["S1/joy/1.png", "S1/joy/2.png"]));
+        let manifest = propose_manifest(folder(&names).path()).unwrap();
+        assert_eq!((manifest.rows.len(), manifest.pictures_of_people.len()), (1, 1));
+        // One common name is a pair.
+        let one = ["neutral/anna.jpg", "neutral/ben.jpg", "neutral/eva.jpg", "joy/anna.jpg", "joy/ole.jpg", "joy/ida.jpg"];
+        assert_eq!(sequences(&one), ["anna joy happiness"]);
+        // Frames that start anew, or that one person has, are sequences.
+        assert_eq!(sequences(&["neutral/n1.png", "neutral/n2.png", "joy/j1.png", "joy/j2.png"]).len(), 2);
+        let several = ["anna", "ben"].map(|p| [1, 2, 3, 4].map(|n| format!("{p}/{}/{n}.png", ["neutral", "joy"][n / 3])));
+        assert_eq!(sequences(&several.concat().iter().map(String::as_str).collect::<Vec<_>>()).len(), 4);
+    }
+
+    #[test]
+    fn people_may_have_the_name_of_an_emotion() {
+        let names =
+            ["Neu_neutral.jpg", "Neu_happy.jpg", "Joy_neutral.jpg", "Joy_happy.jpg", "ida_neutral.jpg", "ida_happy_smile.jpg"];
+        assert_eq!(sequences(&names), ["Joy happy happiness", "Neu happy happiness", "ida happy_smile happiness"]);
+        assert_eq!(sequences(&["happy_Joy.jpg", "neutral_Joy.jpg"]), ["Joy happy happiness"]);
+        assert_eq!(
+            sequences(&["neutral/Joy.jpg", "neutral/ida.jpg", "sad/Joy.jpg", "sad/ida.jpg"]),
+            ["Joy sad sadness", "ida sad sadness"]
+        );
+        let (rows, lacking) = pairs(&files(&["ida_neutral.jpg", "ida_sad.jpg", "ida_sad_happy.jpg"]));
+        assert_eq!((rows.len(), lacking), (1, vec!["ida_sad_happy.jpg (no neutral picture of ida_sad)".to_owned()]));
+    }
+
+    #[test]
+    fn numbers_of_shots_are_not_of_people() {
+        let names = ["anna_01_neutral.jpg", "anna_02_happy.jpg", "ben_03_neutral.jpg", "ben_04_happy.jpg"];
+        assert_eq!(sequences(&names), ["anna happy happiness", "ben happy happiness"]);
+        let names = ["anna_neutral_1.jpg", "anna_happy_2.jpg", "ben_neutral.jpg", "ben_happy.jpg"];
+        assert_eq!(sequences(&names), ["anna happy happiness", "ben happy happiness"]);
+        let names = ["neutral/anna_1.jpg", "neutral/ben_1.jpg", "happy/anna_2.jpg", "happy/ben_3.jpg"];
+        assert_eq!(sequences(&names), ["anna happy happiness", "ben happy happiness"]);
+        // These are people.
+        let names =
+            ["S_001_neutral.jpg", "S_001_happy.jpg", "S_002_neutral.jpg", "S_003_happy.jpg", "T_1_neutral.jpg", "T_1_sad.jpg"];
+        assert_eq!(sequences(&names), ["S_001 happy happiness", "T_1 sad sadness"]);
+    }
+
+    #[test]
+    fn every_picture_of_an_expression_pairs_with_the_neutral_one() {
+        let expected = ["anna happy_1 happiness", "anna happy_2 happiness"];
+        assert_eq!(sequences(&["anna_neutral.jpg", "anna_happy_1.jpg", "anna_happy_2.jpg"]), expected);
+        assert_eq!(sequences(&["anna_neutral_1.jpg", "anna_happy_1.jpg", "anna_happy_2.jpg"]), expected);
+        assert_eq!(sequences(&["anna/neutral.jpg", "anna/happy_1.jpg", "anna/happy_2.jpg"]), expected);
+        let (_, lacking) =
+            pairs(&files(&["anna_neutral.jpg", "anna_happy.jpg", "anna_sad_1.jpg", "anna_smile.jpg", "anna-smile.jpg"]));
+        let of = |file: &str| format!("{file} (several pictures of anna in `smile`)");
+        assert_eq!(lacking, ["anna-smile.jpg", "anna_smile.jpg"].map(of));
+    }
+
+    #[test]
+    fn people_whose_names_differ_only_in_case_are_named() {
+        let names = ["Carla_neutral.jpg", "Carla_happy.jpg", "carla_neutral.jpg", "carla_happy.jpg"];
+        let said = refusal(&names);
+        assert!(
+            said.ends_with("this folder: names of people differ only in case: Carla and carla; rename one of them"),
+            "{said}"
+        );
+        let (rows, lacking) = pairs(&files(&[&names[..], &["ida_neutral.jpg", "Ida_sad.jpg"]].concat()));
+        assert_eq!(rows, ["ida sad sadness ida_neutral.jpg;Ida_sad.jpg"]);
+        assert_eq!(
+            (lacking.len(), lacking[0].as_str()),
+            (4, "Carla_neutral.jpg (Carla and carla differ only in case; rename one)")
+        );
+    }
+
+    #[test]
+    fn pictures_with_unknown_words_are_no_sequence() {
+        let said = refusal(&["anna_before.jpg", "anna_after.jpg", "ben_before.jpg", "ben_after.jpg"]);
+        assert!(said.contains("known word for an expression") && said.contains("anna_after.jpg; anna_before.jpg"), "{said}");
+        let said = refusal(&["L001n.jpg", "L001h.jpg", "L002n.jpg", "L002h.jpg"]);
+        assert!(said.contains("name the two pictures of a person like anna_neutral.jpg and anna_happy.jpg"), "{said}");
+        for frames in [
+            &["a_1.png", "b_2.png", "c_3.png"][..],
+            &["1_cropped.png", "2_cropped.png", "3_cropped.png"],
+            &["1.png", "2.png", "3.png", "cover.png", "title.png"],
+            &["start.png", "apex.png"],
+        ] {
+            let names: Vec<String> = frames.iter().map(|name| format!("anna/x/{name}")).collect();
+            assert_eq!(sequences(&names.iter().map(String::as_str).collect::<Vec<_>>()).len(), 1, "{frames:?}");
+        }
     }
 
     #[test]
@@ -522,6 +628,8 @@ mod tests {
         assert_eq!(taken(&frames(&["anna/neutral", "anna/happy", "ben/neutral", "ben/happy"], ["x01", "x02"])), 4);
         assert_eq!(taken(&frames(&["neutral", "happy"], ["frame_1", "frame_2"])), 2);
         assert_eq!(taken(&files(&["anna/neutral_1.png", "anna/happy_2.png"])), 1, "numbered from neutral to happy");
+        let phases = files(&["anna/t_neutral_1.png", "anna/t_onset_2.png", "anna/t_happy_3.png", "anna/t_offset_4.png"]);
+        assert_eq!(taken(&phases), 1, "phases between");
     }
 
     #[test]

@@ -50,6 +50,12 @@ impl Found {
         Ok(found)
     }
 
+    /// Whether this program wrote a file.
+    pub fn is_own(&self, path: &Path) -> bool {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        self.own.contains(path) || OWN_PICTURES.iter().any(|end| name.ends_with(end))
+    }
+
     /// `above` are the parent folders with links resolved.
     fn look_into(&mut self, folder: &Path, above: &mut Vec<PathBuf>) -> Result<(), DatasetError> {
         let failed = |reason| DatasetError::Io { path: folder.to_owned(), reason };
@@ -65,10 +71,7 @@ impl Found {
             return Ok(());
         }
         self.own.extend(paths.iter().flat_map(|path| recorded(folder, path)));
-        let is_own = |path: &&PathBuf| {
-            let name = path.file_name().unwrap_or_default().to_string_lossy();
-            self.own.contains(*path) || OWN_PICTURES.iter().any(|end| name.ends_with(end))
-        };
+        let is_own = |path: &&PathBuf| self.is_own(path);
         let (own, files): (Vec<&PathBuf>, Vec<&PathBuf>) = paths.iter().filter(|path| path.is_file()).partition(is_own);
         let has_own = own.iter().any(|path| is_picture(path) || is_video(path));
         let videos: Vec<PathBuf> = files.iter().filter(|path| is_video(path)).map(|&path| path.clone()).collect();

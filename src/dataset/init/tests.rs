@@ -124,6 +124,22 @@ fn people_missing_from_a_table_of_consents_have_not_consented() {
     assert_eq!((manifest.unknown_people, manifest.people_without_rows), (vec!["carl".to_owned()], vec!["dora".to_owned()]));
 }
 
+#[test]
+fn people_are_joined_however_the_words_of_their_names_are_separated() {
+    let files = ["Ole B_neutral.jpg", "Ole B_happy.jpg", "A_1_neutral.jpg", "A_1_happy.jpg"];
+    let folder = folder(&files);
+    let people = folder.path().join("people.csv");
+    let joined = |table: &str| {
+        fs::write(&people, table).unwrap();
+        let mut manifest = propose_manifest(folder.path()).unwrap();
+        manifest.join_people(&people).unwrap();
+        assert!(manifest.people_without_rows.len() < 2, "{manifest:?}");
+        manifest.rows.into_iter().map(|row| format!("{} {}", row.subject, row.person[0])).collect::<Vec<_>>()
+    };
+    assert_eq!(joined("subject,sex\nole b,m\nA-1,f\n"), ["A_1 f", "Ole_B m"]);
+    assert_eq!(joined("subject,sex\nOle B,m\nA_1,f\nA-1,x\n"), ["A_1 f", "Ole_B m"], "the same name comes first");
+}
+
 #[cfg(unix)]
 #[test]
 fn links_back_lead_nowhere() {
