@@ -32,6 +32,9 @@ impl ProposedManifest {
         let known = ["subject", "sequence", "emotion", "frames", "landmarks"];
         let is_more = |name: &String| !name.is_empty() && !known.contains(&name.as_str()) && !self.person_columns.contains(name);
         let columns: Vec<(usize, String)> = csv.header().iter().cloned().enumerate().filter(|(_, name)| is_more(name)).collect();
+        // By column of people, its place in the earlier manifest.
+        let of_people: Vec<Option<usize>> = self.person_columns.iter().map(|name| csv.column(name)).collect();
+        let mut are_kept = vec![false; of_people.len()];
         // All rows are read before anything is changed.
         let mut earlier: BTreeMap<String, Vec<Vec<String>>> = BTreeMap::new();
         let field = |row: &[String], name: &str| csv.column(name).and_then(|k| row.get(k).cloned()).unwrap_or_default();
@@ -87,12 +90,22 @@ impl ProposedManifest {
                         value.clone_from(&fields[*k]);
                     }
                 }
+                // The table of people has precedence over the earlier manifest.
+                for ((value, column), is_kept) in row.person.iter_mut().zip(&of_people).zip(&mut are_kept) {
+                    if let Some(known) = column.and_then(|k| fields.get(k)).filter(|known| value.is_empty() && !known.is_empty())
+                    {
+                        value.clone_from(known);
+                        *is_kept = true;
+                    }
+                }
                 rows.push(row);
             }
         }
         self.rows = rows;
         kept.gone = earlier.into_keys().collect();
         kept.columns = columns.into_iter().map(|(_, name)| name).collect();
+        kept.columns
+            .extend(self.person_columns.iter().zip(are_kept).filter(|(_, is_kept)| *is_kept).map(|(name, _)| name.clone()));
         Ok(kept)
     }
 }
@@ -132,6 +145,13 @@ mod tests {
         let expected = "subject,sequence,emotion,frames,group,publish,first_frame\n\
                         A,a,fear,A/a.mp4,new,no,7\nB,b,?,B/b.mp4,new,,\n";
         assert_eq!(fs::read_to_string(&path).unwrap(), expected);
+        // A person who is not in the table of people keeps the old values.
+        fs::write(&path, "subject,sequence,emotion,frames,group\nA,a,fear,A/a.mp4,old\nB,b,joy,B/b.mp4,old\n").unwrap();
+        fs::write(&people, "subject,group\nB,new\n").unwrap();
+        let mut manifest = propose_manifest(folder.path()).unwrap();
+        manifest.join_people(&people).unwrap();
+        assert_eq!(manifest.keep(&path).unwrap().columns, ["group"]);
+        assert_eq!([0, 1].map(|k| manifest.rows[k].person.clone()), [["old"], ["new"]]);
         // Two sequences of one video, another spelling of a path, and an unreadable row.
         fs::write(&path, "subject,sequence,emotion,frames,publish\nA,1,joy,./A/a.mp4,no\nA,2,fear,A/a.mp4,yes\n").unwrap();
         let mut manifest = propose_manifest(folder.path()).unwrap();
