@@ -114,7 +114,7 @@ pub struct SegmentOptions {
 
 impl Default for SegmentOptions {
     fn default() -> Self {
-        Self { shortest: 0.36, high: 1.9, low: 1.0, rest: 1.4 }
+        Self { shortest: 0.36, high: 1.7, low: 1.0, rest: 1.4 }
     }
 }
 

@@ -85,9 +85,9 @@ pub struct ActionUnitTrial {
     pub error: f64,
     /// Share of the frames whose error is below the expected error; 0.5 is ideal.
     pub within: f64,
-    /// Share of the frames with a true intensity of at least [`SHOWN`] in which the unit counts as present; NaN if there are none.
+    /// Share of the frames with a true intensity of at least 1.5 in which the unit counts as present; NaN if there are none.
     pub found: f64,
-    /// Share of the frames with a true intensity below [`ABSENT`] in which the unit counts as present; NaN if there are none.
+    /// Share of the frames with a true intensity below 0.5 in which the unit counts as present; NaN if there are none.
     pub false_alarms: f64,
 }
 
