@@ -12,7 +12,10 @@ use std::sync::LazyLock;
 
 use nalgebra::{DMatrix, DVector, Point2, SMatrix, SVector, Vector2, Vector3};
 
-use super::FeaturesError;
+use super::{
+    FeaturesError,
+    alignment::{ALIGNMENTS, AlignmentErrors, MEDIAN},
+};
 use crate::{
     least_squares::{Rows, add_mixture},
     model::{DynamicExpressionModel, FrameExpressionModel},
@@ -120,13 +123,8 @@ const RARITY: f64 = 1.0;
 const CANDIDE_RARITY: f64 = 8.0;
 /// Standard deviation of an additional normal factor of the prior, which excludes strengths far beyond 1.
 const STRENGTH: f64 = 1.0;
-/// Motions of the whole face that errors of the eye corners cause.
-const ALIGNMENTS: usize = 4;
 /// Iterations of the non-negative solution.
 const TURNS: usize = 300;
-/// Median absolute deviation of a standard normal number.
-const MEDIAN: f64 = 0.6745;
-
 /// Median difference of a person's shapes from those of the head model, face units, as for nodes slightly beside their position. Without
 /// it, small accurate offsets are explained by shapes that cancel each other: of 45 sequences of photographs and videos, eight showed
 /// raised lids and a blink at once, and one broad smile had no lip corner puller.
@@ -210,38 +208,6 @@ pub struct ActionUnits {
     /// Unknowns of each action unit and their weights in its strength: one half for each of two sides.
     members: Vec<Vec<(usize, f64)>>,
     alignment: AlignmentErrors,
-}
-
-/// Motions of all nodes by errors of the eye corners, by which frames are aligned with the neutral frame.
-#[derive(Clone, Debug)]
-struct AlignmentErrors {
-    corners: Vec<usize>,
-    /// Offset of each node for each of [`ALIGNMENTS`] independent motions (along x, along y, turn, size), one standard deviation each for
-    /// eye corners with one of 1 in x and in y.
-    motions: Vec<[Vector2<f64>; ALIGNMENTS]>,
-}
-
-impl AlignmentErrors {
-    /// Creates the motions for a neutral face and its eye corners.
-    fn new(neutral: &[Point2<f64>], corners: &EyeCorners) -> Self {
-        let corners = corners.nodes().to_vec();
-        let count = corners.len().max(1) as f64;
-        let middle = corners.iter().map(|&k| neutral[k].coords).sum::<Vector2<f64>>() / count;
-        let spread = corners.iter().map(|&k| (neutral[k].coords - middle).norm_squared()).sum::<f64>().sqrt().max(1.0);
-        let shift = count.sqrt().recip();
-        let motion = |at: &Point2<f64>| {
-            let from = (at.coords - middle) / spread;
-            [Vector2::new(shift, 0.0), Vector2::new(0.0, shift), Vector2::new(-from.y, from.x), from]
-        };
-        Self { corners, motions: neutral.iter().map(motion).collect() }
-    }
-
-    /// Returns the standard deviation of the eye corners among nodes with these expected errors; 0 if none of them is there.
-    fn deviation(&self, nodes: &[(NodeId, f64)]) -> f64 {
-        let squares: Vec<f64> =
-            nodes.iter().filter(|(n, _)| self.corners.contains(&n.index())).map(|(_, e)| (e / MEDIAN).powi(2)).collect();
-        (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt()
-    }
 }
 
 impl ActionUnits {

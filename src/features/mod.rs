@@ -4,6 +4,7 @@
 //! canonical face. Values of people with different sizes and proportions are therefore comparable.
 
 mod action_units;
+mod alignment;
 mod blendshapes;
 mod course;
 mod file;
