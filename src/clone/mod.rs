@@ -93,6 +93,14 @@ pub enum CloneError {
         /// The file.
         path: String,
     },
+    /// A folder, such as the results of a run.
+    #[error("{}: this is a folder; name a motion in it{}", path.display(), example(motion.as_deref()))]
+    SourceFolder {
+        /// The folder.
+        path: PathBuf,
+        /// A motion in it.
+        motion: Option<PathBuf>,
+    },
     /// A FAP file without motion.
     #[error("{path}: the file has no frames")]
     NoFrames {
@@ -269,4 +277,9 @@ pub enum CloneError {
     /// The user asked to stop.
     #[error("interrupted")]
     Interrupted,
+}
+
+/// Says which motion to name, for the end of a message.
+fn example(motion: Option<&std::path::Path>) -> String {
+    motion.map(|path| format!(", such as {}", path.display())).unwrap_or_default()
 }

@@ -1,6 +1,6 @@
 //! The source of cloning: the motion of a track, a representative, a normalized model or a FAP file.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use nalgebra::{Point2, Vector2};
 
@@ -82,6 +82,9 @@ impl SourceMotion {
     /// # Errors
     /// [`CloneError`] for a file of another kind, an invalid file, or one for another wireframe.
     pub fn read(path: &Path, face: &Face) -> Result<Self, CloneError> {
+        if path.is_dir() {
+            return Err(CloneError::SourceFolder { path: path.to_owned(), motion: motion_in(path) });
+        }
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
         let motion = match extension.as_str() {
@@ -277,6 +280,15 @@ pub(super) fn lid_gaps(upright: &[Point2<f64>], fapus: &Fapus, canonical: &Canon
         (seen, expected) if seen > 0.0 && expected > 0.0 => seen.clamp(expected / LID_LIMIT, expected * LID_LIMIT),
         (_, expected) => expected,
     })
+}
+
+/// The first representative or track in a folder of results.
+fn motion_in(results: &Path) -> Option<PathBuf> {
+    let csv_files = |folder: &str| {
+        let entries = std::fs::read_dir(results.join(folder)).into_iter().flatten().flatten().map(|entry| entry.path());
+        entries.filter(|path| path.extension().is_some_and(|extension| extension == "csv")).min()
+    };
+    csv_files("representatives").or_else(|| csv_files("tracks"))
 }
 
 /// The same in face units: the lids of the canonical neutral face, scaled so that their middles are one IRISD0 apart.

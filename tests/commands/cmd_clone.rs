@@ -143,6 +143,9 @@ fn films_and_tracks_of_an_earlier_clone_are_removed_with_its_frames() {
 fn duration_rate_loop_and_emphasis_take_effect() {
     let work = work();
     work.grimace("analyze S001_005.csv -o analysed -q").exit(0);
+    clone(&work, "--source analysed -o out")
+        .exit(1)
+        .says(&["analysed: this is a folder; name a motion in it, such as analysed/representatives/happiness.csv"]);
     let source = "--source analysed/representatives/happiness.csv";
     // One second at 10 frames per second: 11 frames. Back again without both ends: 9 more.
     clone(&work, &format!("{source} -o loop --fps 10 --duration 1 --loop --ease in-out")).exit(0);
