@@ -206,8 +206,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         anyhow::anyhow!("{error}; it is not overwritten, because its content would be lost: repair it, or move it away")
     })?;
     let base = base_of(&args.output);
-    let named: Vec<String> = args.recordings.iter().map(|path| named_from(&base, path)).collect();
-    let others = earlier.others_than(&named);
+    let resolved = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    let named: Vec<PathBuf> = args.recordings.iter().map(|path| resolved(path)).collect();
+    let others = earlier.others_than(|frames| named.contains(&resolved(&base.join(frames))));
     anyhow::ensure!(
         others.is_empty(),
         "{}: the table also has sequences of {}, whose rows would be lost; name {} too, delete these rows, or choose another table",

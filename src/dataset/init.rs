@@ -159,10 +159,17 @@ impl ProposedManifest {
         for (key, (name, _)) in &people {
             cleaned.entry(joined_words(name)).and_modify(|only| *only = None).or_insert_with(|| Some(key.clone()));
         }
+        // Nor may two subjects share a person, whose consent is only one's.
+        let mut subjects: BTreeMap<String, BTreeSet<&str>> = BTreeMap::new();
+        for row in &self.rows {
+            subjects.entry(joined_words(&row.subject)).or_default().insert(&row.subject);
+        }
+        let shared: BTreeSet<String> =
+            subjects.into_iter().filter(|(_, names)| names.len() > 1).map(|(joined, _)| joined).collect();
         let key_of = |subject: &str| {
-            let key = name_key(subject);
+            let (key, joined) = (name_key(subject), joined_words(subject));
             let known = people.contains_key(&key).then_some(key);
-            known.or_else(|| cleaned.get(&joined_words(subject)).cloned().flatten())
+            known.or_else(|| cleaned.get(&joined).cloned().flatten().filter(|_| !shared.contains(&joined)))
         };
         if !self.rows.iter().any(|row| key_of(&row.subject).is_some()) {
             let subject = self.rows.first().map(|row| row.subject.clone()).unwrap_or_default();

@@ -158,7 +158,8 @@ pub struct Intensity {
     /// Expected error of the value: half of such values are closer, half further away.
     pub expected_error: f64,
     /// How much better the face is explained with the action unit than by all others alone: difference of the log posteriors of the best
-    /// mixtures. 0 for intensities below 1, where it is not determined.
+    /// mixtures. 0 for intensities below 1, where it is not determined, and for AU 5 without an eye that is open wider than in the neutral
+    /// frame. AU 25 has 2 at twice its expected error, and grows with the square.
     pub evidence: f64,
 }
 
@@ -440,6 +441,19 @@ mod tests {
         let units = ActionUnits::new(&HeadModel::shipped(&w, &tables), &w, &tables, &normalizer).unwrap();
         let nodes = w.live_nodes().iter().map(|&n| (n, expected)).collect();
         (units, nodes)
+    }
+
+    #[test]
+    fn the_mean_smile_is_symmetric_and_opens_the_lips() {
+        let shape = smile_shape(113);
+        for (left, right) in [(31, 64), (79, 80), (81, 82), (83, 84), (85, 86), (88, 89), (33, 66), (20, 53), (15, 48)] {
+            let mirrored = Vector2::new(-shape[right].x, shape[right].y);
+            assert!((shape[left] - mirrored).norm() < 0.15, "{left} {right}");
+        }
+        for middle in [5, 6, 7, 8, 10, 40, 87] {
+            assert!(shape[middle].x.abs() < 0.15, "{middle}");
+        }
+        assert!(shape[87].y > 40.0 && shape[40].y < 0.0, "{} {}", shape[87].y, shape[40].y);
     }
 
     #[test]

@@ -291,7 +291,9 @@ impl<'a> Normalizer<'a> {
         let units = |upright: Vec<Point2<f64>>| {
             let used = self.options.irisd.fapus(self.tables, &upright).ok()?;
             let lids = IrisdMode::Lids.fapus(self.tables, &upright).ok()?;
-            Some(LidUnits::measure(&used, &upright).with_irisd(used.irisd, lids.irisd))
+            let units = LidUnits::measure(&used, &upright);
+            // Only then was a model scaled by IRISD0.
+            Some(if self.options.size == SizeMode::Fapu { units.with_irisd(used.irisd, lids.irisd) } else { units })
         };
         upright.flatten().and_then(units).unwrap_or(LidUnits::CANONICAL)
     }

@@ -146,6 +146,10 @@ fn labels_by_a_person_are_kept_when_a_recording_is_segmented_again() {
         .exit(1)
         .says(&["segments.csv: the table also has sequences of talk, whose rows would be lost; name this recording too"]);
     assert_eq!(work.read("segments.csv"), table);
+    // Another spelling of the path of a named recording is that recording.
+    work.write("segments.csv", table.replace(",talk,", ",./other/../talk,"));
+    segment("");
+    work.write("segments.csv", &table);
     // A record of a newer version of the program leaves the table unchanged.
     let (table, known) = (work.read("segments.csv"), work.read("segments/talk.json"));
     record(&work, "dark", &DARK);

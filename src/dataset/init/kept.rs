@@ -22,7 +22,8 @@ pub struct Kept {
 
 impl ProposedManifest {
     /// Transfers entries of an earlier manifest for the same frames: emotions that are otherwise unknown, landmarks, and all columns
-    /// without a proposed value, such as marks, chosen frames and `publish`.
+    /// without a proposed value, such as marks, chosen frames and `publish`. Columns of a table of people are transferred for people who are
+    /// not in it.
     ///
     /// # Errors
     /// [`DatasetError`] when it cannot be read.
@@ -90,9 +91,11 @@ impl ProposedManifest {
                         value.clone_from(&fields[*k]);
                     }
                 }
-                // The table of people has precedence over the earlier manifest.
+                // The table of people has precedence over the earlier manifest, also where it says nothing.
+                let is_joined = !self.unknown_people.contains(&row.subject);
                 for ((value, column), is_kept) in row.person.iter_mut().zip(&of_people).zip(&mut are_kept) {
-                    if let Some(known) = column.and_then(|k| fields.get(k)).filter(|known| value.is_empty() && !known.is_empty())
+                    if let Some(known) =
+                        column.and_then(|k| fields.get(k)).filter(|known| !is_joined && value.is_empty() && !known.is_empty())
                     {
                         value.clone_from(known);
                         *is_kept = true;
@@ -147,11 +150,13 @@ mod tests {
         assert_eq!(fs::read_to_string(&path).unwrap(), expected);
         // A person who is not in the table of people keeps the old values.
         fs::write(&path, "subject,sequence,emotion,frames,group\nA,a,fear,A/a.mp4,old\nB,b,joy,B/b.mp4,old\n").unwrap();
-        fs::write(&people, "subject,group\nB,new\n").unwrap();
-        let mut manifest = propose_manifest(folder.path()).unwrap();
-        manifest.join_people(&people).unwrap();
-        assert_eq!(manifest.keep(&path).unwrap().columns, ["group"]);
-        assert_eq!([0, 1].map(|k| manifest.rows[k].person.clone()), [["old"], ["new"]]);
+        for (row, group) in [("B,new", "new"), ("B,", "")] {
+            fs::write(&people, format!("subject,group\n{row}\n")).unwrap();
+            let mut manifest = propose_manifest(folder.path()).unwrap();
+            manifest.join_people(&people).unwrap();
+            assert_eq!(manifest.keep(&path).unwrap().columns, ["group"]);
+            assert_eq!([0, 1].map(|k| manifest.rows[k].person.clone()), [["old"], [group]]);
+        }
         // Two sequences of one video, another spelling of a path, and an unreadable row.
         fs::write(&path, "subject,sequence,emotion,frames,publish\nA,1,joy,./A/a.mp4,no\nA,2,fear,A/a.mp4,yes\n").unwrap();
         let mut manifest = propose_manifest(folder.path()).unwrap();

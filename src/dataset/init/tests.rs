@@ -125,6 +125,19 @@ fn people_missing_from_a_table_of_consents_have_not_consented() {
 }
 
 #[test]
+fn consent_of_one_person_is_not_that_of_another_with_a_similar_name() {
+    let folder = folder(&["A_1/happy.mp4", "A-1/happy.mp4"]);
+    let people = folder.path().join("people.csv");
+    fs::write(&people, "subject,publish\nA_1,yes\n").unwrap();
+    let mut manifest = propose_manifest(folder.path()).unwrap();
+    manifest.join_people(&people).unwrap();
+    let mut said: Vec<(&str, &str)> = manifest.rows.iter().map(|row| (row.subject.as_str(), row.person[0].as_str())).collect();
+    said.sort_unstable();
+    assert_eq!(said, [("A-1", "no"), ("A_1", "yes")]);
+    assert_eq!(manifest.unknown_people, ["A-1"]);
+}
+
+#[test]
 fn people_are_joined_however_the_words_of_their_names_are_separated() {
     let files = ["Ole B_neutral.jpg", "Ole B_happy.jpg", "A_1_neutral.jpg", "A_1_happy.jpg"];
     let folder = folder(&files);

@@ -288,6 +288,7 @@ fn course(path: &Path) -> Result<Option<Course>, FiguresError> {
         let row = row?;
         let mut action_units = Vec::new();
         for &(number, column) in &units {
+            // Charts need values only.
             action_units.push(Intensity { number, value: row.number(column)?, expected_error: 0.0, evidence: 0.0 });
         }
         rows.push(FrameFeatures {

@@ -161,13 +161,13 @@ impl EarlierSegments {
         Ok(Self { columns, rows, proposed: read_proposed(path)? })
     }
 
-    /// Returns the recordings in the table that are not among `named` (paths as in its column `frames`), each once.
-    pub fn others_than(&self, named: &[String]) -> Vec<String> {
-        let named: Vec<String> = named.iter().map(|frames| place(frames)).collect();
+    /// Returns the recordings in the table that are not named, each once, as in its column `frames`.
+    pub fn others_than(&self, is_named: impl Fn(&str) -> bool) -> Vec<String> {
         let mut others: Vec<String> = Vec::new();
         for row in &self.rows {
-            if !named.contains(&row.frames) && !others.contains(&row.frames) {
-                others.push(row.frames.clone());
+            let frames = if row.frames.is_empty() { format!("{}/{}", row.subject, row.sequence) } else { row.frames.clone() };
+            if !is_named(&frames) && !others.contains(&frames) {
+                others.push(frames);
             }
         }
         others
