@@ -23,7 +23,7 @@ use crate::{
     pose::HeadModel,
     text::excerpt,
     units::NodeId,
-    wireframe::{Tables, UnitKind, Wireframe},
+    wireframe::{UnitKind, embedded_rows},
 };
 
 /// An action unit of FACS and its expression shapes.
@@ -172,10 +172,7 @@ impl Intensity {
 
 /// Returns the mean smile at full strength over the first `count` nodes, face units; nodes that Candide-3 does not have do not move.
 fn smile_shape(count: usize) -> Vec<Vector2<f64>> {
-    static ROWS: LazyLock<Vec<(usize, f64, f64)>> = LazyLock::new(|| {
-        let rows: Result<_, _> = csv::Reader::from_reader(SMILE_SHAPE.as_bytes()).into_deserialize().collect();
-        rows.unwrap_or_else(|error| unreachable!("embedded table smile_shape.csv: {error}"))
-    });
+    static ROWS: LazyLock<Vec<(usize, f64, f64)>> = LazyLock::new(|| embedded_rows("smile_shape.csv", SMILE_SHAPE).collect());
     let mut shape = vec![Vector2::zeros(); count];
     for &(node, x, y) in ROWS.iter() {
         if let Some(offset) = shape.get_mut(node) {
@@ -194,7 +191,7 @@ fn smile_shape(count: usize) -> Vec<Vector2<f64>> {
 /// use nalgebra::Vector2;
 ///
 /// let normalizer = Normalizer::new(&wireframe, &tables, Default::default())?;
-/// let units = ActionUnits::new(&HeadModel::shipped(&wireframe, &tables), &wireframe, &tables, &normalizer)?;
+/// let units = ActionUnits::new(&HeadModel::shipped(&wireframe, &tables), &normalizer)?;
 /// let nodes: Vec<_> = wireframe.live_nodes().iter().map(|node| (*node, 5.0)).collect();
 /// let found = units.intensities(&vec![Vector2::zeros(); 113], &nodes);
 /// assert!(found.iter().all(|unit| unit.value == 0.0 && !unit.is_present()));
@@ -216,13 +213,9 @@ impl ActionUnits {
     ///
     /// # Errors
     /// [`FeaturesError`] when the head does not normalize.
-    pub fn new(
-        head: &HeadModel,
-        wireframe: &Wireframe,
-        tables: &Tables,
-        normalizer: &Normalizer<'_>,
-    ) -> Result<Self, FeaturesError> {
+    pub fn new(head: &HeadModel, normalizer: &Normalizer<'_>) -> Result<Self, FeaturesError> {
         const PX: f64 = 100.0;
+        let (wireframe, tables) = normalizer.face();
         let canonical = |offset: &dyn Fn(usize) -> Vector3<f64>| -> Result<Vec<Vector2<f64>>, FeaturesError> {
             let frame = |share: f64| {
                 let place = |k: usize| {
@@ -334,7 +327,7 @@ impl ActionUnits {
     /// # use grimace::{features::ActionUnits, normalize::Normalizer, pose::HeadModel};
     /// # use nalgebra::Vector2;
     /// # let normalizer = Normalizer::new(&wireframe, &tables, Default::default())?;
-    /// # let units = ActionUnits::new(&HeadModel::shipped(&wireframe, &tables), &wireframe, &tables, &normalizer)?;
+    /// # let units = ActionUnits::new(&HeadModel::shipped(&wireframe, &tables), &normalizer)?;
     /// let nodes: Vec<_> = wireframe.live_nodes().iter().map(|node| (*node, 5.0)).collect();
     /// assert_eq!(units.order(&vec![Vector2::zeros(); 113], &nodes), 0.0);
     /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -414,7 +407,10 @@ fn non_negative_from(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{normalize::NormalizeOptions, wireframe::Tables};
+    use crate::{
+        normalize::NormalizeOptions,
+        wireframe::{Tables, Wireframe},
+    };
 
     #[test]
     fn action_units_are_named_by_their_numbers() {
@@ -438,7 +434,7 @@ mod tests {
     fn shipped(expected: f64) -> (ActionUnits, Vec<(NodeId, f64)>) {
         let (w, tables) = (Wireframe::candide3(), Tables::candide3());
         let normalizer = Normalizer::new(&w, &tables, NormalizeOptions::default()).unwrap();
-        let units = ActionUnits::new(&HeadModel::shipped(&w, &tables), &w, &tables, &normalizer).unwrap();
+        let units = ActionUnits::new(&HeadModel::shipped(&w, &tables), &normalizer).unwrap();
         let nodes = w.live_nodes().iter().map(|&n| (n, expected)).collect();
         (units, nodes)
     }

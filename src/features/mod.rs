@@ -21,7 +21,7 @@ use crate::{
     sequence::Clock,
     track::{LossReason, MOST_FILLED, NodeState, TrackedFrame, backwards_said, eye_distance_px, whole_steps},
     units::{FaceUnit, NodeId},
-    wireframe::{Tables, Wireframe},
+    wireframe::Tables,
 };
 
 use action_units::EVIDENCE;
@@ -150,7 +150,7 @@ pub struct Measured<'a> {
 /// let options = FeatureMeter::normalize_options(Default::default());
 /// let normalizer = Normalizer::new(&wireframe, &tables, options)?;
 /// let model = normalizer.normalize_every_frame(&fitter.frontal((&wireframe, &tables), &fit, &track)?)?;
-/// let meter = FeatureMeter::new(fitter.model(), &wireframe, &tables, &normalizer)?;
+/// let meter = FeatureMeter::new(fitter.model(), &normalizer)?;
 /// let rows = meter.measure(Measured { track: &track, fit: &fit, model: &model }, &normalizer, &tables)?;
 /// let smile = rows[9].action_units.iter().find(|unit| unit.number == 12).expect("AU12");
 /// assert!(smile.is_present());
@@ -169,19 +169,14 @@ pub struct FeatureMeter {
 }
 
 impl FeatureMeter {
-    /// Creates a meter for a wireframe.
+    /// Creates a meter for the wireframe of a normalizer.
     ///
     /// # Errors
     /// [`FeaturesError`] when the head model does not normalize.
-    pub fn new(
-        head: &HeadModel,
-        wireframe: &Wireframe,
-        tables: &Tables,
-        normalizer: &Normalizer<'_>,
-    ) -> Result<Self, FeaturesError> {
-        let units = ActionUnits::new(head, wireframe, tables, normalizer)?;
+    pub fn new(head: &HeadModel, normalizer: &Normalizer<'_>) -> Result<Self, FeaturesError> {
+        let units = ActionUnits::new(head, normalizer)?;
         let lips_full = units.gap_of_jaw(LIPS).max(1.0);
-        Ok(Self { units, lips_full, live: wireframe.live_nodes().to_vec(), irises: head.irises.clone() })
+        Ok(Self { units, lips_full, live: normalizer.face().0.live_nodes().to_vec(), irises: head.irises.clone() })
     }
 
     /// Returns the options with which tracks are normalized for a meter. The deviations of nodes from the shapes of action units were
@@ -455,7 +450,7 @@ fn reason(row: &FrameFeatures, fit: &HeadFit, m: usize) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::FrameExpressionModel;
+    use crate::{model::FrameExpressionModel, wireframe::Wireframe};
 
     #[test]
     fn missing_frames_are_filled_where_numbers_count_frames() {
@@ -481,7 +476,7 @@ mod tests {
         let fit = fitter.fit(&t, &track, &[]).unwrap();
         let normalizer = Normalizer::new(&w, &t, FeatureMeter::normalize_options(NormalizeOptions::default())).unwrap();
         let model = normalizer.normalize_every_frame(&fitter.frontal((&w, &t), &fit, &track).unwrap()).unwrap();
-        let meter = FeatureMeter::new(fitter.model(), &w, &t, &normalizer).unwrap();
+        let meter = FeatureMeter::new(fitter.model(), &normalizer).unwrap();
         // Hair that was followed upwards, by a sixteenth of the eye distance, as in tracks of real smiles.
         let (last, mut frames) = (model.frame_count() - 1, model.frames().to_vec());
         let up =

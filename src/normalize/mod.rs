@@ -262,6 +262,11 @@ impl<'a> Normalizer<'a> {
         Ok(Self { wireframe, tables, canonical: Canonical::new(wireframe, tables)?, options })
     }
 
+    /// Returns the wireframe and the tables that it was made with.
+    pub(crate) fn face(&self) -> (&'a Wireframe, &'a Tables) {
+        (self.wireframe, self.tables)
+    }
+
     /// Returns the canonical neutral, the neutral frame of every normalized model.
     pub fn canonical(&self) -> &Canonical {
         &self.canonical

@@ -399,9 +399,7 @@ impl Workbench {
     ) -> Result<T, String> {
         let normalize = FeatureMeter::normalize_options(self.options.normalize);
         let normalizer = Normalizer::new(&self.wireframe, &self.tables, normalize).map_err(|e| e.to_string())?;
-        let make = || {
-            FeatureMeter::new(self.head_fitter().model(), &self.wireframe, &self.tables, &normalizer).map_err(|e| e.to_string())
-        };
+        let make = || FeatureMeter::new(self.head_fitter().model(), &normalizer).map_err(|e| e.to_string());
         let meter = self.meter.get_or_init(make).as_ref().map_err(Clone::clone)?;
         let model = normalizer.normalize_every_frame(model).map_err(|e| e.to_string())?;
         Ok(measure(meter, &normalizer, &model))

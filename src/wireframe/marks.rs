@@ -35,7 +35,8 @@ pub struct SuggestedMark {
     pub description: String,
 }
 
-fn rows<T: DeserializeOwned>(name: &str, text: &str) -> impl Iterator<Item = T> {
+/// Returns the rows of an embedded table.
+pub(crate) fn embedded_rows<T: DeserializeOwned>(name: &str, text: &str) -> impl Iterator<Item = T> {
     let rows: Result<Vec<T>, _> = csv::Reader::from_reader(text.as_bytes()).into_deserialize().collect();
     rows.unwrap_or_else(|error| unreachable!("embedded table {name}: {error}")).into_iter()
 }
@@ -51,7 +52,7 @@ pub fn markable_nodes() -> &'static [MarkableNode] {
     static NODES: LazyLock<Vec<MarkableNode>> = LazyLock::new(|| {
         let node =
             |r: Row| MarkableNode { node: NodeId(r.node), deviation_es: r.sd_percent_es / 100.0, description: r.description };
-        rows("markable_nodes.csv", MARKABLE).map(node).collect()
+        embedded_rows("markable_nodes.csv", MARKABLE).map(node).collect()
     });
     &NODES
 }
@@ -80,7 +81,7 @@ pub fn suggested_marks() -> &'static [SuggestedMark] {
             error_after: r.error_after_percent_es,
             description: r.description,
         };
-        rows("suggested_marks.csv", SUGGESTED).map(mark).collect()
+        embedded_rows("suggested_marks.csv", SUGGESTED).map(mark).collect()
     });
     &MARKS
 }

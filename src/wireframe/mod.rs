@@ -18,8 +18,8 @@ pub use expression::{Emotion, ExpressionUnit, expressions, find_unit, keep_lips_
 pub use face::Face;
 pub(crate) use fapu::LID_LIMIT;
 pub use fapu::{Axis, Fapu, FapuDefinition, Fapus, FapusError, LidUnits};
-pub(crate) use marks::mark_deviation;
 pub use marks::{MarkableNode, SuggestedMark, markable_nodes, suggested_marks};
+pub(crate) use marks::{embedded_rows, mark_deviation};
 pub use tables::{FeaturePointRow, LandmarkConfidence, LandmarkRow, Region, TableError, Tables, parse_node_or_feature_point};
 pub use wfm::{WfmError, WfmErrorKind, read_wfm, write_wfm};
 
