@@ -82,14 +82,25 @@ impl FaceSize {
     /// # Errors
     /// [`Implausible`] for the first node beyond [`MAX_OFFSET`].
     pub fn check_neutral(self, frame: u32, neutral: &[Point2<f64>]) -> Result<(), Implausible> {
+        self.check_about_middle(frame, neutral, "the middle of the neutral face")
+    }
+
+    /// Same as [`FaceSize::check_neutral`], for any frame.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn check_frame(self, frame: u32, nodes: &[Point2<f64>]) -> Result<(), Implausible> {
+        self.check_about_middle(frame, nodes, "the middle of the face")
+    }
+
+    fn check_about_middle(self, frame: u32, nodes: &[Point2<f64>], from: &'static str) -> Result<(), Implausible> {
         let middle = |axis: usize| {
-            let mut values: Vec<f64> = neutral.iter().map(|p| p[axis]).collect();
+            let mut values: Vec<f64> = nodes.iter().map(|p| p[axis]).collect();
             let half = values.len() / 2;
             if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(half, f64::total_cmp).1 }
         };
         let middle = Point2::new(middle(0), middle(1));
-        let from = "the middle of the neutral face";
-        neutral.iter().enumerate().try_for_each(|(k, p)| self.check(frame, || format!("node {k}"), p - middle, from))
+        nodes.iter().enumerate().try_for_each(|(k, p)| self.check(frame, || format!("node {k}"), p - middle, from))
     }
 
     /// Checks a model: its neutral frame and the offsets of all other frames. Frames are counted from 0.

@@ -103,15 +103,44 @@ const FILE_ENDINGS: [&str; 24] = [
     "obj", "pdf", "ply", "png", "txt", "webm", "zip",
 ];
 
+/// The extension in lower case if files of results have it that users name by mistake.
+fn file_ending(path: &Path) -> Option<String> {
+    path.extension().map(|e| e.to_string_lossy().to_lowercase()).filter(|ending| FILE_ENDINGS.contains(&ending.as_str()))
+}
+
 /// Refuses a folder of results with the name of a file, unless it exists as a folder. `choice` says how to choose the files in it.
 pub fn check_folder_name(folder: &Path, choice: &str) -> anyhow::Result<()> {
-    let ending = folder.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
-    anyhow::ensure!(
-        folder.is_dir() || !FILE_ENDINGS.contains(&ending.as_str()),
-        "{}: --output must name a folder, but this name ends in .{ending} like a file; name a folder ({choice})",
-        folder.display()
-    );
-    Ok(())
+    match file_ending(folder).filter(|_| !folder.is_dir()) {
+        Some(ending) => anyhow::bail!(
+            "{}: --output must name a folder, but this name ends in .{ending} like a file; name a folder ({choice})",
+            folder.display()
+        ),
+        None => Ok(()),
+    }
+}
+
+/// Refuses a page with the name of another kind of file.
+pub fn check_page_name(page: &Path) -> anyhow::Result<()> {
+    match file_ending(page).filter(|ending| ending != "html") {
+        Some(ending) => {
+            anyhow::bail!(
+                "{}: --output is a web page, but this name ends in .{ending}; name a file ending in .html",
+                page.display()
+            )
+        }
+        None => Ok(()),
+    }
+}
+
+/// Refuses a folder of films with the name of another kind of file, unless it exists as a folder.
+pub fn check_films_name(films: &Path) -> anyhow::Result<()> {
+    match file_ending(films).filter(|ending| !["mp4", "webm"].contains(&ending.as_str()) && !films.is_dir()) {
+        Some(ending) => anyhow::bail!(
+            "--overlay {}: films end in .mp4 or .webm, but this name ends in .{ending}; name a film, or a folder for several",
+            films.display()
+        ),
+        None => Ok(()),
+    }
 }
 
 /// Refuses a picture without the extension `.png`, the format that is written.
@@ -172,5 +201,20 @@ mod tests {
         assert_eq!(called("old.gif"), "");
         let inside = |path: &str| check_outside("--output", &at("sub"), &[("--source", &at(path))]).is_err();
         assert!(inside("sub/a.fap") && inside("sub/deep/a.fap") && !inside("subject.fap"));
+    }
+
+    #[test]
+    fn pages_and_films_have_no_names_of_other_files() {
+        assert!(check_page_name("a.html".as_ref()).is_ok() && check_page_name("v1.2".as_ref()).is_ok());
+        let said = check_page_name("a.PNG".as_ref()).unwrap_err().to_string();
+        assert!(said.ends_with("this name ends in .png; name a file ending in .html"), "{said}");
+        for good in ["a.mp4", "a.WEBM", "films", "session1.2"] {
+            assert!(check_films_name(good.as_ref()).is_ok(), "{good}");
+        }
+        assert!(check_films_name("a.gif".as_ref()).unwrap_err().to_string().starts_with("--overlay a.gif: films end in"));
+        let folder = tempfile::tempdir().unwrap();
+        let named = folder.path().join("films.gif");
+        std::fs::create_dir(&named).unwrap();
+        assert!(check_films_name(&named).is_ok());
     }
 }

@@ -29,7 +29,7 @@ Every video and every folder with two or more images, at any depth, becomes a ro
   emotion   from the name of a folder or file (happy, S001_anger.mp4), else `?`: fill it in
 
 Emotions may be named in English or German (Freude, Trauer, Wut). A folder that holds everything, such as `videos`, is not a subject. `init` leaves out results, overlays and other pictures that grimace wrote. For a folder in the layout of Cohn-Kanade it reads the labels and \
-landmarks. people.csv has a column `subject`; its other columns, such as gender, are added to every sequence of that subject, so that you can group with --by.
+landmarks. people.csv has a column `subject` (or `participant`, `id`, `name`); its other columns, such as gender, are added to every sequence of that subject, so that you can group with --by.
 
 Single pictures of several people become sequences of two pictures, the neutral one first: neutral/anna.jpg and smiling/anna.jpg, or \
 anna_neutral.jpg and anna_smiling.jpg, or names as in KDEF, RaFD and CFD. The column `frames` lists both: `neutral/anna.jpg;smiling/anna.jpg`. \
@@ -37,7 +37,7 @@ anna_neutral.jpg and anna_smiling.jpg, or names as in KDEF, RaFD and CFD. The co
 pub struct Args {
     /// Folder with the sequences
     folder: PathBuf,
-    /// Table of people, a CSV file with a column `subject` and columns to group by
+    /// Table of people, a CSV file with a column `subject` (or `participant`, `id`, `name`) and columns to group by
     #[arg(long, value_name = "CSV")]
     people: Option<PathBuf>,
     /// Overwrite an existing manifest

@@ -268,7 +268,7 @@ impl ModelArgs {
 #[command(group(clap::ArgGroup::new("tested").args(["by", "covariate"]).multiple(true)))]
 pub struct ColumnArgs {
     /// Manifest columns to group by, in addition to the emotion; separated by commas
-    #[arg(long, value_delimiter = ',', value_name = "COLUMN")]
+    #[arg(long, alias = "group-by", value_delimiter = ',', value_name = "COLUMN")]
     by: Vec<String>,
     /// Manifest columns, such as site, that define strata: tests permute labels only between people with the same values
     #[arg(long, value_delimiter = ',', value_name = "COLUMN", requires = "tested")]

@@ -15,7 +15,7 @@ use grimace::{
 
 use super::{
     Outcome,
-    apart::{all, check_apart, maybe},
+    apart::{all, check_apart, check_page_name, maybe},
     bank, portrait,
     shared::{FitArgs, GeneralArgs, about, are, note_if_still},
     synthesize_warnings::nothing_shown,
@@ -74,6 +74,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         .chain(maybe("--bank", args.bank.as_ref()))
         .collect();
     check_apart(&[("--output", &args.output)], &inputs)?;
+    check_page_name(&args.output)?;
     args.general.check_free(&args.output)?;
     let bench = args.general.workbench(PipelineOptions { fit: args.fit.options(), ..PipelineOptions::default() })?;
     let read = |path: &PathBuf| SourceMotion::read(path, &bench).map_err(|error| about(path)(&super::chain(&error.into())));

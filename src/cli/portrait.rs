@@ -19,11 +19,12 @@ pub fn target(path: &Path, marks: Option<&Path>, selection: &LandmarkSelection, 
     let portrait = Portrait::read(path)?;
     let remark = portrait.remark();
     let Portrait { picture, grey, .. } = portrait;
+    let frame = Frame::new(0, grey);
     let (target, beside) = match marks {
         Some(marks) => {
             let points = read_marks(marks, selection, &bench.tables, bench.wireframe.node_count())?;
             let in_files = || format!("{} with {}", path.display(), marks.display());
-            bench.marked_target(&name, (picture, &grey), &points).with_context(in_files)?
+            bench.marked_target(&name, (picture, frame.image()), &points).with_context(in_files)?
         }
         None => {
             anyhow::ensure!(
@@ -32,7 +33,7 @@ pub fn target(path: &Path, marks: Option<&Path>, selection: &LandmarkSelection, 
                  to find the marks",
                 path.display()
             );
-            let points = marks_found(bench, path, &Frame::new(0, grey), Some(&picture))?.marks;
+            let points = marks_found(bench, path, &frame, Some(&picture))?.marks;
             let with_found = || format!("{} with found marks", path.display());
             (bench.target(&name, picture, &points).with_context(with_found)?, Vec::new())
         }
@@ -46,6 +47,13 @@ pub fn target(path: &Path, marks: Option<&Path>, selection: &LandmarkSelection, 
              closed lips for the best result",
             path.display(),
             100.0 * apart
+        );
+    } else if let Some(drawn) = target.corners_drawn(frame.image()) {
+        eprintln!(
+            "note: {}: the face seems to smile already: the corners of its mouth are {:.0} % of the eye distance from those of a neutral \
+             face. Motions are added to what it shows; use a neutral face for the best result",
+            path.display(),
+            100.0 * drawn
         );
     }
     if let Some(marks) = marks {

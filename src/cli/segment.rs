@@ -12,7 +12,7 @@ use std::{
 use anyhow::Context;
 use grimace::{
     dataset::{check_file_name, list_recording},
-    output::{count, listed},
+    output::{check_writable, count, listed},
     pipeline::{
         EarlierSegments, GivenForAll, ManifestColumns, PipelineOptions, Recording, RecordingError, RecordingFiles, RecordingStep,
         SegmentRow, UNLABELLED, Workbench, reuse_recording, segment_recording, segments_folder, write_recording,
@@ -25,7 +25,7 @@ use indicatif::ProgressBar;
 
 use super::{
     Outcome,
-    apart::{all, check_apart, lies_in, maybe},
+    apart::{all, check_apart, check_films_name, lies_in, maybe},
     progress::counted_bar,
     shared::{
         FitArgs, GeneralArgs, MethodArgs, TrackArgs, frame_rate, marks_or_found, positive, quoted, set_threads, stop_flag,
@@ -201,6 +201,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let films: Vec<PathBuf> = args.recordings.iter().filter_map(|path| film_of(args, &stem_of(path))).collect();
     let outputs: Vec<_> = maybe("--output", Some(&args.output)).chain(all("--overlay", &films)).collect();
     check_apart(&outputs, &inputs)?;
+    args.overlay.as_deref().map_or(Ok(()), check_films_name)?;
     args.general.check_free(&args.output)?;
     let earlier = EarlierSegments::read(&args.output).map_err(|error| {
         anyhow::anyhow!("{error}; it is not overwritten, because its content would be lost: repair it, or move it away")
@@ -227,6 +228,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     };
     let bench = args.general.workbench(options)?;
     let recordings = recordings(args, &bench)?;
+    // A recording may take minutes.
+    check_writable(&args.output)?;
     let stop = stop_flag()?;
     let (mut done, mut failed): (Vec<(ManifestColumns, RecordingFiles)>, usize) = (Vec::new(), 0);
     for (path, recording) in &recordings {

@@ -1,6 +1,6 @@
 //! The target of cloning: a neutral photograph with the wireframe fitted to it.
 
-use image::RgbImage;
+use image::{GrayImage, RgbImage};
 use nalgebra::{Point2, Rotation2, Vector2};
 use serde::{Deserialize, Serialize};
 
@@ -12,6 +12,7 @@ use super::{
 use crate::{
     fit::{Correspondence, FitError, FittedWireframe, Fitter, validate_correspondences},
     geometry::Similarity,
+    locate::{Locator, known_nodes},
     normalize::stable_nodes,
     sequence::MAX_SIDE,
     units::NodeId,
@@ -50,6 +51,10 @@ pub enum Rescale {
     /// No scaling: offsets in pixels are copied (for comparison).
     None,
 }
+
+/// Largest distance of the corners of the mouth from those of a neutral face, as the locator estimates it, that neutral faces have, in eye
+/// distances.
+const MOST_DRAWN: f64 = 0.05;
 
 /// Smallest eye distance, px.
 pub const LEAST_EYE_DISTANCE: f64 = 6.0;
@@ -168,6 +173,13 @@ impl Target {
     /// the visible inside stays in every clone.
     pub fn lips_apart(&self) -> Option<f64> {
         self.warp.lips_apart()
+    }
+
+    /// Distance by which the corners of the mouth are drawn away from those of a neutral face, in eye distances, if the photograph seems to
+    /// show an expression already; `None` otherwise. `grey` is the photograph in grey.
+    pub fn corners_drawn(&self, grey: &GrayImage) -> Option<f64> {
+        let [corners, _] = Locator::shipped().ok()?.mouth_estimates(grey, &known_nodes(self.fitted.model.nodes()))?;
+        (corners > MOST_DRAWN).then_some(corners)
     }
 
     /// Distance of the lids at each pair of `LID_PAIRS`, px.

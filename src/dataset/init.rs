@@ -120,16 +120,34 @@ pub fn propose_manifest(root: &Path) -> Result<ProposedManifest, DatasetError> {
     Ok(manifest)
 }
 
+/// Headers of the column that names the person in a table of people, in any case, by precedence.
+const PERSON_COLUMNS: [&str; 14] = [
+    "subject",
+    "subject_id",
+    "subject id",
+    "subjectid",
+    "person",
+    "person_id",
+    "person id",
+    "participant",
+    "participant_id",
+    "participant id",
+    "participantid",
+    "id",
+    "name",
+    "code",
+];
+
 impl ProposedManifest {
-    /// Joins a table of people: a CSV file with a column `subject` (or `person`). Its other columns are added to every sequence of the
-    /// subject, except columns that describe sequences ([`ProposedManifest::not_joined`]). Subjects are compared without regard to case, and
+    /// Joins a table of people: a CSV file with a column `subject`, `person`, `participant`, `id`, `name` or similar, in any case. Its
+    /// other columns are added to every sequence of the subject, except columns that describe sequences ([`ProposedManifest::not_joined`]). Subjects are compared without regard to case, and
     /// `Ole B` is the subject `Ole_B` unless the table has both.
     ///
     /// # Errors
     /// [`DatasetError`] when the file cannot be read, has no such column, or none of its people is in the dataset.
     pub fn join_people(&mut self, path: &Path) -> Result<(), DatasetError> {
-        let csv = CsvFile::open(path)?.or_semicolons(&["subject", "person"])?;
-        let by = match csv.column("subject").or_else(|| csv.column("person")) {
+        let csv = CsvFile::open(path)?.or_semicolons(&PERSON_COLUMNS)?;
+        let by = match self.person_column(&csv) {
             Some(column) => column,
             None => csv.require(["subject"])?[0],
         };
@@ -196,6 +214,15 @@ impl ProposedManifest {
         self.people_without_rows =
             people.into_iter().filter(|(key, _)| !known.contains(key)).map(|(_, (name, _))| name).collect();
         Ok(())
+    }
+
+    /// The column of a table of people with their names: the first of [`PERSON_COLUMNS`] that names one of the dataset's subjects, or the
+    /// first there is.
+    fn person_column(&self, csv: &CsvFile) -> Option<usize> {
+        let subjects: BTreeSet<String> = self.rows.iter().map(|row| joined_words(&row.subject)).collect();
+        let columns: Vec<usize> = PERSON_COLUMNS.iter().filter_map(|name| csv.column_of_any_case(name)).collect();
+        let names_one = |&column: &usize| csv.rows().flatten().any(|row| subjects.contains(&joined_words(row.get(column))));
+        columns.iter().copied().find(names_one).or(columns.first().copied())
     }
 
     /// Writes `manifest.csv`.

@@ -32,7 +32,7 @@ use nalgebra::{Point2, Vector2};
 
 pub use model::{Model, ModelError, ModelOrigin};
 pub use part::FacePart;
-pub(crate) use points::LIP_LINES;
+pub(crate) use points::{LIP_LINES, known_nodes};
 pub use points::{PUPILS, points};
 
 use crate::units::NodeId;

@@ -2,6 +2,8 @@
 
 use std::sync::LazyLock;
 
+use nalgebra::Point2;
+
 use super::shape::{Point, distance};
 use crate::units::NodeId;
 
@@ -55,6 +57,11 @@ const TABLE: &str = include_str!("../../candide/locator_points.csv");
 pub fn points() -> &'static [LocatorPoint] {
     static POINTS: LazyLock<Vec<LocatorPoint>> = LazyLock::new(|| TABLE.lines().skip(1).filter_map(point).collect());
     &POINTS
+}
+
+/// Returns the nodes that the locator knows, with their positions among those of the wireframe.
+pub fn known_nodes(nodes: &[Point2<f64>]) -> Vec<(NodeId, Point2<f64>)> {
+    points().iter().filter_map(|point| Some((point.node?, *nodes.get(point.node?.index())?))).collect()
 }
 
 /// Parses a row of the table; a test checks that all rows are valid.

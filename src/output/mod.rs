@@ -71,6 +71,14 @@ pub fn write_durable(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Resul
     fill_pending(path, fill)?.persist_durably()
 }
 
+/// Checks that a file can be written, by creating its temporary file. Commands that work for long before they write check first.
+///
+/// # Errors
+/// [`OutputError`] when a folder or the file cannot be created.
+pub fn check_writable(path: &Path) -> Result<(), OutputError> {
+    PendingFile::create(path).map(drop)
+}
+
 fn fill_pending(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<PendingFile, OutputError> {
     let mut writer = BufWriter::new(PendingFile::create(path)?);
     fill(&mut writer).map_err(OutputError::at(path))?;

@@ -137,7 +137,8 @@ const EMOTION_COLUMN: &str = "emotion";
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum GroupError {
     /// A column that no sequence has.
-    #[error("no sequence has a column `{column}`; the columns are: {}", known.join(", "))]
+    #[error("no sequence has a column `{column}`; the columns are: {}; name one of these, or add yours to manifest.csv (`grimace init --people \
+             TABLE` adds columns of a table of people)", known.join(", "))]
     UnknownColumn {
         /// Requested column.
         column: String,
@@ -476,6 +477,10 @@ mod tests {
     #[test]
     fn a_column_that_no_sequence_has_is_an_error() {
         let error = group_models(&sample(), &["nationality".to_owned()]).unwrap_err();
-        assert_eq!(error.to_string(), "no sequence has a column `nationality`; the columns are: subject, sequence, age, sex");
+        assert_eq!(
+            error.to_string(),
+            "no sequence has a column `nationality`; the columns are: subject, sequence, age, sex; name one of these, or add yours to \
+             manifest.csv (`grimace init --people TABLE` adds columns of a table of people)"
+        );
     }
 }

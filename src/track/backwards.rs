@@ -6,10 +6,7 @@
 use image::GrayImage;
 use nalgebra::Point2;
 
-use crate::{
-    locate::{Locator, points},
-    units::NodeId,
-};
+use crate::locate::{Locator, known_nodes};
 
 /// A sequence is reported if the corners of the mouth come nearer to those of a neutral face by more than this, over the eye distance, and
 /// if the lips do not part by [`PARTED`] meanwhile. Both were chosen on 50 sequences of photographs, morphs and videos and on the smiles of
@@ -25,11 +22,6 @@ pub(crate) fn mouth_moved(before: (&GrayImage, &[Point2<f64>]), after: (&GrayIma
     let read = |(image, nodes): (&GrayImage, &[Point2<f64>])| locator.mouth_estimates(image, &known_nodes(nodes));
     let (before, after) = (read(before)?, read(after)?);
     Some(std::array::from_fn(|k| after[k] - before[k]))
-}
-
-/// Returns the nodes that the locator knows, with their positions.
-pub(super) fn known_nodes(nodes: &[Point2<f64>]) -> Vec<(NodeId, Point2<f64>)> {
-    points().iter().filter_map(|point| Some((point.node?, *nodes.get(point.node?.index())?))).collect()
 }
 
 /// Returns the message about a sequence whose mouth moves back to neutral; `None` otherwise. `moved`: see [`mouth_moved`]; `first`, `last`:

@@ -12,13 +12,14 @@ use serde::{Deserialize, Serialize};
 use super::{
     NodeState, TrackCorrections, TrackOptions, TrackSummary, TrackedFrame, TrackedNode,
     clock::{Counted, by_number},
-    in_picture::{NotInPicture, check_in_picture},
+    in_picture::{NotInPicture, check_in_picture, check_near_face},
 };
 use crate::{
     dataset::has_picture_name,
     fit::FitOptions,
     input::{CsvFile, InputError, RecordError, read_record},
     output::{self, OutputError, count, nine_digits},
+    plausible::Implausible,
     positions::{PositionRow, PositionTable, PositionsError},
     sequence::{Clock, ImageSize},
     units::{NodeId, SequenceId},
@@ -249,6 +250,14 @@ pub enum TrackFileError {
         path: PathBuf,
         /// How.
         source: NotInPicture,
+    },
+    /// A node lies nowhere near its face.
+    #[error("{}: {source}", path.display())]
+    Implausible {
+        /// The file.
+        path: PathBuf,
+        /// Which, and where.
+        source: Implausible,
     },
     /// The `.json` has a newer layout.
     #[error("{}: schema version {found}; this program reads {TRACK_SCHEMA}; it comes from a newer version of grimace; use that version", path.display())]
@@ -497,6 +506,7 @@ pub fn read_track(path: &Path) -> Result<Vec<TrackedFrame>, TrackFileError> {
     let frames = neutral_first(frames, beside.neutral_frame);
     let neutral: Vec<_> = frames.iter().take(1).flat_map(|frame| &frame.nodes).map(|node| node.position).collect();
     check_in_picture(&neutral).map_err(|source| TrackFileError::NotInPicture { path: path.to_owned(), source })?;
+    check_near_face(&frames).map_err(|source| TrackFileError::Implausible { path: path.to_owned(), source })?;
     Ok(frames)
 }
 

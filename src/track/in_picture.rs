@@ -1,10 +1,15 @@
-//! Detects tracks of mirrored pictures and tracks with y upward.
+//! Detects tracks of mirrored pictures, tracks with y upward, and nodes that lie nowhere near their face.
 
 use std::sync::LazyLock;
 
 use nalgebra::{Point2, Vector2};
 
-use crate::{geometry::Similarity, wireframe::Wireframe};
+use super::TrackedFrame;
+use crate::{
+    geometry::Similarity,
+    plausible::{FaceSize, Implausible},
+    wireframe::Wireframe,
+};
 
 /// A neutral face in pixels that is mirrored: x to the right, y down were expected, left and right the subject's own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -57,6 +62,20 @@ pub fn check_in_picture(neutral: &[Point2<f64>]) -> Result<(), NotInPicture> {
     Err(if angle.cos() > 0.0 { NotInPicture::YUpwards } else { NotInPicture::Mirrored })
 }
 
+/// Checks that all nodes of a frame lie near each other. Faces may cross the picture: frames are not compared.
+///
+/// # Errors
+/// [`Implausible`] for the first node beyond [`crate::plausible::MAX_OFFSET`].
+pub(super) fn check_near_face(frames: &[TrackedFrame]) -> Result<(), Implausible> {
+    // The outer corners of the eyes, one and a half eye separations apart. One of them may be the node that is off, in some frames.
+    let width = |frame: &TrackedFrame| Some((frame.nodes.get(53)?.position - frame.nodes.get(20)?.position).norm());
+    let widths = frames.iter().filter_map(width).filter(|width| *width > 0.0);
+    let Some(eye_separation) = widths.min_by(f64::total_cmp) else { return Ok(()) };
+    let size = FaceSize { eye_separation, unit: "px" };
+    let places = |frame: &TrackedFrame| frame.nodes.iter().map(|node| node.position).collect::<Vec<_>>();
+    frames.iter().try_for_each(|frame| size.check_frame(frame.number, &places(frame)))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -80,5 +99,22 @@ mod tests {
         assert_eq!(changed(&|x, y| (0.957 * x + 0.292 * y, 0.292 * x - 0.957 * y)), Err(NotInPicture::YUpwards));
         assert_eq!(changed(&|_, _| (0.0, 0.0)), Ok(()));
         assert_eq!(check_in_picture(&neutral[..5]), Ok(()));
+    }
+
+    #[test]
+    fn a_node_nowhere_near_its_face_is_named_in_any_frame() {
+        let truth = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/simulated/truth/S001_005.csv");
+        let frames = crate::track::read_track(&truth).unwrap();
+        assert_eq!(check_near_face(&frames), Ok(()));
+        for (frame, node) in [(0, 20), (2, 53), (3, 7)] {
+            let mut bad = frames.clone();
+            bad[frame].nodes[node].position.y = 1e30;
+            let said = check_near_face(&bad).unwrap_err();
+            assert_eq!((said.frame, said.point), (frames[frame].number, format!("node {node}")));
+        }
+        // A face that crosses a wide picture.
+        let mut crossing = frames.clone();
+        crossing[3].nodes.iter_mut().for_each(|node| node.position.x += 1e5);
+        assert_eq!(check_near_face(&crossing), Ok(()));
     }
 }

@@ -11,14 +11,10 @@ use std::cell::OnceCell;
 use image::GrayImage;
 use nalgebra::{Point2, Vector2};
 
-use super::{
-    LossReason, NodeState, TrackError, TrackedFrame,
-    backwards::{known_nodes, mouth_moved},
-    recover::NodeStep,
-};
+use super::{LossReason, NodeState, TrackError, TrackedFrame, backwards::mouth_moved, recover::NodeStep};
 use crate::{
     fit::{DrivenNode, Pull, Springs},
-    locate::{LocatedFace, Locator},
+    locate::{LocatedFace, Locator, known_nodes},
     robust::median,
     sequence::Frame,
     units::NodeId,

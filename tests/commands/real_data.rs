@@ -84,4 +84,13 @@ fn parted_lips_of_real_smiles_are_found_and_reported() {
         crate::common::Ran::from(cloned).exit(0);
         assert_eq!(said.contains("the lips are parted"), says, "{said}");
     }
+    // A smile with closed lips.
+    for (state, says) in [("neutral", false), ("smiling", true)] {
+        let fap = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/golden/fap/happiness.fap");
+        let picture = folder.join(state).join("L045.jpg");
+        let output =
+            work.command().arg("play").arg(fap).arg("--portrait").arg(picture).args(["-o", "player.html", "--force"]).output();
+        let ran = crate::common::Ran::from(output.unwrap()).exit(0);
+        assert_eq!(ran.stderr.contains("the face seems to smile already"), says, "{}", ran.stderr);
+    }
 }

@@ -88,7 +88,7 @@ fn cohn_kanade_without_labels_is_read_and_people_are_joined() {
     let expected = "subject,sequence,emotion,frames,gender\n\
                     S005,001,?,cohn-kanade/S005/001,f\nS010,001,?,cohn-kanade/S010/001,\n";
     assert_eq!(fs::read_to_string(&path).unwrap(), expected);
-    fs::write(&people, "name,gender\nS005,f\n").unwrap();
+    fs::write(&people, "who,gender\nS005,f\n").unwrap();
     assert!(manifest.join_people(&people).unwrap_err().to_string().contains("has no column `subject`"));
     fs::write(&people, "subject,gender\nX,f\n").unwrap();
     assert!(manifest.join_people(&people).unwrap_err().to_string().contains("none of its subjects"));
@@ -110,6 +110,9 @@ fn columns_of_people_that_are_not_taken_are_named() {
     let own = |name: &str| format!("`{name}`, which the manifest sets for each sequence");
     assert_eq!(left, [own("Emotion"), own("frames"), "column 4, which has no name".to_owned()]);
     assert_eq!(joined("person,gender\nS1,f\n"), (vec!["gender".to_owned()], Vec::new()));
+    assert_eq!(joined("Participant ID;gender\nS1;f\n"), (vec!["gender".to_owned()], Vec::new()));
+    // The column `id` counts rows.
+    assert_eq!(joined("id,Name,gender\n1,S1,f\n"), (["id", "gender"].map(str::to_owned).to_vec(), Vec::new()));
 }
 
 #[test]
