@@ -4,6 +4,9 @@
 //! to the track. Later frames stay unchanged until they are tracked again. `grimace run` accepts such a track unchanged, and applies the
 //! corrections again whenever it has to track anew.
 
+mod item;
+mod messages;
+
 use std::{
     collections::BTreeMap,
     fs,
@@ -12,127 +15,30 @@ use std::{
 };
 
 use nalgebra::Point2;
-use serde::{Deserialize, Serialize};
 
+pub use self::messages::{Correct, Corrected, FrameNodes, List, Listed, Looked, Opened, Retrack, SetLook};
+use self::{
+    item::{Item, count_corrected},
+    messages::frame_nodes,
+};
 use super::{
     AnnotateError, RequestError,
     frames::{FrameShelf, Picture},
     item::all_frames_of,
-    messages::{Mark, hundredth},
     untouched::Untouched,
 };
 use crate::{
-    dataset::{Dataset, FrameSource, SequenceEntry},
+    dataset::{Dataset, FrameSource},
     fit::Springs,
-    input::{CsvFile, CsvRow, InputError, file_blake3},
+    input::{CsvFile, CsvRow, InputError},
     pipeline::{Workbench, read_run_json, results_folder, track_files, tracks_folder},
     sequence::SequenceReader,
     track::{
-        Confidence, Corrections, Look, Looks, NodeState, TrackCorrections, TrackInfo, TrackSummary, TrackedFrame, TrackedNode,
-        content_of, correct_nodes, corrections_of, corrections_path, expect_errors, far_corrections, fitting_corrections,
-        read_corrections, read_track, read_track_info, resume_with, summarize, window_px, write_corrections, write_track,
+        Confidence, Corrections, Look, Looks, TrackCorrections, TrackInfo, TrackedFrame, TrackedNode, correct_nodes,
+        corrections_of, expect_errors, far_corrections, fitting_corrections, resume_with, summarize, window_px,
+        write_corrections, write_track,
     },
 };
-
-/// A track in the list.
-#[derive(Serialize)]
-#[serde(rename_all = "camelCase")]
-pub struct Listed {
-    id: String,
-    emotion: String,
-    /// Share of nodes that were not lost, 0 to 1.
-    tracked_share: f64,
-    frames: usize,
-    /// Number of hand-set nodes after the neutral frame.
-    corrected: usize,
-    /// Whether there are reasons to look at it.
-    doubtful: bool,
-    /// What a person found when looking at it.
-    look: Option<Look>,
-}
-
-/// The list of tracks, sorted by descending share of lost nodes.
-#[derive(Serialize)]
-pub struct List {
-    sequences: Vec<Listed>,
-    failures: Vec<String>,
-}
-
-/// One frame of a track.
-#[derive(Serialize)]
-pub struct FrameNodes {
-    number: u32,
-    nodes: Vec<[f64; 2]>,
-    states: Vec<&'static str>,
-    residuals: Vec<Option<f64>>,
-}
-
-/// One track with all its frames.
-#[derive(Serialize)]
-pub struct Opened {
-    id: String,
-    emotion: String,
-    width: u32,
-    height: u32,
-    frames: Vec<FrameNodes>,
-    version: String,
-    file: String,
-    /// Source of the points of its neutral frame, as in the track's file.
-    #[serde(rename = "marksFrom")]
-    marks_from: String,
-    /// Reasons to look at it.
-    reasons: Vec<String>,
-    look: Option<Look>,
-}
-
-/// All corrections of one frame.
-#[derive(Deserialize)]
-pub struct Correct {
-    #[serde(default)]
-    version: String,
-    frame: u32,
-    corrections: Vec<Mark>,
-}
-
-/// The frame from which to track again.
-#[derive(Deserialize)]
-pub struct Retrack {
-    version: String,
-    frame: u32,
-}
-
-/// What a person found when looking at a track; without a look, an earlier one is taken back.
-#[derive(Deserialize)]
-pub struct SetLook {
-    version: String,
-    look: Option<Look>,
-}
-
-/// A look that was saved.
-#[derive(Serialize)]
-pub struct Looked {
-    look: Option<Look>,
-}
-
-/// A corrected frame.
-#[derive(Serialize)]
-pub struct Corrected {
-    version: String,
-    frame: FrameNodes,
-}
-
-struct Item {
-    csv: PathBuf,
-    id: String,
-    emotion: String,
-    /// Its row in the manifest.
-    entry: SequenceEntry,
-    source: FrameSource,
-    summary: TrackSummary,
-    /// Reasons to look at it: those of the run, else those of the track alone.
-    reasons: Vec<String>,
-    corrected: usize,
-}
 
 /// A frame before corrections, cached while a node of it is dragged.
 struct Base {
@@ -171,7 +77,7 @@ impl TrackDesk {
         let mut failures = Vec::new();
         let mut judged = reasons_of_the_run(&results_folder(out)).unwrap_or_default();
         for csv in files {
-            match item(csv, &dataset.sequences, bench.wireframe.node_count()) {
+            match Item::open(csv, &dataset.sequences, bench.wireframe.node_count()) {
                 Ok(item) => {
                     let reasons = judged.remove(&item.id).unwrap_or_else(|| item.summary.reasons.clone());
                     items.push(Item { reasons, ..item });
@@ -225,7 +131,7 @@ impl TrackDesk {
             frames: item.summary.frames,
             corrected: item.corrected,
             doubtful: !item.reasons.is_empty(),
-            look: looks.as_ref().and_then(|looks| look_at(looks, item)),
+            look: looks.as_ref().and_then(|looks| item.look(looks)),
         };
         List { sequences: self.lock().iter().map(listed).collect(), failures: self.failures.clone() }
     }
@@ -246,7 +152,7 @@ impl TrackDesk {
             return Err(RequestError::Refused("a sequence is right, left out, or not looked at".to_owned()));
         }
         let mut looks = self.looks()?;
-        looks.set(id, look, &content(item)?);
+        looks.set(id, look, &item.content()?);
         looks.write().map_err(RequestError::failed)?;
         Ok(Looked { look })
     }
@@ -278,7 +184,7 @@ impl TrackDesk {
         let nodes = self.corrected_nodes(item, &frames, request)?;
         let place = index_of(&frames, request.frame)?;
         frames[place].nodes = nodes;
-        let mut corrections = saved_corrections(item)?.unwrap_or_else(|| corrections_of(&frames));
+        let mut corrections = item.saved_corrections()?.unwrap_or_else(|| corrections_of(&frames));
         let set = request.corrections.iter().map(|mark| (mark.node, Point2::new(mark.x, mark.y))).collect::<BTreeMap<_, _>>();
         if set.is_empty() {
             corrections.remove(&request.frame);
@@ -286,7 +192,7 @@ impl TrackDesk {
             corrections.insert(request.frame, set);
         }
         self.write(item, &frames, &corrections)?;
-        Ok(Corrected { version: version(&item.csv), frame: frame_nodes(&frames[place]) })
+        Ok(Corrected { version: item.version(), frame: frame_nodes(&frames[place]) })
     }
 
     /// Tracks all frames after a frame again, with all corrections, and writes the track.
@@ -296,8 +202,8 @@ impl TrackDesk {
         self.check_version(item, &request.version)?;
         let mut frames = self.read_frames(item)?;
         let place = index_of(&frames, request.frame)?;
-        let corrections = saved_corrections(item)?.unwrap_or_else(|| corrections_of(&frames));
-        let size = info_of(&item.csv)?.image_size;
+        let corrections = item.saved_corrections()?.unwrap_or_else(|| corrections_of(&frames));
+        let size = item.info()?.image_size;
         let (fit, _) = fitting_corrections(&corrections, size, size, &frames, &self.bench.wireframe);
         let behind = self.track(item, &frames, place, frames.len() - 1, &fit)?;
         frames.truncate(place + 1);
@@ -308,16 +214,16 @@ impl TrackDesk {
 
     fn open_item(&self, item: &Item) -> Result<Opened, RequestError> {
         let looks = self.looks().ok();
-        let opened = open_item(item, &self.bench, &self.springs)?;
-        Ok(Opened { look: looks.and_then(|looks| look_at(&looks, item)), ..opened })
+        let opened = item.opened(&self.bench, &self.springs)?;
+        Ok(Opened { look: looks.and_then(|looks| item.look(&looks)), ..opened })
     }
 
     fn read_frames(&self, item: &Item) -> Result<Vec<TrackedFrame>, RequestError> {
-        read_frames(item, &self.bench, &self.springs)
+        item.frames(&self.bench, &self.springs)
     }
 
     fn check_version(&self, item: &Item, given: &str) -> Result<(), RequestError> {
-        if version(&item.csv) == given { Ok(()) } else { Err(RequestError::conflict(&self.open_item(item)?)) }
+        if item.version() == given { Ok(()) } else { Err(RequestError::conflict(&self.open_item(item)?)) }
     }
 
     /// The nodes of a frame: one step from the previous frame, with the requested corrections.
@@ -339,7 +245,7 @@ impl TrackDesk {
             }
             hard.insert(mark.node, Point2::new(mark.x, mark.y));
         }
-        let version = version(&item.csv);
+        let version = item.version();
         let mut base = self.base.lock().unwrap_or_else(PoisonError::into_inner);
         let is_known = |b: &&Base| b.id == item.id && b.frame == request.frame && b.version == version;
         let nodes = if let Some(base) = base.as_ref().filter(is_known) {
@@ -362,7 +268,7 @@ impl TrackDesk {
         to: usize,
         corrections: &Corrections,
     ) -> Result<Vec<TrackedFrame>, RequestError> {
-        let info = info_of(&item.csv)?;
+        let info = item.info()?;
         let source = match &item.source {
             FrameSource::Images(files) => {
                 let wanted = files.iter().enumerate().filter(|(k, _)| *k == 0 || (from..=to).contains(k));
@@ -387,9 +293,9 @@ impl TrackDesk {
 
     /// Saves the corrections, then the track with them. After an interruption in between, the track is made again from the corrections.
     fn write(&self, item: &mut Item, frames: &[TrackedFrame], corrections: &Corrections) -> Result<(), RequestError> {
-        let mut info = info_of(&item.csv)?;
+        let mut info = item.info()?;
         let earlier = info.corrections.take();
-        let is_first = saved_corrections(item)?.is_none() && item.corrected == 0;
+        let is_first = item.saved_corrections()?.is_none() && item.corrected == 0;
         let saved = write_corrections(&item.csv, corrections).map_err(RequestError::failed)?;
         // If a frame cannot be read, the previous judgement is kept.
         let far = self.far(item, frames, &info, (corrections, is_first));
@@ -459,53 +365,6 @@ fn beside(out: &Path) -> Result<Dataset, AnnotateError> {
     found.ok_or_else(not_found)
 }
 
-fn item(csv: PathBuf, entries: &[SequenceEntry], node_count: usize) -> Result<Item, String> {
-    let info = info_of(&csv).map_err(|e| match e {
-        RequestError::Refused(reason) => reason,
-        other => format!("{other:?}"),
-    })?;
-    let entry = entries.iter().find(|e| e.id == info.id);
-    let entry = entry.ok_or_else(|| format!("{}: the dataset has no sequence {}", csv.display(), info.id))?;
-    if !info.has_pictures() {
-        return Err(format!(
-            "{}: the track was made from landmarks, so it has no pictures to correct it in; write corrections (frame,node,x,y) into {} and \
-             run again",
-            csv.display(),
-            corrections_path(&csv).display()
-        ));
-    }
-    let source = entry.frames().map_err(|e| e.to_string())?;
-    if source.names() != info.source {
-        return Err(format!(
-            "{}: the track was made from different frames than {} has now; run `grimace run` again",
-            csv.display(),
-            entry.frames_path.display()
-        ));
-    }
-    let frames = read_track(&csv).map_err(|e| e.to_string())?;
-    let found = frames.first().map_or(0, |f| f.nodes.len());
-    if found != node_count {
-        return Err(format!(
-            "{}: the track has {found} nodes, but the wireframe has {node_count}; give the wireframe of the track with --wireframe FILE",
-            csv.display()
-        ));
-    }
-    let corrected = count_corrected(&frames);
-    let (id, emotion) = (info.id.to_string(), info.emotion);
-    Ok(Item { csv, id, emotion, entry: entry.clone(), source, summary: info.summary, reasons: Vec::new(), corrected })
-}
-
-fn info_of(csv: &Path) -> Result<TrackInfo, RequestError> {
-    let info = read_track_info(csv).map_err(RequestError::refused)?;
-    info.ok_or_else(|| {
-        RequestError::Refused(format!(
-            "{}: the .json beside the track is missing; without it the options of the track are unknown: track \
-             the sequence again",
-            csv.display()
-        ))
-    })
-}
-
 /// Reasons to look at the sequences of a run, by id.
 fn reasons_of_the_run(out: &Path) -> Result<BTreeMap<String, Vec<String>>, InputError> {
     let csv = CsvFile::open(&out.join("verdicts.csv"))?;
@@ -517,82 +376,9 @@ fn reasons_of_the_run(out: &Path) -> Result<BTreeMap<String, Vec<String>>, Input
     csv.rows().map(|read| read.map(row)).collect()
 }
 
-/// Identifies what the page shows of a track.
-fn content(item: &Item) -> Result<String, RequestError> {
-    let csv = file_blake3(&item.csv).ok_or_else(|| RequestError::Refused(format!("{}: cannot be read", item.csv.display())))?;
-    Ok(content_of(Some(&info_of(&item.csv)?), &csv))
-}
-
-fn look_at(looks: &Looks, item: &Item) -> Option<Look> {
-    looks.of(&item.entry.id, &content(item).ok()?)
-}
-
-/// The track to show. It includes corrections that were saved but not added, because the process was killed in between.
-fn read_frames(item: &Item, bench: &Workbench, springs: &Springs) -> Result<Vec<TrackedFrame>, RequestError> {
-    let mut frames = read_track(&item.csv).map_err(RequestError::refused)?;
-    let info = info_of(&item.csv)?;
-    let saved = read_corrections(&item.csv).map_err(RequestError::refused)?;
-    if let Some(saved) = saved.filter(|s| info.corrections.as_ref().is_none_or(|c| c.blake3 != s.blake3)) {
-        let set_on = info.corrections.as_ref().map_or(info.image_size, |c| c.image_size);
-        let (fit, _) = fitting_corrections(&saved.corrections, set_on, info.image_size, &frames, &bench.wireframe);
-        for frame in &mut frames {
-            if let Some(hard) = fit.get(&frame.number) {
-                frame.nodes = correct_nodes(&bench.wireframe, springs, &frame.nodes, hard).map_err(RequestError::refused)?;
-            }
-        }
-    }
-    Ok(frames)
-}
-
-/// The corrections in the track's corrections file; `None` without one.
-fn saved_corrections(item: &Item) -> Result<Option<Corrections>, RequestError> {
-    let saved = read_corrections(&item.csv).map_err(RequestError::refused)?;
-    Ok(saved.map(|saved| saved.corrections))
-}
-
-fn open_item(item: &Item, bench: &Workbench, springs: &Springs) -> Result<Opened, RequestError> {
-    let info = info_of(&item.csv)?;
-    Ok(Opened {
-        id: item.id.clone(),
-        emotion: item.emotion.clone(),
-        width: info.image_size.width,
-        height: info.image_size.height,
-        frames: read_frames(item, bench, springs)?.iter().map(frame_nodes).collect(),
-        version: version(&item.csv),
-        file: item.csv.file_name().unwrap_or_default().to_string_lossy().into_owned(),
-        marks_from: info.marks_from,
-        reasons: item.reasons.clone(),
-        look: None,
-    })
-}
-
-fn frame_nodes(frame: &TrackedFrame) -> FrameNodes {
-    FrameNodes {
-        number: frame.number,
-        nodes: frame.nodes.iter().map(|n| [hundredth(n.position.x), hundredth(n.position.y)]).collect(),
-        states: frame.nodes.iter().map(|n| n.state.name()).collect(),
-        residuals: frame.nodes.iter().map(|n| n.residual.map(hundredth)).collect(),
-    }
-}
-
-fn count_corrected(frames: &[TrackedFrame]) -> usize {
-    frames.iter().skip(1).flat_map(|f| &f.nodes).filter(|n| n.state == NodeState::Corrected).count()
-}
-
 fn index_of(frames: &[TrackedFrame], number: u32) -> Result<usize, RequestError> {
     let place = frames.iter().position(|f| f.number == number);
     place.ok_or_else(|| RequestError::NotFound(format!("the track has no frame {number}")))
-}
-
-/// Version of a track in 16 digits: a hash of the track and its corrections.
-fn version(csv: &Path) -> String {
-    let mut hasher = blake3::Hasher::new();
-    for path in [csv, &corrections_path(csv)] {
-        let bytes = crate::input::read(path);
-        hasher.update(&[u8::from(bytes.is_ok())]);
-        hasher.update(blake3::hash(&bytes.unwrap_or_default()).as_bytes());
-    }
-    hasher.finalize().to_hex()[..16].to_owned()
 }
 
 fn no_track(id: &str) -> RequestError {
