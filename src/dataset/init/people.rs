@@ -88,6 +88,70 @@ pub(super) struct Pairs {
     pub refused: Vec<PicturesOfPeople>,
 }
 
+/// Pairs of pictures from one collection.
+struct Paired<'a> {
+    root: &'a Path,
+    rows: Vec<ProposedRow>,
+    lacking: Vec<String>,
+    /// Names of people that differ only in case.
+    alike: Vec<String>,
+}
+
+impl Paired<'_> {
+    fn leave_out(&mut self, pictures: &[&Named], reason: &str) {
+        self.lacking.extend(pictures.iter().map(|p| format!("{} ({reason})", relative(self.root, &p.path))));
+    }
+
+    /// Pairs the neutral picture of a person with each picture of an expression. `place`: see [`Pairs::add`].
+    fn add_person(&mut self, neutral: &[&Named], others: &[&Named], place: impl Fn(&Named) -> (String, String)) {
+        let Some(person) = neutral.first().or(others.first()).map(|first| &first.person) else { return };
+        let spellings: BTreeSet<&str> = neutral.iter().chain(others).map(|p| p.person.as_str()).collect();
+        let names = spellings.into_iter().collect::<Vec<_>>().join(" and ");
+        let neutral = match neutral {
+            [] => return self.leave_out(others, &format!("no neutral picture of {person}")),
+            [neutral] if others.is_empty() => return self.leave_out(&[neutral], &format!("the only picture of {person}")),
+            [neutral] => *neutral,
+            several => {
+                let reason = if names == *person {
+                    format!("several neutral pictures of {person}")
+                } else {
+                    self.alike.push(names.clone());
+                    format!("{names} differ only in case; rename one")
+                };
+                self.leave_out(several, &reason);
+                return self.leave_out(others, &reason);
+            }
+        };
+        let mut places: BTreeMap<String, Vec<&Named>> = BTreeMap::new();
+        for picture in others {
+            places.entry(place(picture).1).or_default().push(picture);
+        }
+        for (of, pictures) in &places {
+            match pictures[..] {
+                [picture] => self.add_pair(neutral, picture, place(picture).0),
+                _ => self.leave_out(pictures, &format!("several pictures of {names} in {of}")),
+            }
+        }
+    }
+
+    fn add_pair(&mut self, neutral: &Named, picture: &Named, sequence: String) {
+        let pair = [neutral, picture].map(|p| relative(self.root, &p.path));
+        if pair.iter().any(|path| path.contains(PICTURE_SEPARATOR) || path.trim() != path) {
+            let reason = format!("`{PICTURE_SEPARATOR}` or a blank at an end in the name of {}", pair.join(" or "));
+            return self.leave_out(&[picture], &reason);
+        }
+        self.rows.push(ProposedRow {
+            subject: neutral.subject.clone(),
+            sequence,
+            emotion: picture.emotion.unwrap_or(UNKNOWN_EMOTION).to_owned(),
+            frames: pair.join(&PICTURE_SEPARATOR.to_string()),
+            landmarks: String::new(),
+            person: Vec::new(),
+            more: Vec::new(),
+        });
+    }
+}
+
 impl Pairs {
     /// Adds a sequence of each neutral picture and each picture of an expression of the same person. If there is none, it changes nothing
     /// and returns names of people that differ only in case.
@@ -106,72 +170,15 @@ impl Pairs {
                 None => unnamed.push(format!("{} (no emotion in the name)", relative(root, &picture.path))),
             }
         }
-        let mut rows = Vec::new();
-        let mut lacking = Vec::new();
-        let mut alike = Vec::new();
+        let mut paired = Paired { root, rows: Vec::new(), lacking: Vec::new(), alike: Vec::new() };
         for [neutral, others] in people.values() {
-            let Some(person) = neutral.first().or(others.first()).map(|first| &first.person) else { continue };
-            let spellings: BTreeSet<&str> = neutral.iter().chain(others).map(|p| p.person.as_str()).collect();
-            let names = spellings.into_iter().collect::<Vec<_>>().join(" and ");
-            let differ = names != *person;
-            let mut leave_out = |pictures: &[&Named], reason: &str| {
-                lacking.extend(pictures.iter().map(|p| format!("{} ({reason})", relative(root, &p.path))));
-            };
-            let neutral = match &neutral[..] {
-                [] => {
-                    leave_out(others, &format!("no neutral picture of {person}"));
-                    continue;
-                }
-                [neutral] => *neutral,
-                several => {
-                    let reason = if differ {
-                        alike.push(names.clone());
-                        format!("{names} differ only in case; rename one")
-                    } else {
-                        format!("several neutral pictures of {person}")
-                    };
-                    leave_out(several, &reason);
-                    leave_out(others, &reason);
-                    continue;
-                }
-            };
-            if others.is_empty() {
-                leave_out(&[neutral], &format!("the only picture of {person}"));
-                continue;
-            }
-            let mut places: BTreeMap<String, Vec<&Named>> = BTreeMap::new();
-            for picture in others {
-                places.entry(place(picture).1).or_default().push(picture);
-            }
-            for (of, pictures) in &places {
-                let [picture] = pictures[..] else {
-                    leave_out(pictures, &format!("several pictures of {names} in {of}"));
-                    continue;
-                };
-                let pair = [neutral, picture].map(|p| relative(root, &p.path));
-                if pair.iter().any(|path| path.contains(PICTURE_SEPARATOR) || path.trim() != path) {
-                    leave_out(
-                        &[picture],
-                        &format!("`{PICTURE_SEPARATOR}` or a blank at an end in the name of {}", pair.join(" or ")),
-                    );
-                    continue;
-                }
-                rows.push(ProposedRow {
-                    subject: neutral.subject.clone(),
-                    sequence: place(picture).0,
-                    emotion: picture.emotion.unwrap_or(UNKNOWN_EMOTION).to_owned(),
-                    frames: pair.join(&PICTURE_SEPARATOR.to_string()),
-                    landmarks: String::new(),
-                    person: Vec::new(),
-                    more: Vec::new(),
-                });
-            }
+            paired.add_person(neutral, others, &place);
         }
-        if rows.is_empty() {
-            return Err(alike);
+        if paired.rows.is_empty() {
+            return Err(paired.alike);
         }
-        self.rows.extend(rows);
-        self.lacking.extend(lacking);
+        self.rows.extend(paired.rows);
+        self.lacking.extend(paired.lacking);
         self.unnamed.extend(unnamed);
         self.side += side.len();
         Ok(())
@@ -287,92 +294,175 @@ fn nothing_in_common(root: &Path, folders: &[EmotionFolder]) -> Option<[String; 
     Some([first, other].map(|folder| format!("{}/anna.{extension}", relative(root, &folder.path))))
 }
 
+/// Sibling folders of one view, each with the pictures of one emotion.
+struct Siblings {
+    parent: PathBuf,
+    folders: Vec<EmotionFolder>,
+    /// People in several of them; `None` if the folders hold something else.
+    people: Option<BTreeSet<String>>,
+}
+
+impl Siblings {
+    /// Reads the names of their pictures.
+    fn read(parent: &Path, mut folders: Vec<EmotionFolder>) -> Self {
+        let name =
+            parent.canonicalize().ok().and_then(|p| p.file_name().map(|n| composed(&n.to_string_lossy()))).unwrap_or_default();
+        folders.sort_by(|a, b| a.path.cmp(&b.path));
+        let mut all: Vec<&mut Named> = folders.iter_mut().flat_map(|folder| &mut folder.pictures).collect();
+        read_to_pair(&mut all);
+        without_shots(None, &mut all);
+        let mut people = people_of(&name, &folders, false, true);
+        if people.is_none() && without_codes(&mut folders) {
+            people = people_of(&name, &folders, true, true);
+        } else if people.is_none() && folders.iter().all(|f| f.pictures.len() < 2 || consecutive(&f.pictures).is_none()) {
+            people = people_of(&name, &folders, false, false);
+        }
+        Self { parent: parent.to_owned(), folders, people }
+    }
+
+    fn paths(&self) -> Vec<&PathBuf> {
+        self.folders.iter().map(|folder| &folder.path).collect()
+    }
+
+    fn pictures(&self) -> Vec<&Named> {
+        self.folders.iter().flat_map(|folder| &folder.pictures).collect()
+    }
+
+    /// Words before the numbers of its people's names.
+    fn words(&self) -> BTreeSet<String> {
+        self.people.iter().flatten().map(|name| numbered(name).0.to_lowercase()).collect()
+    }
+}
+
+/// Siblings by their parent and view, those with one neutral folder and others.
+fn siblings_in(found: &Found, taken: &BTreeSet<PathBuf>) -> Vec<Siblings> {
+    let mut views: BTreeMap<(PathBuf, String), Vec<EmotionFolder>> = BTreeMap::new();
+    let with_one = found.left_out.iter().filter(|path| visible(path).is_ok_and(|e| e.iter().any(|e| is_picture(&e.path()))));
+    for path in found.sequences.iter().filter(|path| path.is_dir() && !taken.contains(*path)).chain(with_one) {
+        if let (Some(folder), Some(parent)) = (emotion_folder(path), path.parent()) {
+            views.entry((parent.to_owned(), folder.view.clone())).or_default().push(folder);
+        }
+    }
+    let is_neutral = |folders: &[EmotionFolder]| folders.iter().any(|f| f.pictures.iter().any(|p| p.emotion == Some(NEUTRAL)));
+    let of_people = views.into_iter().filter(|(_, folders)| folders.len() > 1 && is_neutral(folders));
+    of_people.map(|((parent, _), folders)| Siblings::read(&parent, folders)).collect()
+}
+
+/// Whether siblings below several parents hold pictures of several people each, as when a collection is sorted by site or by sex, rather than
+/// the frames of one person: every parent has two or more people, none of them in two parents, and not every parent its own word before numbers.
+fn are_groups_of_people(siblings: &[Siblings]) -> bool {
+    let mut parents: BTreeMap<&Path, [BTreeSet<String>; 2]> = BTreeMap::new();
+    for of_view in siblings {
+        let [people, words] = parents.entry(&of_view.parent).or_default();
+        people.extend(of_view.people.iter().flatten().map(|name| name_key(name)));
+        words.extend(of_view.words());
+    }
+    let all: Vec<&String> = parents.values().flat_map(|[people, _]| people).collect();
+    let distinct: BTreeSet<&String> = all.iter().copied().collect();
+    let words: BTreeSet<&String> = parents.values().flat_map(|[_, words]| words).collect();
+    let own_word = parents.values().all(|[_, words]| words.len() == 1) && words.len() == parents.len();
+    parents.values().all(|[people, _]| people.len() > 1) && distinct.len() == all.len() && !own_word
+}
+
 /// Removes folders with single pictures of people from what was found, and pairs their pictures. These are folders whose pictures show several
 /// expressions and are not numbered like frames. They are also sibling folders named after emotions, one of them neutral, that contain files
 /// with the same names.
 pub(super) fn take_pictures_of_people(root: &Path, found: &mut Found) -> Pairs {
     let mut pairs = Pairs::default();
     let mut taken: BTreeSet<PathBuf> = BTreeSet::new();
-    // In a folder of one emotion, a word such as `Joy` may be a name.
+    let perhaps = take_folders_of_people(root, found, &mut pairs, &mut taken);
+    let siblings = siblings_in(found, &taken);
+    let parents: BTreeSet<&PathBuf> = siblings.iter().map(|of_view| &of_view.parent).collect();
+    // Several parents mean one person each, unless they are groups of people.
+    if parents.len() == 1 || are_groups_of_people(&siblings) {
+        let mut people: BTreeSet<&String> = BTreeSet::new();
+        for of_view in &siblings {
+            if take_siblings(root, of_view, &mut pairs, &mut taken) {
+                people.extend(of_view.people.iter().flatten());
+            }
+        }
+        leave_of_people(root, found, &parents, &people, &mut pairs, &mut taken);
+    }
+    leave_rest(root, found, perhaps, &mut taken, &mut pairs);
+    found.sequences.retain(|path| !taken.contains(path));
+    found.left_out.retain(|path| !taken.contains(path));
+    pairs.finished()
+}
+
+/// Takes folders whose pictures show several expressions of people. Returns those of one emotion in which a word such as `Joy` may be a name.
+fn take_folders_of_people(
+    root: &Path,
+    found: &Found,
+    pairs: &mut Pairs,
+    taken: &mut BTreeSet<PathBuf>,
+) -> BTreeMap<PathBuf, PicturesOfPeople> {
     let mut perhaps: BTreeMap<PathBuf, PicturesOfPeople> = BTreeMap::new();
-    let mut beside: BTreeMap<PathBuf, BTreeMap<String, Vec<EmotionFolder>>> = BTreeMap::new();
     for folder in found.sequences.iter().filter(|path| path.is_dir()) {
         let mut pictures = pictures(folder);
         read_to_pair(&mut pictures.iter_mut().collect::<Vec<_>>());
         let emotions: BTreeSet<Option<&str>> = pictures.iter().map(|p| p.emotion).collect();
-        if emotions.len() > 1 && !are_frames(&pictures) {
-            let resolved = folder.canonicalize().unwrap_or_else(|_| folder.clone());
-            without_shots(Some(&resolved), &mut pictures.iter_mut().collect::<Vec<_>>());
-            let all: Vec<&Named> = pictures.iter().collect();
-            if let Err(alike) = pairs.add(root, &all, |p| (p.sequence(&p.word), format!("`{}`", p.sequence(&p.kind)))) {
-                let refused = refused(root, &[folder], &all, pictures.iter().map(|p| p.person.as_str()).collect(), alike);
-                if emotion_folder(folder).is_some() {
-                    perhaps.insert(folder.clone(), refused);
-                    continue;
-                }
-                pairs.refused.push(refused);
-            }
-            taken.insert(folder.clone());
-        }
-    }
-    let with_one = found.left_out.iter().filter(|path| visible(path).is_ok_and(|e| e.iter().any(|e| is_picture(&e.path()))));
-    for path in found.sequences.iter().filter(|path| path.is_dir() && !taken.contains(*path)).chain(with_one) {
-        if let (Some(folder), Some(parent)) = (emotion_folder(path), path.parent()) {
-            let views = beside.entry(parent.to_owned()).or_default();
-            views.entry(folder.view.clone()).or_default().push(folder);
-        }
-    }
-    let is_neutral = |folders: &Vec<EmotionFolder>| folders.iter().any(|f| f.pictures.iter().any(|p| p.emotion == Some(NEUTRAL)));
-    for views in beside.values_mut() {
-        views.retain(|_, folders| folders.len() > 1 && is_neutral(folders));
-    }
-    beside.retain(|_, views| !views.is_empty());
-    // Several such parents mean one person each.
-    let (Some((parent, mut views)), true) = (beside.pop_first(), beside.is_empty()) else {
-        leave_rest(root, found, perhaps, &mut taken, &mut pairs);
-        found.sequences.retain(|path| !taken.contains(path));
-        return pairs.finished();
-    };
-    let name = parent.canonicalize().ok().and_then(|p| p.file_name().map(|n| composed(&n.to_string_lossy()))).unwrap_or_default();
-    let mut people: BTreeSet<String> = BTreeSet::new();
-    for folders in views.values_mut() {
-        folders.sort_by(|a, b| a.path.cmp(&b.path));
-        let mut all: Vec<&mut Named> = folders.iter_mut().flat_map(|folder| &mut folder.pictures).collect();
-        read_to_pair(&mut all);
-        without_shots(None, &mut all);
-        let mut shared = people_of(&name, folders, false, true);
-        if shared.is_none() && without_codes(folders) {
-            shared = people_of(&name, folders, true, true);
-        } else if shared.is_none() && folders.iter().all(|f| f.pictures.len() < 2 || consecutive(&f.pictures).is_none()) {
-            shared = people_of(&name, folders, false, false);
-        }
-        let paths: Vec<&PathBuf> = folders.iter().map(|folder| &folder.path).collect();
-        let Some(shared) = shared else {
-            if let Some(example) = nothing_in_common(root, folders) {
-                let folders = paths.iter().map(|folder| format!("{}/", relative(root, folder))).collect();
-                pairs.refused.push(PicturesOfPeople { folders, reason: Unpaired::NothingInCommon { example } });
-                taken.extend(paths.into_iter().cloned());
-            }
+        if emotions.len() < 2 || are_frames(&pictures) {
             continue;
-        };
-        let pictures: Vec<&Named> = folders.iter().flat_map(|folder| &folder.pictures).collect();
-        let place = |picture: &Named| {
-            let folder = picture.path.parent().unwrap_or(root);
-            let name = composed(&folder.file_name().unwrap_or_default().to_string_lossy());
-            (picture.sequence(&name), format!("`{}`", picture.sequence(&relative(root, folder))))
-        };
-        match pairs.add(root, &pictures, place) {
-            Ok(()) => people.extend(shared),
-            Err(alike) => {
-                pairs.refused.push(refused(root, &paths, &pictures, shared.iter().map(String::as_str).collect(), alike));
-            }
         }
-        taken.extend(folders.iter().map(|folder| folder.path.clone()));
+        let resolved = folder.canonicalize().unwrap_or_else(|_| folder.clone());
+        without_shots(Some(&resolved), &mut pictures.iter_mut().collect::<Vec<_>>());
+        let all: Vec<&Named> = pictures.iter().collect();
+        if let Err(alike) = pairs.add(root, &all, |p| (p.sequence(&p.word), format!("`{}`", p.sequence(&p.kind)))) {
+            let refused = refused(root, &[folder], &all, pictures.iter().map(|p| p.person.as_str()).collect(), alike);
+            if emotion_folder(folder).is_some() {
+                perhaps.insert(folder.clone(), refused);
+                continue;
+            }
+            pairs.refused.push(refused);
+        }
+        taken.insert(folder.clone());
     }
-    // Other folders with pictures of the same people are no sequences, either.
-    let is_person =
-        |p: &Named| people.contains(&p.person) || p.person.split('_').next().is_some_and(|part| people.contains(part));
-    for path in found.sequences.iter().filter(|path| path.is_dir() && path.parent() == Some(&*parent)) {
+    perhaps
+}
+
+/// Pairs the pictures of sibling folders. Returns whether there were pairs.
+fn take_siblings(root: &Path, siblings: &Siblings, pairs: &mut Pairs, taken: &mut BTreeSet<PathBuf>) -> bool {
+    let paths = siblings.paths();
+    let Some(people) = &siblings.people else {
+        if let Some(example) = nothing_in_common(root, &siblings.folders) {
+            let folders = paths.iter().map(|folder| format!("{}/", relative(root, folder))).collect();
+            pairs.refused.push(PicturesOfPeople { folders, reason: Unpaired::NothingInCommon { example } });
+            taken.extend(paths.into_iter().cloned());
+        }
+        return false;
+    };
+    let place = |picture: &Named| {
+        let folder = picture.path.parent().unwrap_or(root);
+        let name = composed(&folder.file_name().unwrap_or_default().to_string_lossy());
+        (picture.sequence(&name), format!("`{}`", picture.sequence(&relative(root, folder))))
+    };
+    let pictures = siblings.pictures();
+    let added = pairs.add(root, &pictures, place);
+    taken.extend(paths.iter().map(|path| (*path).clone()));
+    match added {
+        Ok(()) => true,
+        Err(alike) => {
+            pairs.refused.push(refused(root, &paths, &pictures, people.iter().map(String::as_str).collect(), alike));
+            false
+        }
+    }
+}
+
+/// Takes other folders beside the siblings with pictures of the same people, which are no sequences, either.
+fn leave_of_people(
+    root: &Path,
+    found: &Found,
+    parents: &BTreeSet<&PathBuf>,
+    people: &BTreeSet<&String>,
+    pairs: &mut Pairs,
+    taken: &mut BTreeSet<PathBuf>,
+) {
+    let is_person = |p: &Named| {
+        let begin = p.person.split('_').next().unwrap_or_default();
+        people.iter().any(|name| **name == p.person || *name == begin)
+    };
+    let is_beside = |path: &Path| path.parent().is_some_and(|parent| parents.iter().any(|known| *known == parent));
+    for path in found.sequences.iter().filter(|path| path.is_dir() && is_beside(path)) {
         let is_of_people = || {
             let pictures = pictures(path);
             2 * pictures.iter().filter(|p| is_person(p)).count() >= pictures.len()
@@ -382,10 +472,6 @@ pub(super) fn take_pictures_of_people(root: &Path, found: &mut Found) -> Pairs {
             taken.insert(path.clone());
         }
     }
-    leave_rest(root, found, perhaps, &mut taken, &mut pairs);
-    found.sequences.retain(|path| !taken.contains(path));
-    found.left_out.retain(|path| !taken.contains(path));
-    pairs.finished()
 }
 
 /// Takes the folders in `perhaps`, and those whose pictures are in no order because their names are those of people or of unknown expressions.

@@ -210,3 +210,27 @@ fn without_readable_files_the_readable_formats_are_listed() {
     let said = error.to_string();
     assert!(said.contains("anna/1.HEIC; anna/2.HEIC; b.gif") && said.contains("png jpg") && said.contains("mp4"), "{said}");
 }
+
+#[test]
+fn groups_of_people_are_paired_and_frames_of_one_person_each_are_not() {
+    let of = |parent: &str, people: &[&str]| -> Vec<String> {
+        ["neutral", "happy"].iter().flat_map(|f| people.iter().map(move |p| format!("{parent}/{f}/{p}.jpg"))).collect()
+    };
+    let sorted = [of("women", &["W01", "W02"]), of("men", &["anna", "M01", "M02"])].concat();
+    let (rows, lacking) = pairs(&sorted);
+    let row = |group: &str, p: &str| format!("{p} happy happiness {group}/neutral/{p}.jpg;{group}/happy/{p}.jpg");
+    let expected = [row("men", "M01"), row("men", "M02"), row("women", "W01"), row("women", "W02"), row("men", "anna")];
+    assert_eq!(rows, expected);
+    assert!(lacking.is_empty(), "{lacking:?}");
+    // The same word everywhere, other numbers: people. The same numbers, or a word for each parent: frames of one person.
+    let (rows, _) = pairs(&[of("london", &["P01", "P02"]), of("paris", &["P03", "P04"])].concat());
+    assert_eq!((rows.len(), rows[0].as_str()), (4, row("london", "P01").as_str()));
+    for frames in [
+        [of("anna", &["P01", "P02"]), of("ben", &["P01", "P02"])].concat(),
+        [of("anna", &["a1", "a2"]), of("ben", &["b1", "b2"])].concat(),
+        [of("anna", &["001", "002"]), of("ben", &["003", "004"])].concat(),
+    ] {
+        let (rows, _) = pairs(&frames);
+        assert_eq!(rows.first().map(String::as_str), Some("anna happy happiness anna/happy"), "{rows:?}");
+    }
+}
