@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use grimace::{
+    dataset::unlisted_said,
     output::count,
     pipeline::{self, PipelineOptions, RunSummary, Workbench},
 };
@@ -136,6 +137,9 @@ fn print_summary(summary: &RunSummary, args: &Args) {
     if summary.unchanged {
         say_failures(failures, Some(&out.join("failures.csv")));
         println!("nothing changed since the last run: {all}; nothing written");
+        if let Some(said) = unlisted_said(&args.dataset) {
+            println!("note: {said}");
+        }
     } else {
         println!("{all}: {tracked} tracked, {reused} unchanged, {} failed", failures.len());
     }

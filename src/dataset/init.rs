@@ -9,6 +9,7 @@ mod pictures;
 mod search;
 #[cfg(test)]
 mod tests;
+mod unlisted;
 mod unpaired;
 
 use std::{
@@ -21,7 +22,7 @@ use self::{
     people::{Pairs, take_pictures_of_people},
     search::Found,
 };
-pub use self::{kept::Kept, unpaired::PicturesOfPeople};
+pub use self::{kept::Kept, unlisted::unlisted_said, unpaired::PicturesOfPeople};
 use super::{Dataset, DatasetError, Labels, MANIFEST_NAME, cohn_kanade, entry::is_publish_column, error::name_key};
 use crate::{
     input::CsvFile,

@@ -31,7 +31,7 @@ pub use frames::{
     list_frames_among, list_readable, list_recording,
 };
 pub(crate) use frames::{has_frames, is_video, visible};
-pub use init::{Kept, UNKNOWN_EMOTION, manifest_path, propose_manifest};
+pub use init::{Kept, UNKNOWN_EMOTION, manifest_path, propose_manifest, unlisted_said};
 pub use landmarks::{
     DEFAULT_LANDMARK_NODES, LANDMARK_COUNT, LEAST_CONFIDENCE, LandmarkFrame, LandmarkSelection, LandmarkSequence, LandmarkTrack,
     LandmarksError, correspondences_from_landmarks, landmark_files, read_face, read_landmarks,

@@ -114,7 +114,7 @@ impl ProposedManifest {
 }
 
 /// Frames as a proposal names them.
-fn plain(frames: &str) -> String {
+pub(super) fn plain(frames: &str) -> String {
     let names = frames.split(PICTURE_SEPARATOR).map(|name| name.trim().trim_start_matches("./").trim_end_matches('/'));
     names.filter(|name| !name.is_empty()).collect::<Vec<_>>().join(&PICTURE_SEPARATOR.to_string())
 }

@@ -22,7 +22,7 @@ use super::{
     recognition::left_out_said,
 };
 use crate::{
-    dataset::{FACE_COLUMN, SEGMENT_COLUMN, SequenceEntry, is_publish_column},
+    dataset::{FACE_COLUMN, SEGMENT_COLUMN, SequenceEntry, is_publish_column, unlisted_said},
     output::{OutputError, listed, nine_digits, write_records},
     statistics::{
         GroupError, SequenceLabels, UNKNOWN_GROUP,
@@ -115,6 +115,7 @@ pub fn check_dataset(
     let too_short = too_short(lengths, bench.options.normalize.resample);
     let recommends_linear = too_short.is_some();
     notes.extend(too_short);
+    notes.extend(unlisted_said(dataset));
     if !whole.is_empty() {
         let named: Vec<String> = whole.iter().map(ToString::to_string).collect();
         notes.push(format!(
