@@ -42,7 +42,7 @@ pub struct Args {
     people: Option<PathBuf>,
     /// Overwrite an existing manifest
     ///
-    /// Keeps what the old manifest records about frames that still exist, unless it is detected anew.
+    /// Keeps what the old manifest records about frames that still exist: names, emotions and all columns. Adds rows for all other frames.
     #[arg(long)]
     force: bool,
     /// Print no summary
@@ -64,19 +64,18 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         }
         other => other.into(),
     })?;
+    let unreadable = |error: DatasetError| {
+        anyhow::anyhow!("{error}; it is not overwritten, because its content would be lost: repair it, or move it away")
+    };
+    let is_there = path.is_file();
+    let other_emotions = if is_there { manifest.keep_names(&path).map_err(unreadable)? } else { Vec::new() };
     if let Some(people) = &args.people {
         manifest.join_people(people)?;
     }
-    let kept = if path.is_file() {
-        manifest.keep(&path).map_err(|error| {
-            anyhow::anyhow!("{error}; it is not overwritten, because its content would be lost: repair it, or move it away")
-        })?
-    } else {
-        Kept::default()
-    };
+    let kept = if is_there { manifest.keep(&path).map_err(unreadable)? } else { Kept::default() };
     manifest.write(&path)?;
     if !args.quiet {
-        say_kept(&kept);
+        say_kept(&kept, &other_emotions);
         let open = manifest.rows.iter().filter(|row| row.emotion == UNKNOWN_EMOTION).count();
         println!("{}: {}", single_line(&path.display().to_string()), count(manifest.rows.len(), "sequence", "sequences"));
         if !manifest.skipped.is_empty() {
@@ -143,12 +142,18 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 }
 
 /// Prints what was kept from the existing manifest and what was not.
-fn say_kept(kept: &Kept) {
+fn say_kept(kept: &Kept, other_emotions: &[String]) {
     if !kept.columns.is_empty() {
         println!("note: kept from the old manifest: {}", shortened(&kept.columns));
     }
-    if !kept.other_emotions.is_empty() {
-        println!("note: the old manifest had other emotions: {}", shortened(&kept.other_emotions));
+    if !other_emotions.is_empty() {
+        println!("note: emotions kept from the old manifest, although the names say others: {}", shortened(other_emotions));
+    }
+    if !kept.added.is_empty() {
+        println!(
+            "note: not in the old manifest, added: {}; if you had deleted such a row, delete it again",
+            shortened(&kept.added)
+        );
     }
     if !kept.gone.is_empty() {
         println!("note: in the old manifest, but not found now: {}", shortened(&kept.gone));

@@ -9,6 +9,7 @@ mod blendshapes;
 mod course;
 mod file;
 mod openface;
+mod warnings;
 
 use nalgebra::{Point2, Vector2};
 
@@ -17,9 +18,9 @@ use crate::{
     fap::{ConvertError, FapCatalog, FapFrame, FapNumber, FapSequence, whole_rate},
     model::{DynamicExpressionModel, ModelError},
     normalize::{IrisdMode, NormalizeError, NormalizeOptions, Normalizer},
-    pose::{HEAD_ES, HeadFit, HeadModel, HeadPose},
+    pose::{HEAD_ES, HeadFit, HeadModel},
     sequence::Clock,
-    track::{LossReason, MOST_FILLED, NodeState, TrackedFrame, backwards_said, eye_distance_px, whole_steps},
+    track::{LossReason, MOST_FILLED, NodeState, TrackedFrame, eye_distance_px, whole_steps},
     units::{FaceUnit, NodeId},
     wireframe::Tables,
 };
@@ -30,6 +31,7 @@ pub use blendshapes::{COEFFICIENTS, ColumnsBeside, read_blendshapes};
 pub use course::{COURSE_POINTS, Course};
 pub use file::{ColumnNames, write_features};
 pub(crate) use file::{fap_column, measured, unit_column};
+pub use warnings::{apex_warning, order_warning, pose_warning, turn_warning};
 
 /// Yaw or pitch, degrees, up to which a frame's values are reliable.
 pub const TRUSTED_TURN: f64 = 25.0;
@@ -385,38 +387,6 @@ fn every_frame(numbers: &[u32]) -> Vec<(usize, f64)> {
         (0..count).map(move |m| (k, f64::from(m) / f64::from(count)))
     };
     (0..numbers.len()).flat_map(of).collect()
-}
-
-/// Returns a warning if the head turns too far for reliable values; `None` otherwise.
-pub fn turn_warning(fit: &HeadFit, track: &[TrackedFrame]) -> Option<String> {
-    let turn = |(pose, frame): (&HeadPose, &TrackedFrame)| {
-        let [yaw, pitch, _] = pose.degrees();
-        (yaw.abs().max(pitch.abs()), frame.number)
-    };
-    let (largest, frame) = fit.poses.iter().zip(track).map(turn).max_by(|a, b| a.0.total_cmp(&b.0))?;
-    (largest > TRUSTED_TURN).then(|| {
-        format!("the head is turned by {largest:.0} degrees in frame {frame}; models are reliable up to about {TRUSTED_TURN:.0} degrees")
-    })
-}
-
-/// Returns a warning if frames have no pose; `None` if all have one.
-pub fn pose_warning(fit: &HeadFit, track: &[TrackedFrame]) -> Option<String> {
-    let failed: Vec<u32> = fit.failures.iter().zip(track).filter(|(f, _)| f.is_some()).map(|(_, frame)| frame.number).collect();
-    let first = failed.iter().min()?;
-    Some(format!("found no head pose in {} of {} frames, first in frame {first}", failed.len(), track.len()))
-}
-
-/// Order ([`FeatureMeter::order`]) below which a sequence is reported as possibly played backwards. Chosen so that there is no false report
-/// among 50 sequences of photographs, morphs and videos and 90 smiles by landmarks in two pictures alone. For its detections, and for those
-/// of 90 smiles tracked in two photographs, see docs/evaluation.md.
-const BACKWARDS: f64 = -0.07;
-
-/// Returns a warning for a sequence whose apex seems to come first; `None` otherwise.
-pub fn order_warning(order: f64, track: &[TrackedFrame]) -> Option<String> {
-    let [first, .., last] = track else { return None };
-    let why =
-        format!("action units explain the motion from frame {} to frame {} better than its reverse", last.number, first.number);
-    (order < BACKWARDS).then(|| backwards_said(&why, first.number, last.number))
 }
 
 /// Returns FAPs 48 to 50 for yaw, pitch and roll in degrees, in 1e-5 rad: positive down, left, and towards the right shoulder.

@@ -7,7 +7,9 @@ use nalgebra::Point2;
 use super::{SequenceFailure, Stage, Workbench};
 use crate::{
     fap::{ValueFormat, write_fap_as},
-    features::{ColumnNames, FrameFeatures, fap_sequence, order_warning, pose_warning, turn_warning, write_features},
+    features::{
+        ColumnNames, FrameFeatures, apex_warning, fap_sequence, order_warning, pose_warning, turn_warning, write_features,
+    },
     model::DynamicExpressionModel,
     normalize::PoseMode,
     plausible::FaceSize,
@@ -34,8 +36,9 @@ impl Normalized {
         let is_free = bench.options.normalize.pose == PoseMode::Full;
         let is_known = summary.mouth_back.is_some();
         let order = if is_free && !is_known { bench.order(frames, &self.head_free).unwrap_or(0.0) } else { 0.0 };
-        for warning in [turn_warning(fit, frames), pose_warning(fit, frames), order_warning(order, frames)].into_iter().flatten()
-        {
+        let apex = is_free.then(|| apex_warning(&self.head_free, frames, &bench.tables)).flatten();
+        let warnings = [turn_warning(fit, frames), pose_warning(fit, frames), order_warning(order, frames), apex];
+        for warning in warnings.into_iter().flatten() {
             if !summary.reasons.contains(&warning) {
                 summary.verdict = Verdict::LookAgain;
                 summary.reasons.push(warning);

@@ -14,13 +14,72 @@ use crate::{
 pub struct Kept {
     /// Columns that were transferred.
     pub columns: Vec<String>,
-    /// Sequences whose emotion changed, each with both emotions.
-    pub other_emotions: Vec<String>,
     /// Frames of earlier rows that no longer exist.
     pub gone: Vec<String>,
+    /// Frames without an earlier row.
+    pub added: Vec<String>,
+}
+
+/// An earlier manifest.
+struct Earlier {
+    csv: CsvFile,
+    /// Rows by their frames, as a proposal names them.
+    rows: BTreeMap<String, Vec<Vec<String>>>,
+}
+
+impl Earlier {
+    fn read(path: &Path) -> Result<Self, DatasetError> {
+        let csv = CsvFile::open(path)?.or_semicolons(&MANIFEST_COLUMNS)?;
+        let mut earlier = Self { csv, rows: BTreeMap::new() };
+        let mut rows: BTreeMap<String, Vec<Vec<String>>> = BTreeMap::new();
+        // The proposal is written with commas between columns, so its only decimal number gets a decimal point.
+        let fps = earlier.csv.column("fps").filter(|_| earlier.csv.separator() == b';');
+        for row in earlier.csv.rows() {
+            let row = row?;
+            let field_of = |k: usize| match row.number(k) {
+                Ok(number) if fps == Some(k) => number.to_string(),
+                _ => row.get(k).to_owned(),
+            };
+            let fields: Vec<String> = (0..earlier.csv.header().len()).map(field_of).collect();
+            let named = composed(&earlier.field(&fields, "frames"));
+            let default = composed(&format!("{}/{}", earlier.field(&fields, "subject"), earlier.field(&fields, "sequence")));
+            let place = if named.is_empty() { default } else { plain(&named) };
+            rows.entry(place).or_default().push(fields);
+        }
+        earlier.rows = rows;
+        Ok(earlier)
+    }
+
+    fn field(&self, row: &[String], name: &str) -> String {
+        self.csv.column(name).and_then(|k| row.get(k).cloned()).unwrap_or_default()
+    }
 }
 
 impl ProposedManifest {
+    /// Names sequences and their emotions as an earlier manifest does for the same frames. Frames with several sequences are left to
+    /// [`ProposedManifest::keep`]. Returns the sequences whose file names say another emotion, each with both.
+    ///
+    /// # Errors
+    /// [`DatasetError`] when the earlier manifest cannot be read.
+    pub fn keep_names(&mut self, path: &Path) -> Result<Vec<String>, DatasetError> {
+        let earlier = Earlier::read(path)?;
+        let mut others = Vec::new();
+        for row in &mut self.rows {
+            let Some([old]) = earlier.rows.get(&composed(&row.frames)).map(Vec::as_slice) else { continue };
+            let [subject, sequence, emotion] = ["subject", "sequence", "emotion"].map(|name| earlier.field(old, name));
+            if !subject.is_empty() && !sequence.is_empty() {
+                (row.subject, row.sequence) = (subject, sequence);
+            }
+            if !emotion.is_empty() && emotion != UNKNOWN_EMOTION {
+                if row.emotion != UNKNOWN_EMOTION && row.emotion != emotion {
+                    others.push(format!("{}_{} ({emotion}; its name says {})", row.subject, row.sequence, row.emotion));
+                }
+                row.emotion = emotion;
+            }
+        }
+        Ok(others)
+    }
+
     /// Transfers entries of an earlier manifest for the same frames: emotions that are otherwise unknown, landmarks, and all columns
     /// without a proposed value, such as marks, chosen frames and `publish`. Columns of a table of people are transferred for people who are
     /// not in it.
@@ -28,31 +87,16 @@ impl ProposedManifest {
     /// # Errors
     /// [`DatasetError`] when it cannot be read.
     pub fn keep(&mut self, path: &Path) -> Result<Kept, DatasetError> {
-        let csv = CsvFile::open(path)?.or_semicolons(&MANIFEST_COLUMNS)?;
+        // All rows are read before anything is changed.
+        let mut earlier = Earlier::read(path)?;
         let mut kept = Kept::default();
         let known = ["subject", "sequence", "emotion", "frames", "landmarks"];
         let is_more = |name: &String| !name.is_empty() && !known.contains(&name.as_str()) && !self.person_columns.contains(name);
-        let columns: Vec<(usize, String)> = csv.header().iter().cloned().enumerate().filter(|(_, name)| is_more(name)).collect();
+        let header = earlier.csv.header().iter().cloned().enumerate();
+        let columns: Vec<(usize, String)> = header.filter(|(_, name)| is_more(name)).collect();
         // By column of people, its place in the earlier manifest.
-        let of_people: Vec<Option<usize>> = self.person_columns.iter().map(|name| csv.column(name)).collect();
+        let of_people: Vec<Option<usize>> = self.person_columns.iter().map(|name| earlier.csv.column(name)).collect();
         let mut are_kept = vec![false; of_people.len()];
-        // All rows are read before anything is changed.
-        let mut earlier: BTreeMap<String, Vec<Vec<String>>> = BTreeMap::new();
-        let field = |row: &[String], name: &str| csv.column(name).and_then(|k| row.get(k).cloned()).unwrap_or_default();
-        // The proposal is written with commas between columns, so its only decimal number gets a decimal point.
-        let fps = csv.column("fps").filter(|_| csv.separator() == b';');
-        for row in csv.rows() {
-            let row = row?;
-            let field_of = |k: usize| match row.number(k) {
-                Ok(number) if fps == Some(k) => number.to_string(),
-                _ => row.get(k).to_owned(),
-            };
-            let fields: Vec<String> = (0..csv.header().len()).map(field_of).collect();
-            let named = composed(&field(&fields, "frames"));
-            let default = composed(&format!("{}/{}", field(&fields, "subject"), field(&fields, "sequence")));
-            let place = if named.is_empty() { default } else { plain(&named) };
-            earlier.entry(place).or_default().push(fields);
-        }
         for (_, name) in &columns {
             if !self.more_columns.contains(name) {
                 self.more_columns.push(name.clone());
@@ -63,7 +107,8 @@ impl ProposedManifest {
         let mut rows = Vec::with_capacity(self.rows.len());
         for mut row in std::mem::take(&mut self.rows) {
             row.more.resize(width, String::new());
-            let Some(old) = earlier.remove(&composed(&row.frames)) else {
+            let Some(old) = earlier.rows.remove(&composed(&row.frames)) else {
+                kept.added.push(row.frames.clone());
                 rows.push(row);
                 continue;
             };
@@ -72,16 +117,14 @@ impl ProposedManifest {
             for fields in &old {
                 let mut row = row.clone();
                 if several {
-                    (row.subject, row.sequence) = (field(fields, "subject"), field(fields, "sequence"));
+                    (row.subject, row.sequence) = (earlier.field(fields, "subject"), earlier.field(fields, "sequence"));
                 }
-                let emotion = field(fields, "emotion");
+                let emotion = earlier.field(fields, "emotion");
                 if !emotion.is_empty() && (several || row.emotion == UNKNOWN_EMOTION) {
                     row.emotion = emotion;
-                } else if !emotion.is_empty() && emotion != row.emotion {
-                    kept.other_emotions.push(format!("{}_{} ({emotion}, now {})", row.subject, row.sequence, row.emotion));
                 }
                 if row.landmarks.is_empty() {
-                    row.landmarks = field(fields, "landmarks");
+                    row.landmarks = earlier.field(fields, "landmarks");
                 }
                 for (k, name) in &columns {
                     let place = more_columns.iter().position(|column| column == name);
@@ -105,7 +148,7 @@ impl ProposedManifest {
             }
         }
         self.rows = rows;
-        kept.gone = earlier.into_keys().collect();
+        kept.gone = earlier.rows.into_keys().collect();
         kept.columns = columns.into_iter().map(|(_, name)| name).collect();
         kept.columns
             .extend(self.person_columns.iter().zip(are_kept).filter(|(_, is_kept)| *is_kept).map(|(name, _)| name.clone()));
@@ -144,6 +187,7 @@ mod tests {
         manifest.join_people(&people).unwrap();
         let kept = manifest.keep(&path).unwrap();
         assert_eq!((kept.columns, kept.gone), (vec!["publish".to_owned(), "first_frame".to_owned()], vec!["C/c.mp4".to_owned()]));
+        assert_eq!(kept.added, ["B/b.mp4"]);
         manifest.write(&path).unwrap();
         let expected = "subject,sequence,emotion,frames,group,publish,first_frame\n\
                         A,a,fear,A/a.mp4,new,no,7\nB,b,?,B/b.mp4,new,,\n";
@@ -177,5 +221,26 @@ mod tests {
         let mut manifest = propose_manifest(folder.path()).unwrap();
         let before = manifest.clone();
         assert!(manifest.keep(&path).is_err() && manifest == before);
+    }
+
+    #[test]
+    fn names_and_emotions_of_an_earlier_manifest_are_kept() {
+        let folder = tempfile::tempdir().unwrap();
+        for file in ["A_pre/happy.mp4", "B/sad.mp4", "C/x.mp4"] {
+            fs::create_dir(folder.path().join(file).parent().unwrap()).unwrap();
+            fs::write(folder.path().join(file), "").unwrap();
+        }
+        let path = manifest_path(folder.path());
+        fs::write(&path, "subject,sequence,emotion,frames\nA,pre,amusement,A_pre/happy.mp4\nB,sad,?,B/sad.mp4\n").unwrap();
+        let people = folder.path().join("people.csv");
+        fs::write(&people, "subject,group\nA,1\nB,2\n").unwrap();
+        let mut manifest = propose_manifest(folder.path()).unwrap();
+        let others = manifest.keep_names(&path).unwrap();
+        assert_eq!(others, ["A_pre (amusement; its name says happiness)"]);
+        manifest.join_people(&people).unwrap();
+        assert_eq!(manifest.keep(&path).unwrap().added, ["C/x.mp4"]);
+        manifest.write(&path).unwrap();
+        let expected = "subject,sequence,emotion,frames,group\nA,pre,amusement,A_pre/happy.mp4,1\nB,sad,sadness,B/sad.mp4,2\nC,x,?,C/x.mp4,\n";
+        assert_eq!(fs::read_to_string(&path).unwrap(), expected);
     }
 }
