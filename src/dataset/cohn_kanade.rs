@@ -74,7 +74,7 @@ pub(super) fn open(root: &Path, labels: Labels) -> Result<Option<Dataset>, Datas
             let id = SequenceId { subject: subject.clone(), sequence };
             match entry(&folders, &id, labels) {
                 Ok(Some(entry)) => dataset.sequences.push(entry),
-                Ok(None) => dataset.skipped.push(SkippedEntry { id, reason: "it has no emotion label".to_owned() }),
+                Ok(None) => dataset.skipped.push(SkippedEntry { id, reason: "no emotion label".to_owned() }),
                 Err(error) => dataset.failures.push(FailedEntry { subject: id.subject, sequence: id.sequence, error }),
             }
         }

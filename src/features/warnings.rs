@@ -5,9 +5,9 @@ use crate::{
     model::DynamicExpressionModel,
     pose::{HeadFit, HeadPose},
     robust::median,
-    track::{TrackedFrame, backwards_said},
+    track::{TrackedFrame, backwards_said, eye_distance_px},
     units::{NodeId, Px},
-    wireframe::{Fapus, Region, Tables},
+    wireframe::{Region, Tables},
 };
 
 /// Returns a warning if the head turns too far for reliable values; `None` otherwise.
@@ -52,7 +52,7 @@ const LEAST_MOTION: f64 = 0.008;
 ///
 /// The eyes do not count, because they blink. The largest motion is that of three frames (their median).
 pub fn apex_warning(model: &DynamicExpressionModel<Px>, track: &[TrackedFrame], tables: &Tables) -> Option<String> {
-    let unit = Fapus::measure(&tables.fapus, model.neutral().nodes()).ok()?.es;
+    let unit = eye_distance_px(tables, model.neutral().nodes())?;
     let counts = |k: usize| !matches!(tables.region(NodeId(k as u16)), Region::Eye | Region::Forehead | Region::Contour);
     let motion = |m: usize| {
         let lengths = model.neutral_offsets(m).into_iter().enumerate().filter(|(k, _)| counts(*k)).map(|(_, v)| v.norm());
@@ -88,8 +88,8 @@ mod tests {
     fn said(motion: &[f64]) -> Option<String> {
         let (wireframe, tables) = (Wireframe::candide3(), Tables::candide3());
         let neutral: Vec<Point2<f64>> =
-            wireframe.frontal().iter().map(|p| Point2::new(300.0 + 100.0 * p.x, 300.0 + 100.0 * p.y)).collect();
-        let unit = Fapus::measure(&tables.fapus, &neutral).unwrap().es;
+            wireframe.frontal().iter().map(|p| Point2::new(300.0 + 100.0 * p.x, 300.0 - 100.0 * p.y)).collect();
+        let unit = eye_distance_px(&tables, &neutral).unwrap();
         let moved = |by: f64| -> Vec<Point2<f64>> {
             let is_mouth = |k: usize| tables.region(NodeId(k as u16)) == Region::Mouth;
             neutral.iter().enumerate().map(|(k, p)| Point2::new(p.x, p.y + if is_mouth(k) { by * unit } else { 0.0 })).collect()

@@ -90,7 +90,9 @@ pub(super) fn unfold(
             best = (turned.len(), nodes.clone());
         }
     }
-    Ok(Some(Unfolded { nodes: best.1, turned: best.0 }))
+    let (turned, mut nodes) = best;
+    wireframe.place_followers(&mut nodes);
+    Ok(Some(Unfolded { nodes, turned }))
 }
 
 /// Returns the sides of an unturned triangle near `now`: its deformation from `shape` with bounded stretches. `None` for a shape without

@@ -87,6 +87,30 @@ impl Similarity {
         Ok(Self { scale, angle, translation })
     }
 
+    /// Returns the similarity of those pairs that agree best, `share` of all: fits, keeps the pairs with the smallest distances, and fits again.
+    /// So a mouth that opens, or a brow that rises, does not turn or scale the head.
+    ///
+    /// # Errors
+    /// As [`Similarity::fit`].
+    pub fn fit_most(source: &[Point2<f64>], target: &[Point2<f64>], share: f64) -> Result<Self, SimilarityError> {
+        const ROUNDS: usize = 10;
+        let mut fitted = Self::fit(source, target, None)?;
+        let kept = ((share * source.len() as f64).ceil() as usize).clamp(2, source.len());
+        for _ in 0..ROUNDS {
+            let mut order: Vec<(f64, usize)> =
+                source.iter().zip(target).map(|(a, b)| (b - fitted.apply(a)).norm_squared()).zip(0..).collect();
+            order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            let mut weights = vec![0.0; source.len()];
+            order[..kept].iter().for_each(|&(_, k)| weights[k] = 1.0);
+            let next = Self::fit(source, target, Some(&weights))?;
+            if next == fitted {
+                break;
+            }
+            fitted = next;
+        }
+        Ok(fitted)
+    }
+
     /// Returns the image of a point.
     pub fn apply(&self, point: &Point2<f64>) -> Point2<f64> {
         Rotation2::new(self.angle) * point * self.scale + self.translation

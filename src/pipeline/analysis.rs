@@ -29,7 +29,8 @@ use crate::{
         bootstrap::DispersionInterval,
         check_columns, check_numbers,
         compare::{Comparisons, Strata},
-        group_models, is_missing, measures_said, missing_words_said, no_numbers_said, spelling_key,
+        far_numbers_said, group_models, is_missing, measures_said, missing_words_said, no_numbers_said, spell_as_groups,
+        spelling_key,
     },
     track::TrackQuality,
     units::SequenceId,
@@ -194,7 +195,7 @@ pub(super) fn analyze_with(
     }
     let courses = models.iter().filter_map(|m| Some((m.model.id.clone(), m.course.clone()?))).collect();
     let fapus = bench.normalizer()?.canonical().fapus;
-    let sequences = models.par_iter().map(|model| SequenceRow::of(model, &fapus)).collect();
+    let mut sequences: Vec<SequenceRow> = models.par_iter().map(|model| SequenceRow::of(model, &fapus)).collect();
     let grouped = labelled(models);
     let labels: Vec<SequenceLabels<'_>> = grouped.iter().map(LabelledModel::labels).collect();
     let spelled = spelling_warnings(&labels, &options.by);
@@ -202,6 +203,7 @@ pub(super) fn analyze_with(
     let missing = missing_words_said(&labels, &told_apart_by);
     let measures = measures_said(&labels, &told_apart_by);
     let no_numbers = no_numbers_said(&labels, &options.covariates);
+    let far = far_numbers_said(&labels, &options.covariates);
     check_columns(&options.strata, grouped.iter().map(|m| &m.metadata))?;
     check_numbers(&options.covariates, &grouped.iter().map(|m| &m.metadata))?;
     let strata = strata_of(&grouped, &options.strata);
@@ -231,7 +233,8 @@ pub(super) fn analyze_with(
     warnings.extend(missing);
     warnings.extend(measures);
     warnings.extend(no_numbers);
-    let amplitudes = AmplitudeResults::new(&emotions, &grouped, strata, bench);
+    warnings.extend(far);
+    let mut amplitudes = AmplitudeResults::new(&emotions, &grouped, strata, bench);
     warnings.extend(amplitudes.warnings());
     let covariates = covariates(&emotions, &grouped, &classes, &amplitudes, strata, bench);
     warnings.extend(covariate_warnings(&covariates, bench));
@@ -245,6 +248,10 @@ pub(super) fn analyze_with(
     if !findings.is_empty() {
         warnings.push(format!("by amplitude: {}", listed(&findings, 6)));
     }
+    // Tables of sequences name groups as all other tables do.
+    let rows = sequences.iter_mut().map(|row| &mut row.metadata);
+    let rows = rows.chain(amplitudes.sequences.iter_mut().map(|row| &mut row.metadata));
+    spell_as_groups(&options.by, grouped.iter().map(|m| &m.metadata), rows);
     Ok(Analysis {
         classes,
         comparisons,

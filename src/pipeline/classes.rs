@@ -8,8 +8,8 @@ use crate::{
     fap::{Clamped, FapCatalog, FapSequence},
     output::listed,
     statistics::{
-        ClassLabel, Representative, SequenceLabels, StatisticsOptions, Weighting, bootstrap::DispersionInterval, likely_emotion,
-        near_twins, scale::MANY_MODELS, sequence_weights, spelling_key, synonyms, trimming::trimmed_count,
+        ClassLabel, Representative, SequenceLabels, StatisticsOptions, Weighting, abbreviations, bootstrap::DispersionInterval,
+        likely_emotion, near_twins, scale::MANY_MODELS, sequence_weights, spelling_key, synonyms, trimming::trimmed_count,
     },
     text::composed,
     units::SequenceId,
@@ -228,7 +228,8 @@ pub(super) fn spelling_warnings(labels: &[SequenceLabels<'_>], by: &[String]) ->
     for column in by {
         let values: BTreeSet<&str> =
             labels.iter().filter_map(|(.., metadata)| metadata.get(column)).map(String::as_str).collect();
-        twins.extend(near_twins(values).into_iter().map(|(a, b)| format!("{column} {a} and {b}")));
+        let alike = near_twins(values.iter().copied()).into_iter().chain(abbreviations(values.iter().copied()));
+        twins.extend(alike.map(|(a, b)| format!("{column} {a} and {b}")));
     }
     let subjects: BTreeSet<&str> = labels.iter().map(|(id, ..)| id.subject.as_str()).collect();
     let mut spelled: BTreeMap<String, Vec<&str>> = BTreeMap::new();
@@ -254,8 +255,10 @@ pub(super) fn spelling_warnings(labels: &[SequenceLabels<'_>], by: &[String]) ->
         ));
     }
     if !twins.is_empty() {
-        warnings
-            .push(format!("similar names, of which one may be misspelt; they are kept separate: {}", listed(&twins, MOST_NAMED)));
+        warnings.push(format!(
+            "similar names, of which one may be misspelt or abbreviated; they are kept separate: {}",
+            listed(&twins, MOST_NAMED)
+        ));
     }
     if !people.is_empty() {
         warnings.push(format!("similar names of subjects, counted as different people: {}", listed(&people, MOST_NAMED)));

@@ -190,7 +190,7 @@ pub(super) fn covariate_warnings(results: &[CovariateResult], bench: &Workbench)
 fn hopeless(results: &[CovariateResult], significance: f64) -> Option<String> {
     let tested: Vec<&Covariate> = results.iter().filter_map(|c| c.outcome.as_ref().ok()).collect();
     let hopeless: Vec<&&Covariate> = tested.iter().filter(|t| t.least_either_adjusted > significance).collect();
-    let first = hopeless.first()?;
+    let least = hopeless.iter().map(|t| t.least_either_adjusted).min_by(f64::total_cmp)?;
     let mut helps = Vec::new();
     if hopeless.iter().any(|t| !t.exhaustive) {
         // Significance requires 2 / (drawn + 1) times the number of tests to be at most the significance level.
@@ -202,10 +202,10 @@ fn hopeless(results: &[CovariateResult], significance: f64) -> Option<String> {
     helps.push("fewer numeric columns or emotions".to_owned());
     Some(format!(
         "{} of {} of numeric columns cannot be significant at {significance} after Holm's correction, whatever the data (smallest \
-         possible p {}); possible remedies: {}",
+         possible p_either_holm {}); possible remedies: {}",
         hopeless.len(),
         count(tested.len(), "test", "tests"),
-        nine_digits(first.least_either_adjusted),
+        nine_digits(least),
         helps.join(", ")
     ))
 }

@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::{ClassLabel, SequenceModel, common_spellings, spelling_key};
 use crate::{
     output::{count, listed},
+    robust::median,
     text::is_missing_word,
     units::SequenceId,
 };
@@ -83,6 +84,45 @@ pub fn no_numbers_said(labels: &[SequenceLabels<'_>], columns: &[String]) -> Opt
     };
     let list: Vec<String> = found.into_iter().map(said).collect();
     (!list.is_empty()).then(|| format!("values that are not numbers are ignored: {}", listed(&list, 6)))
+}
+
+/// Distance of a number from the median of all people, in robust standard deviations, from which it is named; and the same for
+/// [`MISSING_CODES`].
+const FAR_DEVIATIONS: [f64; 2] = [25.0, 3.0];
+/// Numbers that often stand for a missing value.
+const MISSING_CODES: [f64; 10] = [-9.0, -77.0, -88.0, -99.0, -999.0, -9999.0, 99.0, 999.0, 9999.0, 99999.0];
+/// Fewest people among whom a number can be far from all others.
+const FEWEST_PEOPLE: usize = 5;
+
+/// Returns a note to the user if number columns contain numbers far from all others, such as an age of -99 or 999. They are used.
+pub fn far_numbers_said(labels: &[SequenceLabels<'_>], columns: &[String]) -> Option<String> {
+    let mut list = Vec::new();
+    for column in columns.iter().collect::<BTreeSet<_>>() {
+        let number = |metadata: &BTreeMap<String, String>| metadata.get(column).and_then(|value| number_of(value));
+        let people: BTreeMap<&str, f64> =
+            labels.iter().filter_map(|(id, _, metadata)| Some((id.subject.as_str(), number(metadata)?))).collect();
+        let mut numbers: Vec<f64> = people.values().copied().collect();
+        let Some(middle) = median(&mut numbers).filter(|_| people.len() >= FEWEST_PEOPLE) else { continue };
+        let mut ways: Vec<f64> = numbers.iter().map(|value| (value - middle).abs()).collect();
+        // 1.4826 times the median absolute deviation is the standard deviation of normal numbers.
+        let deviation = 1.4826 * median(&mut ways).unwrap_or(0.0);
+        if deviation <= 0.0 {
+            continue;
+        }
+        let mut far: Vec<(f64, usize)> = Vec::new();
+        numbers.sort_by(f64::total_cmp);
+        let limit = |value: &f64| FAR_DEVIATIONS[usize::from(MISSING_CODES.contains(value))] * deviation;
+        for value in numbers.into_iter().filter(|value| (value - middle).abs() > limit(value)) {
+            match far.last_mut() {
+                Some((last, count)) if *last == value => *count += 1,
+                _ => far.push((value, 1)),
+            }
+        }
+        list.extend(far.iter().map(|(value, n)| format!("{value} in the column `{column}` ({})", count(*n, "person", "people"))));
+    }
+    (!list.is_empty()).then(|| {
+        format!("numbers far from all others: {}; if they stand for a missing value, leave the field empty", listed(&list, 6))
+    })
 }
 
 /// Returns a note to the user if grouping or stratum columns seem to hold measurements instead of groups.
@@ -268,14 +308,37 @@ impl<'a> Columns<'a> {
             let value = match column.as_str() {
                 "subject" => &id.subject,
                 "sequence" => &id.sequence,
-                _ => metadata.get(column).filter(|value| !is_missing(value)).map_or("", |value| {
-                    let common = self.spellings.get(column.as_str()).and_then(|known| known.get(&spelling_key(value)));
-                    common.map_or(value.trim(), String::as_str)
-                }),
+                _ => metadata.get(column).map_or("", |value| self.spelled(column, value)),
             };
             if value.is_empty() { UNKNOWN_GROUP } else { value }
         };
         self.by.iter().map(value).collect()
+    }
+
+    /// A value of a column in its most frequent spelling; empty if it is missing.
+    fn spelled<'b>(&'b self, column: &str, value: &'b str) -> &'b str {
+        if is_missing(value) {
+            return "";
+        }
+        let common = self.spellings.get(column).and_then(|known| known.get(&spelling_key(value)));
+        common.map_or(value.trim(), String::as_str)
+    }
+}
+
+/// Writes the values of grouping columns as groups have them: each in its most frequent spelling, and nothing for a missing one. `all` is
+/// every sequence that is grouped, `rows` are those to write.
+pub fn spell_as_groups<'a, 'b>(
+    by: &'a [String],
+    all: impl Iterator<Item = &'a BTreeMap<String, String>> + Clone,
+    rows: impl Iterator<Item = &'b mut BTreeMap<String, String>>,
+) {
+    let columns = Columns::new(by, all);
+    for metadata in rows {
+        for column in by {
+            if let Some(value) = metadata.get_mut(column) {
+                *value = columns.spelled(column, value).to_owned();
+            }
+        }
     }
 }
 
@@ -482,5 +545,35 @@ mod tests {
             "no sequence has a column `nationality`; the columns are: subject, sequence, age, sex; name one of these, or add yours to \
              manifest.csv (`grimace init --people TABLE` adds columns of a table of people)"
         );
+    }
+
+    #[test]
+    fn tables_of_sequences_have_the_values_of_groups() {
+        let models = [("a", "female"), ("b", "Female "), ("c", "female"), ("d", "n/a"), ("e", "male")]
+            .map(|(subject, sex)| labelled(subject, "joy", &[("sex", sex), ("site", " A")]));
+        let mut rows: Vec<BTreeMap<String, String>> = models.iter().map(|m| m.metadata.clone()).collect();
+        spell_as_groups(&["sex".to_owned()], models.iter().map(|m| &m.metadata), rows.iter_mut());
+        assert_eq!(rows.iter().map(|row| row["sex"].as_str()).collect::<Vec<_>>(), ["female", "female", "female", "", "male"]);
+        assert!(rows.iter().all(|row| row["site"] == " A"));
+    }
+
+    #[test]
+    fn codes_for_missing_numbers_are_named() {
+        let said = |ages: &[&str]| {
+            let models: Vec<LabelledModel> =
+                ages.iter().enumerate().map(|(k, age)| labelled(&format!("p{k}"), "joy", &[("age", age)])).collect();
+            let labels: Vec<SequenceLabels<'_>> = models.iter().map(LabelledModel::labels).collect();
+            far_numbers_said(&labels, &["age".to_owned()])
+        };
+        let text = said(&["21", "24", "30", "-99", "35", "999", "999", "28", "41"]).unwrap();
+        assert!(
+            text.starts_with(
+                "numbers far from all others: -99 in the column `age` (1 person), 999 in the column `age` (2 people);"
+            )
+        );
+        assert_eq!(said(&["21", "74", "60", "99", "35", "88", "48"]), None, "people may be 99 years old");
+        assert_eq!(said(&["21", "22", "20", "21", "19", "18", "54"]), None);
+        assert_eq!(said(&["0", "0", "0", "0", "0", "1"]), None);
+        assert_eq!(said(&["21", "24", "999"]), None, "too few to judge by");
     }
 }

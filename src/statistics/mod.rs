@@ -37,11 +37,12 @@ use median::SearchEnding;
 pub(crate) use amplitude::{t_above, t_quantile};
 use compare::Strata;
 pub use groups::{
-    EMOTIONS, GroupError, LabelledModel, SequenceLabels, UNKNOWN_GROUP, check_columns, check_groups, check_numbers, group_models,
-    group_models_unchecked, group_sequences, is_missing, measures_said, missing_words_said, no_numbers_said, number_of,
+    EMOTIONS, GroupError, LabelledModel, SequenceLabels, UNKNOWN_GROUP, check_columns, check_groups, check_numbers,
+    far_numbers_said, group_models, group_models_unchecked, group_sequences, is_missing, measures_said, missing_words_said,
+    no_numbers_said, number_of, spell_as_groups,
 };
 pub use representative::{NEUTRAL_TOLERANCE, check_models, representative};
-pub use spelling::{common_spellings, likely_emotion, near_twins, spelling_key, synonyms};
+pub use spelling::{abbreviations, common_spellings, likely_emotion, near_twins, spelling_key, synonyms};
 pub use trimming::TrimLevel;
 pub use weights::Weighting;
 pub(crate) use weights::sequence_weights;

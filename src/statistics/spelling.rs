@@ -41,6 +41,18 @@ pub fn common_spellings<'a>(values: impl IntoIterator<Item = &'a str>) -> BTreeM
     counts.into_iter().map(|(key, spellings)| (key, common(spellings))).collect()
 }
 
+/// Returns pairs of a word of one or two letters and the only longer word that begins with it, such as `f` and `female`.
+pub fn abbreviations<'a>(values: impl IntoIterator<Item = &'a str>) -> Vec<(String, String)> {
+    let is_word = |value: &String| value.chars().all(char::is_alphabetic);
+    let words: Vec<String> = common_spellings(values).into_keys().filter(is_word).collect();
+    let (short, long): (Vec<&String>, Vec<&String>) = words.iter().partition(|word| (1..3).contains(&word.chars().count()));
+    let full = |short: &String| {
+        let mut longer = long.iter().filter(|word| word.starts_with(short.as_str()));
+        longer.next().filter(|_| longer.next().is_none()).map(|word| (short.clone(), (*word).clone()))
+    };
+    short.into_iter().filter_map(full).collect()
+}
+
 /// Returns pairs of different words that differ by one typing error: one letter added, missing or replaced, or two adjacent letters
 /// exchanged.
 pub fn near_twins<'a>(values: impl IntoIterator<Item = &'a str>) -> Vec<(String, String)> {
@@ -111,5 +123,12 @@ mod tests {
     fn slips_are_named_and_short_or_numbered_values_are_not() {
         let twins = near_twins(["happiness", "happines", "cohort-A", "cohort-B", "fear", "feat", "anger", "Anger", "angre"]);
         assert_eq!(twins, [("anger".to_owned(), "angre".to_owned()), ("happines".to_owned(), "happiness".to_owned())]);
+    }
+
+    #[test]
+    fn letters_that_abbreviate_a_word_are_paired_with_it() {
+        let pairs = abbreviations(["F", "Female", "m", "male", "x", "12", "1"]);
+        assert_eq!(pairs, [("f", "female"), ("m", "male")].map(|(a, b)| (a.to_owned(), b.to_owned())));
+        assert!(abbreviations(["m", "male", "married"]).is_empty());
     }
 }

@@ -1,7 +1,8 @@
 //! Large motion between two frames, as between a neutral photograph and one of the apex, bridged by the locator.
 //!
 //! KLT assumes small changes from frame to frame. In a large step ([`is_large`]) the face is located in the neutral and in the current frame.
-//! The difference of the two readings predicts the motion of the nodes; errors that both readings share cancel. The search starts again
+//! The difference of the two readings predicts the motion of the nodes: that of the head ([`Similarity::fit_most`], photographs show heads at
+//! different sizes and angles), and what parts of the face move against it. Errors that both readings share cancel. The search starts again
 //! from the predicted positions, matches far from them are rejected, and lost nodes are drawn to them ([`LossReason::Jump`]).
 //!
 //! After such a step the expected errors are larger ([`jump_errors`]): the model of [`super::confidence`] was learned from small steps.
@@ -14,6 +15,7 @@ use nalgebra::{Point2, Vector2};
 use super::{LossReason, NodeState, TrackError, TrackedFrame, backwards::mouth_moved, recover::NodeStep};
 use crate::{
     fit::{DrivenNode, Pull, Springs},
+    geometry::Similarity,
     locate::{LocatedFace, Locator, known_nodes},
     robust::median,
     sequence::Frame,
@@ -31,6 +33,8 @@ pub const FAR: f64 = 0.03;
 pub const PREDICTED_FORCE: f64 = 30.0;
 /// Largest median expected error of a reading that is used, over the eye distance.
 const LARGEST_ERROR: f64 = 0.06;
+/// Share of the points that moves with the head alone.
+const HEAD_SHARE: f64 = 0.6;
 /// Force of a located node with an expected error of [`COMMON_ERROR`] over the eye distance, in units of a spring's stiffness.
 const FORCE: f64 = 20.0;
 const COMMON_ERROR: f64 = 0.02;
@@ -85,23 +89,22 @@ impl Leap {
         let Ok(locator) = Locator::shipped() else { return Ok(None) };
         let Some(neutral) = self.face() else { return Ok(None) };
         let Some(current) = read(locator, frame, previous) else { return Ok(None) };
-        let unit = neutral.eye_distance;
+        let places = |face: &LocatedFace| face.points.iter().map(|point| point.position).collect::<Vec<_>>();
+        let Ok(head) = Similarity::fit_most(&places(neutral), &places(&current), HEAD_SHARE) else { return Ok(None) };
+        let carried: Vec<Point2<f64>> = self.nodes.iter().map(|node| head.apply(node)).collect();
+        let unit = head.scale * neutral.eye_distance;
         let targets: Vec<DrivenNode> = neutral
             .points
             .iter()
             .zip(&current.points)
             .filter(|(a, _)| wireframe.live_nodes().contains(&a.node))
             .map(|(a, b)| {
-                let moved: Vector2<f64> = b.position - a.position;
+                let moved: Vector2<f64> = b.position - head.apply(&a.position);
                 let error = b.expected_error.max(0.5 * COMMON_ERROR * unit) / (COMMON_ERROR * unit);
-                DrivenNode {
-                    node: a.node,
-                    position: self.nodes[a.node.index()] + moved,
-                    pull: Pull::Force(FORCE / error.powi(2)),
-                }
+                DrivenNode { node: a.node, position: carried[a.node.index()] + moved, pull: Pull::Force(FORCE / error.powi(2)) }
             })
             .collect();
-        Ok(Some(springs.deform(wireframe, &self.nodes, &targets)?))
+        Ok(Some(springs.deform(wireframe, &carried, &targets)?))
     }
 }
 
@@ -133,6 +136,14 @@ fn against_head(steps: &[Vector2<f64>]) -> Vec<f64> {
     steps.iter().map(|s| (s - head).norm()).collect()
 }
 
+/// Returns the lengths of steps between two frames relative to the head's, which may also turn and change its size.
+fn against_turning_head(from: &[Point2<f64>], to: &[Point2<f64>]) -> Vec<f64> {
+    match Similarity::fit_most(from, to, HEAD_SHARE) {
+        Ok(head) => from.iter().zip(to).map(|(a, b)| (b - head.apply(a)).norm()).collect(),
+        Err(_) => from.iter().zip(to).map(|(a, b)| (b - a).norm()).collect(),
+    }
+}
+
 /// Returns the length that one step in ten exceeds; zero for no steps.
 fn fastest(lengths: &[f64]) -> f64 {
     let mut sorted = lengths.to_vec();
@@ -142,7 +153,7 @@ fn fastest(lengths: &[f64]) -> f64 {
 
 /// Returns the additional error that jumps lead to, `[frame][index among the live nodes]`, px.
 ///
-/// A step is the motion of a node between two frames minus the median step of the face. A tracked node is expected to be off by a share of
+/// A step is the motion of a node between two frames against that of the head. A tracked node is expected to be off by a share of
 /// the part of its step beyond a limit; a lost node by the same share of the step of the fastest tenth of the nodes, unless the located
 /// face placed it: then by an error that grows with its step to a limit. Errors of several steps add as squares. A corrected node has none. Only steps in which the located face placed a node, or that lose many nodes, count:
 /// where KLT follows, fast motion is not a jump.
@@ -151,9 +162,8 @@ pub fn jump_errors(frames: &[TrackedFrame], live: &[NodeId], unit: f64) -> Vec<V
     let mut out = vec![squares.clone()];
     for pair in frames.windows(2) {
         let node = |frame: usize, id: &NodeId| pair[frame].nodes.get(id.index());
-        let step = |id: &NodeId| match (node(0, id), node(1, id)) {
-            (Some(from), Some(to)) => to.position - from.position,
-            _ => Vector2::zeros(),
+        let places = |frame: usize| -> Vec<Point2<f64>> {
+            live.iter().map(|id| node(frame, id).map_or_else(Point2::origin, |node| node.position)).collect()
         };
         let losses = || live.iter().filter_map(|id| node(1, id)?.state.loss());
         let is_jump = losses().any(|loss| loss == LossReason::Jump) || losses().count() as f64 > LOST_SHARE * live.len() as f64;
@@ -161,7 +171,7 @@ pub fn jump_errors(frames: &[TrackedFrame], live: &[NodeId], unit: f64) -> Vec<V
             out.push(squares.iter().map(|s| s.sqrt()).collect());
             continue;
         }
-        let lengths = against_head(&live.iter().map(step).collect::<Vec<_>>());
+        let lengths = against_turning_head(&places(0), &places(1));
         let fast = fastest(&lengths);
         for ((square, id), &length) in squares.iter_mut().zip(live).zip(&lengths) {
             let beyond = |length: f64| JUMP.1 * (length - JUMP.0 * unit).max(0.0);

@@ -325,7 +325,7 @@ fn judge(summary: &mut TrackSummary, frames: &[TrackedFrame], wireframe: &Wirefr
             let (sits, moves) = (percent(mean(|e| e[0])), percent(mean(|e| e[1])));
             is_motion |= moves > sits;
             let hint = if sits > moves {
-                format!("; mark the {region} in the neutral frame, or set no marks to have all found")
+                format!("; mark the {region} in the neutral frame, or, if you set marks, try without them")
             } else {
                 String::new()
             };
@@ -557,7 +557,7 @@ mod tests {
             again.reasons,
             [
                 "brow: the expected error at the apex is 3.2 px (5.2 % of the eye distance; its place on the face 4.9 %, its motion 1.6 \
-                 %); mark the brow in the neutral frame, or set no marks to have all found"
+                 %); mark the brow in the neutral frame, or, if you set marks, try without them"
             ]
         );
     }

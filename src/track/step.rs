@@ -203,6 +203,9 @@ impl Step<'_> {
         if let Some((lips, neutral)) = self.lips.zip(self.leap) {
             lips.place(neutral, self.frame, self.eye_distance, &mut nodes);
         }
+        let mut positions: Vec<_> = nodes.iter().map(|node| node.position).collect();
+        self.wireframe.place_followers(&mut positions);
+        nodes.iter_mut().zip(positions).for_each(|(node, position)| node.position = position);
         Ok(nodes)
     }
 

@@ -335,7 +335,10 @@ fn spellings_are_one_group_near_twins_are_named_and_people_count_once() {
     let more: String = (2..8).map(|k| format!("a,{k},Happiness,a.csv,FEMALE\n")).collect();
     work.write("people/manifest.csv", manifest + &more);
     let ran = work.grimace("run people -o out --resample linear --by gender").exit(0);
-    ran.prints(&["one may be misspelt; they are kept separate: gender female and femele", "every person has equal weight"]);
+    ran.prints(&[
+        "one may be misspelt or abbreviated; they are kept separate: gender female and femele",
+        "every person has equal weight",
+    ]);
     let statistics = work.rows("out/statistics.csv");
     let of = |gender: &str| statistics.iter().filter(|r| r["gender"].eq_ignore_ascii_case(gender)).collect::<Vec<_>>();
     assert_eq!(of("female").len(), 1);

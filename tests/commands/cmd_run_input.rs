@@ -332,7 +332,7 @@ fn cohn_kanade() -> Work {
 fn the_layout_of_cohn_kanade_is_read_as_it_is() {
     let work = cohn_kanade();
     let ran = work.grimace("run ck -o out").exit(0);
-    ran.prints(&["3 sequences: 3 tracked, 0 unchanged, 0 failed", "1 sequence left out: it has no emotion label"]);
+    ran.prints(&["3 sequences: 3 tracked, 0 unchanged, 0 failed", "1 sequence left out: no emotion label"]);
     let statistics = work.rows("out/statistics.csv");
     let rows: Vec<_> = statistics.iter().map(|r| (r["emotion"].as_str(), r["sequences"].as_str())).collect();
     assert_eq!(rows, [("happiness", "2"), ("surprise", "1")]);

@@ -65,7 +65,7 @@ fn marks_of_a_labelled_dataset_are_named_and_what_has_no_label_is_said() {
         fs::write(path, text).unwrap();
     }
     let manifest = propose_manifest(folder.path()).unwrap();
-    assert_eq!(manifest.skipped, ["S005_002: it has no emotion label"]);
+    assert_eq!(manifest.skipped, ["S005_002: no emotion label"]);
     let path = manifest_path(folder.path());
     manifest.write(&path).unwrap();
     let expected = "subject,sequence,emotion,frames,correspondences\n\

@@ -27,7 +27,7 @@ use crate::{
     statistics::{
         GroupError, SequenceLabels, UNKNOWN_GROUP,
         compare::LEAST_PEOPLE,
-        group_sequences, measures_said, missing_words_said, no_numbers_said,
+        far_numbers_said, group_sequences, measures_said, missing_words_said, no_numbers_said,
         recognize::{labels_to_learn, shown_by_several},
     },
     units::SequenceId,
@@ -193,6 +193,7 @@ fn notes(
     notes.extend(missing_words_said(all, &told_apart_by));
     notes.extend(measures_said(all, &told_apart_by));
     notes.extend(no_numbers_said(all, &bench.options.covariates));
+    notes.extend(far_numbers_said(all, &bench.options.covariates));
     let shown: Vec<(&str, &str)> = usable.iter().map(|&(id, emotion, _)| (id.subject.as_str(), emotion)).collect();
     let (shown, left_out) = shown_by_several(shown, |&shown| shown);
     // Recognition needs at least two emotions; with one, no note about it is useful.

@@ -175,7 +175,7 @@ impl Comparisons {
     fn hopeless(&self, significance: f64) -> Option<String> {
         let tested: Vec<&Tested> = self.pairs.iter().filter_map(|pair| pair.outcome.as_ref().ok()).collect();
         let hopeless: Vec<&&Tested> = tested.iter().filter(|t| t.least_either_adjusted() > significance).collect();
-        let first = hopeless.first()?;
+        let least = hopeless.iter().map(|t| t.least_either_adjusted()).min_by(f64::total_cmp)?;
         let tests = tested.len();
         let drawn = hopeless.iter().filter(|t| !t.exhaustive).count();
         let mut helps = Vec::new();
@@ -188,12 +188,11 @@ impl Comparisons {
         }
         helps.push("fewer groups to compare".to_owned());
         Some(format!(
-            "{} of {} cannot be significant at {significance} after Holm's correction, whatever the data (smallest possible p {}, \
-             corrected {}); possible remedies: {}",
+            "{} of {} cannot be significant at {significance} after Holm's correction, whatever the data (smallest possible \
+             p_either_holm {}); possible remedies: {}",
             hopeless.len(),
             count(tests, "test", "tests"),
-            nine_digits(first.least_p),
-            nine_digits(first.least_p_adjusted),
+            nine_digits(least),
             helps.join(", ")
         ))
     }
