@@ -32,7 +32,7 @@ Emotions may be named in English or German (Freude, Trauer, Wut). A folder that 
 landmarks. people.csv has a column `subject` (or `participant`, `id`, `name`); its other columns, such as gender, are added to every sequence of that subject, so that you can group with --by.
 
 Single pictures of several people become sequences of two pictures, the neutral one first: neutral/anna.jpg and smiling/anna.jpg, or \
-anna_neutral.jpg and anna_smiling.jpg, or names as in KDEF, RaFD and CFD. The column `frames` lists both: `neutral/anna.jpg;smiling/anna.jpg`. \
+anna_neutral.jpg and anna_smiling.jpg, or names as in KDEF, RaFD, CFD and NimStim. The column `frames` lists both: `neutral/anna.jpg;smiling/anna.jpg`. \
 `init` lists people who lack one of the two, and pictures that it cannot pair, with what to do.")]
 pub struct Args {
     /// Folder with the sequences

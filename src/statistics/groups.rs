@@ -566,11 +566,8 @@ mod tests {
             far_numbers_said(&labels, &["age".to_owned()])
         };
         let text = said(&["21", "24", "30", "-99", "35", "999", "999", "28", "41"]).unwrap();
-        assert!(
-            text.starts_with(
-                "numbers far from all others: -99 in the column `age` (1 person), 999 in the column `age` (2 people);"
-            )
-        );
+        let expected = "numbers far from all others: -99 in the column `age` (1 person); 999 in the column `age` (2 people);";
+        assert!(text.starts_with(expected), "{text}");
         assert_eq!(said(&["21", "74", "60", "99", "35", "88", "48"]), None, "people may be 99 years old");
         assert_eq!(said(&["21", "22", "20", "21", "19", "18", "54"]), None);
         assert_eq!(said(&["0", "0", "0", "0", "0", "1"]), None);

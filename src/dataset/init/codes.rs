@@ -1,4 +1,4 @@
-//! File names of published sets of photographs: KDEF, `RaFD` and CFD.
+//! File names of published sets of photographs: KDEF, `RaFD`, CFD and `NimStim`.
 
 use super::{SEPARATORS, emotions::emotion_of};
 
@@ -31,9 +31,21 @@ const KDEF: [(&str, &str); 7] = [
 ];
 const CFD: [(&str, &str); 5] = [("N", "neutral"), ("A", "anger"), ("F", "fear"), ("HC", "happiness"), ("HO", "happiness")];
 
+/// Expressions of `NimStim`.
+const NIMSTIM: [(&str, &str); 8] = [
+    ("AN", "anger"),
+    ("CA", "calm"),
+    ("DI", "disgust"),
+    ("FE", "fear"),
+    ("HA", "happiness"),
+    ("NE", "neutral"),
+    ("SA", "sadness"),
+    ("SP", "surprise"),
+];
+
 /// The information in the name of a picture of one of these sets, without extension.
 pub(super) fn coded(stem: &str) -> Option<Coded> {
-    kdef(stem).or_else(|| rafd(stem)).or_else(|| cfd(stem))
+    kdef(stem).or_else(|| rafd(stem)).or_else(|| cfd(stem)).or_else(|| nimstim(stem))
 }
 
 fn emotion_in(codes: &[(&str, &'static str)], code: &str) -> Option<&'static str> {
@@ -75,6 +87,25 @@ fn rafd(stem: &str) -> Option<Coded> {
     let person = format!("{subject}_{angle:03}_{gaze}");
     let word = format!("{expression}-{gaze}");
     Some(Coded { person, subject, emotion, kind: expression.to_owned(), word, is_side: angle != 90 })
+}
+
+/// `01F_HA_O`: number and sex of the person, expression, mouth (closed, open, or exuberant). The neutral face with an open mouth is an
+/// expression beside that with a closed one.
+fn nimstim(stem: &str) -> Option<Coded> {
+    let [person, code, mouth] = stem.split('_').collect::<Vec<_>>()[..] else { return None };
+    let number = person.strip_suffix(['F', 'M', 'f', 'm'])?;
+    let is_number = !number.is_empty() && number.len() < 4 && number.bytes().all(|b| b.is_ascii_digit());
+    let mouth = mouth.to_ascii_uppercase();
+    if !is_number || !["C", "O", "X"].contains(&mouth.as_str()) {
+        return None;
+    }
+    let (code, subject) = (code.to_ascii_uppercase(), person.to_ascii_uppercase());
+    let emotion = match emotion_in(&NIMSTIM, &code)? {
+        "neutral" if mouth != "C" => "mouth_open",
+        emotion => emotion,
+    };
+    let word = format!("{code}-{mouth}");
+    Some(Coded { person: subject.clone(), subject, emotion, kind: word.clone(), word, is_side: false })
 }
 
 /// `CFD-WF-001-003-N`: group and number of the person, picture, expression.

@@ -216,7 +216,8 @@ pub(super) fn without_shots(folder: Option<&Path>, pictures: &mut [&mut Named]) 
         let are_shots = match (shot, &of_folder) {
             (None, _) => several || of_folder.is_some(),
             (Some(_), None) => several && are_open(),
-            (Some(_), Some(_)) => !is_of_folder && (several && are_open() || all_follow()),
+            (Some(_), Some(_)) if is_of_folder => !several && all_follow(),
+            (Some(_), Some(_)) => several && are_open() || all_follow(),
         };
         if members.len() < 2 || !are_shots || members.iter().all(|(k, ..)| is_paired(*k)) {
             continue;
@@ -245,7 +246,7 @@ pub(super) fn numbered(name: &str) -> (&str, &str) {
 }
 
 /// Whether files are numbered like the frames of one sequence: without duplicates and, where the names contain an expression, with one word
-/// beside it and few changes.
+/// beside it and few changes. A single neutral picture is none if it is not the first, or beside one picture or several expressions.
 pub(super) fn are_frames(pictures: &[Named]) -> bool {
     let numbers: BTreeSet<&str> = pictures.iter().map(|p| numbered(&p.person).1).collect();
     let of_expressions = || pictures.iter().filter(|p| p.emotion.is_some());
@@ -255,6 +256,12 @@ pub(super) fn are_frames(pictures: &[Named]) -> bool {
         of_expressions().map(|p| (number(p).len(), number(p), p.emotion)).collect();
     in_order.sort_unstable();
     let changes = in_order.windows(2).filter(|two| two[0].2 != two[1].2).count();
+    let expressions: BTreeSet<Option<&str>> = in_order.iter().map(|named| named.2).filter(|e| *e != Some(NEUTRAL)).collect();
+    let is_first = in_order.first().is_some_and(|first| first.2 == Some(NEUTRAL));
+    let neutral = in_order.iter().filter(|named| named.2 == Some(NEUTRAL)).count();
+    if neutral == 1 && !expressions.is_empty() && (pictures.len() == 2 || expressions.len() > 1 || !is_first) {
+        return false;
+    }
     numbers.len() == pictures.len() && !numbers.contains("") && words.len() < 2 && changes <= 2
 }
 
@@ -267,7 +274,7 @@ pub(super) fn consecutive(pictures: &[Named]) -> Option<BTreeSet<u64>> {
 }
 
 /// Whether the names of files in a folder neither number nor date the frames of one sequence: more than two names differ, and none is that of
-/// most files.
+/// most files. Nor do numbers that begin anew for each of several names.
 pub(super) fn are_unordered(pictures: &[Named]) -> bool {
     let stems: Vec<String> =
         pictures.iter().map(|p| composed(&p.path.file_stem().unwrap_or_default().to_string_lossy())).collect();
@@ -279,5 +286,6 @@ pub(super) fn are_unordered(pictures: &[Named]) -> bool {
     let are_numbered = numbers.len() == stems.len() && !numbers.contains("");
     let texts: BTreeSet<String> = stems.iter().map(|stem| stem.chars().filter(|c| !c.is_ascii_digit()).collect()).collect();
     let has_main = bases.values().any(|count| 2 * count > stems.len());
-    bases.len() > 2 && !are_numbered && !has_main && texts.len() > 1
+    let begin_anew = bases.values().all(|count| *count > 1);
+    bases.len() > 2 && !are_numbered && !has_main && (texts.len() > 1 || begin_anew)
 }

@@ -234,3 +234,38 @@ fn groups_of_people_are_paired_and_frames_of_one_person_each_are_not() {
         assert_eq!(rows.first().map(String::as_str), Some("anna happy happiness anna/happy"), "{rows:?}");
     }
 }
+
+#[test]
+fn stills_of_one_person_are_paired_whatever_their_numbers() {
+    let (rows, lacking) = pairs(&files(&["p01/happy_01.jpg", "p01/neutral_02.jpg", "p02/happy_01.jpg", "p02/neutral_02.jpg"]));
+    let row = |p: &str| format!("{p} happy happiness {p}/neutral_02.jpg;{p}/happy_01.jpg");
+    assert_eq!(rows, [row("p01"), row("p02")]);
+    assert!(lacking.is_empty(), "{lacking:?}");
+    let (rows, _) = pairs(&files(&["anna/neutral_1.jpg", "anna/happy_2.jpg", "anna/sad_3.jpg"]));
+    assert_eq!(rows.len(), 2, "{rows:?}");
+    // Frames, of which only the first is called neutral.
+    let (rows, _) = pairs(&files(&["anna/neutral_1.jpg", "anna/happy_2.jpg", "anna/happy_3.jpg"]));
+    assert_eq!((rows.len(), rows[0].ends_with(" anna")), (1, true), "{rows:?}");
+}
+
+#[test]
+fn pictures_of_several_people_with_numbers_alone_are_no_sequence() {
+    let names: Vec<String> = ["p01", "p02", "p03"].iter().flat_map(|p| [1, 2].map(|k| format!("six/{p}_{k}.jpg"))).collect();
+    let both = [names, files(&["S9/happy/1.png", "S9/happy/2.png"])].concat();
+    let manifest = propose_manifest(folder(&both).path()).unwrap();
+    assert_eq!((manifest.rows.len(), manifest.pictures_of_people.len()), (1, 1));
+    assert!(manifest.pictures_of_people[0].to_string().contains("six"), "{}", manifest.pictures_of_people[0]);
+}
+
+#[test]
+fn names_of_nimstim_are_paired() {
+    let (rows, lacking) =
+        pairs(&files(&["n/01F_NE_C.BMP", "n/01F_NE_O.BMP", "n/01F_HA_O.BMP", "n/22M_ne_c.bmp", "n/22M_sp_o.bmp"]));
+    let expected = [
+        "01F HA-O happiness n/01F_NE_C.BMP;n/01F_HA_O.BMP",
+        "01F NE-O mouth_open n/01F_NE_C.BMP;n/01F_NE_O.BMP",
+        "22M SP-O surprise n/22M_ne_c.bmp;n/22M_sp_o.bmp",
+    ];
+    assert_eq!(rows, expected);
+    assert!(lacking.is_empty(), "{lacking:?}");
+}
