@@ -50,6 +50,11 @@ pub struct Px;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FaceUnit;
 
+impl FaceUnit {
+    /// Face units in the eye separation ES0 of the canonical neutral.
+    pub const PER_ES: f64 = 1024.0;
+}
+
 impl Unit for Px {
     const NAME: &'static str = "px";
 }

@@ -60,7 +60,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     anyhow::ensure!(args.folder.is_dir(), "{folder}: there is no such folder; give the folder with the sequences");
     let mut manifest = propose_manifest(&args.folder).map_err(|error| match error {
         DatasetError::NothingFound { root } => {
-            anyhow::anyhow!("{}: found no sequences: no video, and no folder with two or more pictures", root.display())
+            anyhow::anyhow!(
+                "{}: found no sequences: no video, and no folder with two or more pictures; for landmarks without pictures, write a \
+                 manifest.csv with the columns subject,sequence,emotion,landmarks",
+                root.display()
+            )
         }
         other => other.into(),
     })?;

@@ -1,7 +1,7 @@
 //! One sequence of a dataset.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
 };
 
@@ -15,7 +15,12 @@ use super::{
     listed::frames_of_list,
     read_face, read_marks,
 };
-use crate::{correspondence::Correspondence, units::SequenceId, wireframe::Tables};
+use crate::{
+    correspondence::Correspondence,
+    output::{count, listed},
+    units::SequenceId,
+    wireframe::Tables,
+};
 
 /// A sequence: its subject, its name, its emotion, and the paths of its files. The methods look the files up.
 ///
@@ -65,11 +70,34 @@ pub fn is_publish_column(name: &str) -> bool {
     name.trim().eq_ignore_ascii_case(PUBLISH_COLUMN)
 }
 
+/// Values of [`PUBLISH_COLUMN`] that allow and that forbid to show pictures, in any case.
+const PUBLISH_WORDS: [[&str; 3]; 2] = [["yes", "true", "1"], ["no", "false", "0"]];
+
+/// Returns a note on how many people are not shown because of [`PUBLISH_COLUMN`], and on unknown words there; `None` if all are shown.
+pub fn not_shown_said<'a>(sequences: impl Iterator<Item = (&'a str, &'a BTreeMap<String, String>)>) -> Option<String> {
+    let (mut people, mut words) = (BTreeSet::new(), BTreeSet::new());
+    for (subject, metadata) in sequences.filter(|(_, metadata)| !may_publish(metadata)) {
+        people.insert(subject);
+        let fields = metadata.iter().filter(|(name, _)| is_publish_column(name)).map(|(_, value)| value.trim());
+        words.extend(fields.filter(|value| !PUBLISH_WORDS[1].iter().any(|no| value.eq_ignore_ascii_case(no))));
+    }
+    let unknown = if words.is_empty() {
+        String::new()
+    } else {
+        let words: Vec<String> = words.iter().map(|word| format!("`{word}`")).collect();
+        format!("; {} there counts as no: write yes or no", listed(&words, 3))
+    };
+    (!people.is_empty()).then(|| {
+        let count = count(people.len(), "person is", "people are");
+        format!("{count} not shown in reports and pictures, by the column `{PUBLISH_COLUMN}`{unknown}")
+    })
+}
+
 /// Whether pictures of a sequence with these further columns may be shown to others. It is used for measurements in any case. Without the
 /// column, or with an empty field, pictures may be shown. Any value but `yes` (or `true`, `1`) forbids it, including a misspelled `no`.
 pub fn may_publish(metadata: &BTreeMap<String, String>) -> bool {
     let field = metadata.iter().find(|(name, _)| is_publish_column(name)).map_or("", |(_, value)| value.trim());
-    field.is_empty() || ["yes", "true", "1"].iter().any(|yes| field.eq_ignore_ascii_case(yes))
+    field.is_empty() || PUBLISH_WORDS[0].iter().any(|yes| field.eq_ignore_ascii_case(yes))
 }
 
 /// Source of a sequence's correspondences.
@@ -268,5 +296,20 @@ mod tests {
         {
             assert_eq!(may_publish(&with(value)), shown, "{value:?}");
         }
+    }
+
+    #[test]
+    fn people_who_are_not_shown_are_counted_and_unknown_words_named() {
+        let with = |value: &str| BTreeMap::from([("publish".to_owned(), value.to_owned())]);
+        let said = |values: &[&str]| {
+            let all: Vec<BTreeMap<String, String>> = values.iter().map(|value| with(value)).collect();
+            not_shown_said(["a", "b", "b", "c"].into_iter().zip(&all))
+        };
+        assert_eq!(said(&["yes", "", "TRUE", "1"]), None);
+        assert_eq!(
+            said(&["no", "0", "No", "yes"]).unwrap(),
+            "2 people are not shown in reports and pictures, by the column `publish`"
+        );
+        assert!(said(&["ja", "", "", ""]).unwrap().ends_with("`publish`; `ja` there counts as no: write yes or no"));
     }
 }

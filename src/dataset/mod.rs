@@ -23,6 +23,7 @@ use crate::{text::message, units::SequenceId};
 
 pub use cohn_kanade::emotion_code;
 pub(crate) use entry::FACE_COLUMN;
+pub(crate) use entry::not_shown_said;
 pub use entry::{CorrespondenceSource, PUBLISH_COLUMN, SEGMENT_COLUMN, SequenceEntry, is_publish_column, may_publish};
 pub(crate) use error::name_key;
 pub use error::{DatasetError, RowError, check_file_name};

@@ -220,10 +220,16 @@ impl Locator {
             (least, most, degrees(50.0), 12),
             (least, most, degrees(-50.0), 12),
         ];
+        // What is found and not trusted may be something else than the face, which a later search finds.
+        let mut doubtful = None;
         for (k, (least, most, angle, count)) in searches.into_iter().enumerate() {
             let search = Search { eye_distance: (least, most), angle, most: count };
             let (found, left_out) = self.faces(&picture, &search, options);
             if found.is_empty() {
+                continue;
+            }
+            if !found.iter().any(LocatedFace::trusted) {
+                doubtful.get_or_insert((found, left_out));
                 continue;
             }
             if !(options.every_size && k == 0 && found.len() < options.most_faces) {
@@ -243,7 +249,7 @@ impl Locator {
             all.truncate(options.most_faces);
             return (all, left_out.max(more) + beyond);
         }
-        (Vec::new(), 0)
+        doubtful.unwrap_or_default()
     }
 
     /// Returns the faces of one search, and the number of further probable faces.

@@ -3,6 +3,7 @@
 //! The three steps are KP's: number of frames ([`resample`]), orientation and rigid motion (`orientation`), size (`size`). The last step
 //! also changes the coordinates: the y axis then points up and lengths are in face units instead of pixels.
 
+mod face_units;
 mod orientation;
 mod size;
 mod time;
@@ -17,6 +18,7 @@ use crate::{
     wireframe::{Fapus, FapusError, LidUnits, Tables, Wireframe},
 };
 
+pub use face_units::{NotFaceUnits, check_face_units};
 pub use orientation::{EyeCorners, stable_nodes};
 pub use time::{Resample, resample, resample_at};
 
@@ -44,7 +46,7 @@ pub const FRAMES_PER_MODEL: usize = 5;
 /// assert!((canonical.fapus.es - CANONICAL_ES).abs() < 1e-9);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-pub const CANONICAL_ES: f64 = 1024.0;
+pub const CANONICAL_ES: f64 = FaceUnit::PER_ES;
 
 /// How the sizes of faces are made equal.
 ///

@@ -4,8 +4,9 @@ use std::path::{Path, PathBuf};
 
 use crate::{
     model::DynamicExpressionModel,
+    normalize::{NotFaceUnits, check_face_units},
     output::{OutputError, nine_digits, write_hashed},
-    plausible::{FaceSize, Implausible, NotFaceUnits, check_face_units},
+    plausible::{FaceSize, Implausible},
     positions::{PositionTable, PositionsError},
     units::FaceUnit,
 };

@@ -22,7 +22,7 @@ use super::{
     recognition::left_out_said,
 };
 use crate::{
-    dataset::{FACE_COLUMN, SEGMENT_COLUMN, SequenceEntry, is_publish_column, unlisted_said},
+    dataset::{FACE_COLUMN, SEGMENT_COLUMN, SequenceEntry, is_publish_column, not_shown_said, unlisted_said},
     output::{OutputError, listed, nine_digits, write_records},
     statistics::{
         GroupError, SequenceLabels, UNKNOWN_GROUP,
@@ -194,6 +194,7 @@ fn notes(
     notes.extend(measures_said(all, &told_apart_by));
     notes.extend(no_numbers_said(all, &bench.options.covariates));
     notes.extend(far_numbers_said(all, &bench.options.covariates));
+    notes.extend(not_shown_said(all.iter().map(|&(id, _, metadata)| (id.subject.as_str(), metadata))));
     let shown: Vec<(&str, &str)> = usable.iter().map(|&(id, emotion, _)| (id.subject.as_str(), emotion)).collect();
     let (shown, left_out) = shown_by_several(shown, |&shown| shown);
     // Recognition needs at least two emotions; with one, no note about it is useful.
