@@ -50,7 +50,7 @@ pub fn target(path: &Path, marks: Option<&Path>, selection: &LandmarkSelection, 
         );
     } else if let Some(drawn) = target.corners_drawn(frame.image()) {
         eprintln!(
-            "note: {}: the face seems to smile already: the corners of its mouth are {:.0} % of the eye distance from those of a neutral \
+            "note: {}: the face seems to show an expression already: the corners of its mouth are {:.0} % of the eye distance from those of a neutral \
              face. Motions are added to what it shows; use a neutral face for the best result",
             path.display(),
             100.0 * drawn

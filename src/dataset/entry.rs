@@ -73,23 +73,24 @@ pub fn is_publish_column(name: &str) -> bool {
 /// Values of [`PUBLISH_COLUMN`] that allow and that forbid to show pictures, in any case.
 const PUBLISH_WORDS: [[&str; 3]; 2] = [["yes", "true", "1"], ["no", "false", "0"]];
 
-/// Returns a note on how many people are not shown because of [`PUBLISH_COLUMN`], and on unknown words there; `None` if all are shown.
+/// Returns a note on how many sequences are not shown because of [`PUBLISH_COLUMN`], and on unknown words there; `None` if all are shown.
 pub fn not_shown_said<'a>(sequences: impl Iterator<Item = (&'a str, &'a BTreeMap<String, String>)>) -> Option<String> {
-    let (mut people, mut words) = (BTreeSet::new(), BTreeSet::new());
+    let (mut people, mut words, mut hidden) = (BTreeSet::new(), BTreeSet::new(), 0);
     for (subject, metadata) in sequences.filter(|(_, metadata)| !may_publish(metadata)) {
         people.insert(subject);
-        let fields = metadata.iter().filter(|(name, _)| is_publish_column(name)).map(|(_, value)| value.trim());
-        words.extend(fields.filter(|value| !PUBLISH_WORDS[1].iter().any(|no| value.eq_ignore_ascii_case(no))));
+        hidden += 1;
+        let field = metadata.iter().find(|(name, _)| is_publish_column(name)).map_or("", |(_, value)| value.trim());
+        words.extend((!PUBLISH_WORDS[1].iter().any(|no| field.eq_ignore_ascii_case(no))).then_some(field));
     }
     let unknown = if words.is_empty() {
         String::new()
     } else {
         let words: Vec<String> = words.iter().map(|word| format!("`{word}`")).collect();
-        format!("; {} there counts as no: write yes or no", listed(&words, 3))
+        format!("; other words than yes and no count as no: {}", listed(&words, 3))
     };
     (!people.is_empty()).then(|| {
-        let count = count(people.len(), "person is", "people are");
-        format!("{count} not shown in reports and pictures, by the column `{PUBLISH_COLUMN}`{unknown}")
+        let (hidden, people) = (count(hidden, "sequence", "sequences"), count(people.len(), "person", "people"));
+        format!("not shown in reports and pictures, by the column `{PUBLISH_COLUMN}`: {hidden} of {people}{unknown}")
     })
 }
 
@@ -299,17 +300,15 @@ mod tests {
     }
 
     #[test]
-    fn people_who_are_not_shown_are_counted_and_unknown_words_named() {
+    fn sequences_that_are_not_shown_are_counted_and_unknown_words_named() {
         let with = |value: &str| BTreeMap::from([("publish".to_owned(), value.to_owned())]);
         let said = |values: &[&str]| {
             let all: Vec<BTreeMap<String, String>> = values.iter().map(|value| with(value)).collect();
             not_shown_said(["a", "b", "b", "c"].into_iter().zip(&all))
         };
         assert_eq!(said(&["yes", "", "TRUE", "1"]), None);
-        assert_eq!(
-            said(&["no", "0", "No", "yes"]).unwrap(),
-            "2 people are not shown in reports and pictures, by the column `publish`"
-        );
-        assert!(said(&["ja", "", "", ""]).unwrap().ends_with("`publish`; `ja` there counts as no: write yes or no"));
+        let expected = "not shown in reports and pictures, by the column `publish`: 3 sequences of 2 people";
+        assert_eq!(said(&["no", "0", "No", "yes"]).unwrap(), expected);
+        assert!(said(&["ja", "", "", ""]).unwrap().ends_with("1 person; other words than yes and no count as no: `ja`"));
     }
 }

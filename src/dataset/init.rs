@@ -121,7 +121,7 @@ pub fn propose_manifest(root: &Path) -> Result<ProposedManifest, DatasetError> {
     Ok(manifest)
 }
 
-/// Headers of the column that names the person in a table of people, in any case, by precedence.
+/// Headers of the column that names the person in a table of people, in any case.
 const PERSON_COLUMNS: [&str; 14] = [
     "subject",
     "subject_id",
@@ -217,13 +217,19 @@ impl ProposedManifest {
         Ok(())
     }
 
-    /// The column of a table of people with their names: the first of [`PERSON_COLUMNS`] that names one of the dataset's subjects, or the
-    /// first there is.
+    /// The column of a table of people with their names: `subject` or `person`, else that of [`PERSON_COLUMNS`] that names most of the
+    /// dataset's subjects, the first of several.
     fn person_column(&self, csv: &CsvFile) -> Option<usize> {
+        if let Some(column) = csv.column_of_any_case("subject").or_else(|| csv.column_of_any_case("person")) {
+            return Some(column);
+        }
         let subjects: BTreeSet<String> = self.rows.iter().map(|row| joined_words(&row.subject)).collect();
-        let columns: Vec<usize> = PERSON_COLUMNS.iter().filter_map(|name| csv.column_of_any_case(name)).collect();
-        let names_one = |&column: &usize| csv.rows().flatten().any(|row| subjects.contains(&joined_words(row.get(column))));
-        columns.iter().copied().find(names_one).or(columns.first().copied())
+        let named = |column: usize| -> usize {
+            let names: BTreeSet<String> = csv.rows().flatten().map(|row| joined_words(row.get(column))).collect();
+            names.intersection(&subjects).count()
+        };
+        let columns = PERSON_COLUMNS.iter().filter_map(|name| csv.column_of_any_case(name)).enumerate();
+        columns.max_by_key(|&(place, column)| (named(column), std::cmp::Reverse(place))).map(|(_, column)| column)
     }
 
     /// Writes `manifest.csv`.
@@ -245,6 +251,18 @@ impl ProposedManifest {
         });
         write_records(path, header, rows).map(|_| ())
     }
+}
+
+/// Key of the id of a sequence.
+fn id_key(subject: &str, sequence: &str) -> String {
+    name_key(&format!("{subject}_{sequence}"))
+}
+
+/// A name for a sequence that no other has, with a number if necessary. `taken` are the keys of all ids.
+fn unique_sequence(taken: &mut BTreeSet<String>, subject: &str, sequence: &str) -> String {
+    let numbered = (2..).map(|number| format!("{sequence}-{number}"));
+    let mut names = std::iter::once(sequence.to_owned()).chain(numbered);
+    names.find(|name| taken.insert(id_key(subject, name))).unwrap_or_default()
 }
 
 /// Key of a name whose words may be separated by any separator.
@@ -291,16 +309,8 @@ fn of_folders(root: &Path) -> Result<ProposedManifest, DatasetError> {
     let names: Vec<Vec<String>> = found.sequences.iter().map(|path| names(root, path)).collect();
     let holds_all = names.first().and_then(|n| n.first()).filter(|first| holds_all(first, &names)).cloned();
     let people_first = are_people(names.iter().filter_map(|n| n.get(usize::from(holds_all.is_some()))));
-    let mut seen = BTreeSet::new();
-    let mut unique = |subject: &str, sequence: String| {
-        let plain = sequence.clone();
-        let (mut sequence, mut number) = (sequence, 1);
-        while !seen.insert(name_key(&format!("{subject}_{sequence}"))) {
-            number += 1;
-            sequence = format!("{plain}-{number}");
-        }
-        sequence
-    };
+    let mut taken = BTreeSet::new();
+    let mut unique = |subject: &str, sequence: String| unique_sequence(&mut taken, subject, &sequence);
     let row = |(path, names): (&PathBuf, &Vec<String>)| {
         let names = &names[usize::from(holds_all.is_some())..];
         let (subject, sequence) = subject_and_sequence(root, names, people_first);

@@ -61,14 +61,18 @@ pub fn apex_warning(model: &DynamicExpressionModel<Px>, track: &[TrackedFrame], 
     };
     let motions: Vec<f64> = (0..model.frame_count()).map(motion).collect();
     let [.., before, at_end] = motions[..] else { return None };
-    let medians = motions.windows(3).filter_map(|three| median(&mut three.to_vec())).enumerate();
+    // The median of three frames is the motion of one of them.
+    let medians = motions.windows(3).enumerate().filter_map(|(begin, three)| {
+        let middle = median(&mut three.to_vec())?;
+        Some((begin + three.iter().position(|motion| *motion == middle)?, middle))
+    });
     let (place, largest) = medians.max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)))?;
-    let (apex, last) = (track.get(place + 1)?.number, track.last()?.number);
+    let (apex, last) = (track.get(place)?.number, track.last()?.number);
     (largest > LEAST_MOTION && before.max(at_end) < LEAST_AT_APEX * largest).then(|| {
         format!(
             "the face moves most in frame {apex} and has gone back by {:.0} % in frame {last}, where the apex should be: set frame {apex} as \
              last_frame, or `segment` to `auto` to have the expressions of a recording found",
-            100.0 * (1.0 - before.max(at_end) / largest)
+            100.0 * (1.0 - at_end / largest)
         )
     })
 }
@@ -111,6 +115,12 @@ mod tests {
         for good in [&[0.0, 0.1, 0.2][..], &[0.0, 0.2], &[0.0, 0.1, 0.2, 0.2, 0.17, 0.17], &[0.0, 0.01, 0.01, 0.01, 0.0, 0.0]] {
             assert_eq!(said(good), None, "{good:?}");
         }
+        // The frame that is named moves.
+        assert!(
+            said(&[0.0, 0.2, 0.02, 0.2, 0.05, 0.05, 0.0])
+                .unwrap()
+                .starts_with("the face moves most in frame 8 and has gone back by 100 %")
+        );
         // One frame that is off.
         assert_eq!(said(&[0.0, 0.1, 0.4, 0.1, 0.1, 0.1]), None);
     }

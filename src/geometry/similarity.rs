@@ -102,11 +102,11 @@ impl Similarity {
             order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
             let mut weights = vec![0.0; source.len()];
             order[..kept].iter().for_each(|&(_, k)| weights[k] = 1.0);
-            let next = Self::fit(source, target, Some(&weights))?;
-            if next == fitted {
-                break;
+            // The pairs that agree best may coincide.
+            match Self::fit(source, target, Some(&weights)) {
+                Ok(next) if next != fitted => fitted = next,
+                _ => break,
             }
-            fitted = next;
         }
         Ok(fitted)
     }
@@ -145,6 +145,24 @@ mod tests {
     use approx::assert_relative_eq;
 
     use super::*;
+
+    #[test]
+    fn most_pairs_decide() {
+        let source: Vec<Point2<f64>> = (0..10).map(|k| Point2::new(f64::from(k % 4), f64::from(k / 4))).collect();
+        let turned = Similarity { scale: 2.0, angle: 0.3, translation: Vector2::new(5.0, -1.0) };
+        let mut target: Vec<Point2<f64>> = source.iter().map(|p| turned.apply(p)).collect();
+        // A mouth that opens.
+        target[8].y += 3.0;
+        target[9].y += 3.0;
+        let found = Similarity::fit_most(&source, &target, 0.6).unwrap();
+        assert_relative_eq!(found.scale, 2.0, epsilon = 1e-9);
+        assert_relative_eq!(found.angle, 0.3, epsilon = 1e-9);
+        assert!((Similarity::fit(&source, &target, None).unwrap().angle - 0.3).abs() > 0.01);
+        // Pairs that coincide decide nothing.
+        let same = [Point2::new(1.0, 1.0); 3];
+        assert!(Similarity::fit_most(&[&same[..], &source[..2]].concat(), &[&same[..], &target[..2]].concat(), 0.6).is_ok());
+        assert!(Similarity::fit_most(&same, &same, 0.6).is_err() && Similarity::fit_most(&[], &[], 0.6).is_err());
+    }
 
     #[test]
     fn quarter_turn_doubling_and_shift_are_found() {

@@ -196,7 +196,7 @@ impl Locator {
 
     /// Returns the faces of a picture, the largest first; empty if there are none.
     ///
-    /// The search is for large upright faces first; if there are none, for small ones; then for turned ones.
+    /// The search is for large upright faces first; if there are none that are trusted, for small ones; then for turned ones.
     pub fn locate(&self, image: &GrayImage, options: &LocateOptions) -> Vec<LocatedFace> {
         self.locate_counted(image, options).0
     }
@@ -228,26 +228,18 @@ impl Locator {
             if found.is_empty() {
                 continue;
             }
-            if !found.iter().any(LocatedFace::trusted) {
-                doubtful.get_or_insert((found, left_out));
-                continue;
+            let found = if options.every_size && k == 0 && found.len() < options.most_faces {
+                let [_, (smaller, _, angle, count), ..] = searches;
+                let below = Search { eye_distance: (smaller, least.max(smaller)), angle, most: count };
+                let (small, more) = self.faces(&picture, &below, options);
+                with_smaller(found, small, left_out.max(more), options.most_faces)
+            } else {
+                (found, left_out)
+            };
+            if found.0.iter().any(LocatedFace::trusted) {
+                return found;
             }
-            if !(options.every_size && k == 0 && found.len() < options.most_faces) {
-                return (found, left_out);
-            }
-            let [_, (smaller, _, angle, count), ..] = searches;
-            let below = Search { eye_distance: (smaller, least.max(smaller)), angle, most: count };
-            let (small, more) = self.faces(&picture, &below, options);
-            let mut all = found;
-            for face in small {
-                if !all.iter().any(|known| is_same(known, &face)) {
-                    all.push(face);
-                }
-            }
-            all.sort_by(|p, q| q.eye_distance.total_cmp(&p.eye_distance));
-            let beyond = all.len().saturating_sub(options.most_faces);
-            all.truncate(options.most_faces);
-            return (all, left_out.max(more) + beyond);
+            doubtful.get_or_insert(found);
         }
         doubtful.unwrap_or_default()
     }
@@ -363,6 +355,19 @@ fn places<'a>(candidates: impl IntoIterator<Item = &'a Candidate>) -> usize {
         }
     }
     apart.len()
+}
+
+/// Adds small faces to large ones, largest first, up to `most`. Returns them, and the number of others: `beside` and those beyond.
+fn with_smaller(mut faces: Vec<LocatedFace>, small: Vec<LocatedFace>, beside: usize, most: usize) -> (Vec<LocatedFace>, usize) {
+    for face in small {
+        if !faces.iter().any(|known| is_same(known, &face)) {
+            faces.push(face);
+        }
+    }
+    faces.sort_by(|p, q| q.eye_distance.total_cmp(&p.eye_distance));
+    let beyond = faces.len().saturating_sub(most);
+    faces.truncate(most);
+    (faces, beside + beyond)
 }
 
 /// Merges faces whose middles are nearer than the larger one's eye distance; keeps the one with the smallest expected error.

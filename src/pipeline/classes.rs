@@ -9,7 +9,8 @@ use crate::{
     output::listed,
     statistics::{
         ClassLabel, Representative, SequenceLabels, StatisticsOptions, Weighting, abbreviations, bootstrap::DispersionInterval,
-        likely_emotion, near_twins, scale::MANY_MODELS, sequence_weights, spelling_key, synonyms, trimming::trimmed_count,
+        is_missing, likely_emotion, near_twins, scale::MANY_MODELS, sequence_weights, spelling_key, synonyms,
+        trimming::trimmed_count,
     },
     text::composed,
     units::SequenceId,
@@ -226,8 +227,12 @@ pub(super) fn spelling_warnings(labels: &[SequenceLabels<'_>], by: &[String]) ->
     let emotion_twins = near_twins(emotions.iter().copied()).into_iter().filter(|(a, b)| !are_words(a, b));
     twins.extend(emotion_twins.map(|(a, b)| format!("emotion {a} and {b}")));
     for column in by {
-        let values: BTreeSet<&str> =
-            labels.iter().filter_map(|(.., metadata)| metadata.get(column)).map(String::as_str).collect();
+        let values: BTreeSet<&str> = labels
+            .iter()
+            .filter_map(|(.., metadata)| metadata.get(column))
+            .map(String::as_str)
+            .filter(|v| !is_missing(v))
+            .collect();
         let alike = near_twins(values.iter().copied()).into_iter().chain(abbreviations(values.iter().copied()));
         twins.extend(alike.map(|(a, b)| format!("{column} {a} and {b}")));
     }

@@ -99,20 +99,22 @@ pub fn far_numbers_said(labels: &[SequenceLabels<'_>], columns: &[String]) -> Op
     let mut list = Vec::new();
     for column in columns.iter().collect::<BTreeSet<_>>() {
         let number = |metadata: &BTreeMap<String, String>| metadata.get(column).and_then(|value| number_of(value));
-        let people: BTreeMap<&str, f64> =
-            labels.iter().filter_map(|(id, _, metadata)| Some((id.subject.as_str(), number(metadata)?))).collect();
-        let mut numbers: Vec<f64> = people.values().copied().collect();
+        // A person may have several numbers.
+        let people: BTreeSet<(&str, u64)> =
+            labels.iter().filter_map(|(id, _, metadata)| Some((id.subject.as_str(), number(metadata)?.to_bits()))).collect();
+        let mut numbers: Vec<f64> = people.iter().map(|(_, bits)| f64::from_bits(*bits)).collect();
         let Some(middle) = median(&mut numbers).filter(|_| people.len() >= FEWEST_PEOPLE) else { continue };
         let mut ways: Vec<f64> = numbers.iter().map(|value| (value - middle).abs()).collect();
         // 1.4826 times the median absolute deviation is the standard deviation of normal numbers.
         let deviation = 1.4826 * median(&mut ways).unwrap_or(0.0);
-        if deviation <= 0.0 {
-            continue;
-        }
         let mut far: Vec<(f64, usize)> = Vec::new();
         numbers.sort_by(f64::total_cmp);
-        let limit = |value: &f64| FAR_DEVIATIONS[usize::from(MISSING_CODES.contains(value))] * deviation;
-        for value in numbers.into_iter().filter(|value| (value - middle).abs() > limit(value)) {
+        let is_far = |value: &f64| match (MISSING_CODES.contains(value), (value - middle).abs()) {
+            (true, way) => way > FAR_DEVIATIONS[1] * deviation,
+            // Without a deviation nothing else can be judged.
+            (false, way) => deviation > 0.0 && way > FAR_DEVIATIONS[0] * deviation,
+        };
+        for value in numbers.into_iter().filter(is_far) {
             match far.last_mut() {
                 Some((last, count)) if *last == value => *count += 1,
                 _ => far.push((value, 1)),
@@ -571,6 +573,7 @@ mod tests {
         assert_eq!(said(&["21", "74", "60", "99", "35", "88", "48"]), None, "people may be 99 years old");
         assert_eq!(said(&["21", "22", "20", "21", "19", "18", "54"]), None);
         assert_eq!(said(&["0", "0", "0", "0", "0", "1"]), None);
+        assert!(said(&["20", "20", "20", "20", "21", "-99"]).unwrap().contains("-99"));
         assert_eq!(said(&["21", "24", "999"]), None, "too few to judge by");
     }
 }

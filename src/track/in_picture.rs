@@ -8,6 +8,7 @@ use super::TrackedFrame;
 use crate::{
     geometry::Similarity,
     plausible::{FaceSize, Implausible},
+    robust::median,
     wireframe::Wireframe,
 };
 
@@ -67,13 +68,21 @@ pub fn check_in_picture(neutral: &[Point2<f64>]) -> Result<(), NotInPicture> {
 /// # Errors
 /// [`Implausible`] for the first node beyond [`crate::plausible::MAX_OFFSET`].
 pub(super) fn check_near_face(frames: &[TrackedFrame]) -> Result<(), Implausible> {
-    // The outer corners of the eyes, one and a half eye separations apart. One of them may be the node that is off, in some frames.
-    let width = |frame: &TrackedFrame| Some((frame.nodes.get(53)?.position - frame.nodes.get(20)?.position).norm());
-    let widths = frames.iter().filter_map(width).filter(|width| *width > 0.0);
-    let Some(eye_separation) = widths.min_by(f64::total_cmp) else { return Ok(()) };
-    let size = FaceSize { eye_separation, unit: "px" };
-    let places = |frame: &TrackedFrame| frame.nodes.iter().map(|node| node.position).collect::<Vec<_>>();
-    frames.iter().try_for_each(|frame| size.check_frame(frame.number, &places(frame)))
+    frames.iter().try_for_each(|frame| {
+        let places: Vec<Point2<f64>> = frame.nodes.iter().map(|node| node.position).collect();
+        match spread(&places) {
+            Some(eye_separation) => FaceSize { eye_separation, unit: "px" }.check_frame(frame.number, &places),
+            None => Ok(()),
+        }
+    })
+}
+
+/// Median distance of nodes from their median along each axis, px, whatever a few of them do: 0.7 to 1.0 eye separations. `None` if half of
+/// them coincide.
+fn spread(places: &[Point2<f64>]) -> Option<f64> {
+    let along = |axis: usize| median(&mut places.iter().map(|p| p[axis]).collect::<Vec<_>>());
+    let middle = Point2::new(along(0)?, along(1)?);
+    median(&mut places.iter().map(|p| (p - middle).norm()).collect::<Vec<_>>()).filter(|spread| *spread > 0.0)
 }
 
 #[cfg(test)]
@@ -112,6 +121,11 @@ mod tests {
             let said = check_near_face(&bad).unwrap_err();
             assert_eq!((said.frame, said.point), (frames[frame].number, format!("node {node}")));
         }
+        // Corners of the eyes that coincide, and a face that comes nearer.
+        let mut odd = frames.clone();
+        odd[2].nodes[20].position = odd[2].nodes[53].position;
+        odd[3].nodes.iter_mut().for_each(|node| node.position *= 20.0);
+        assert_eq!(check_near_face(&odd), Ok(()));
         // A face that crosses a wide picture.
         let mut crossing = frames.clone();
         crossing[3].nodes.iter_mut().for_each(|node| node.position.x += 1e5);

@@ -16,7 +16,7 @@ use super::{LossReason, NodeState, TrackError, TrackedFrame, backwards::mouth_mo
 use crate::{
     fit::{DrivenNode, Pull, Springs},
     geometry::Similarity,
-    locate::{LocatedFace, Locator, known_nodes},
+    locate::{LocateOptions, LocatedFace, Locator, known_nodes},
     robust::median,
     sequence::Frame,
     units::NodeId,
@@ -27,7 +27,7 @@ use crate::{
 const LOST_SHARE: f64 = 0.2;
 /// The same for a step that is also fast: one in ten of the nodes that are not lost goes further than [`JUMP`].
 const FAST_LOST_SHARE: f64 = 0.1;
-/// Largest distance of a match from the prediction, over the eye distance; a match further away is lost.
+/// Largest distance of a match from the prediction, over the eye distance of the neutral face; a match further away is lost.
 pub const FAR: f64 = 0.03;
 /// Force that draws a lost node to its predicted position, in units of a spring's stiffness.
 pub const PREDICTED_FORCE: f64 = 30.0;
@@ -88,7 +88,10 @@ impl Leap {
     ) -> Result<Option<Vec<Point2<f64>>>, TrackError> {
         let Ok(locator) = Locator::shipped() else { return Ok(None) };
         let Some(neutral) = self.face() else { return Ok(None) };
-        let Some(current) = read(locator, frame, previous) else { return Ok(None) };
+        // Only two photographs may show the face in different places; in a film it would be another face, after a cut.
+        let is_first = previous == self.nodes;
+        let anew = || is_first.then(|| nearest_face(locator, frame, neutral)).flatten();
+        let Some(current) = read(locator, frame, previous).or_else(anew) else { return Ok(None) };
         let places = |face: &LocatedFace| face.points.iter().map(|point| point.position).collect::<Vec<_>>();
         let Ok(head) = Similarity::fit_most(&places(neutral), &places(&current), HEAD_SHARE) else { return Ok(None) };
         let carried: Vec<Point2<f64>> = self.nodes.iter().map(|node| head.apply(node)).collect();
@@ -106,6 +109,19 @@ impl Leap {
             .collect();
         Ok(Some(springs.deform(wireframe, &carried, &targets)?))
     }
+}
+
+/// Returns the trusted face of a frame that is nearest to another one in place and size; `None` if there is none.
+fn nearest_face(locator: &Locator, frame: &Frame, known: &LocatedFace) -> Option<LocatedFace> {
+    let centre = |face: &LocatedFace| {
+        let sum: Vector2<f64> = face.points.iter().map(|point| point.position.coords).sum();
+        sum / face.points.len().max(1) as f64
+    };
+    let way = |face: &LocatedFace| {
+        (centre(face) - centre(known)).norm() / known.eye_distance + (face.eye_distance / known.eye_distance).ln().abs()
+    };
+    let faces = locator.locate(frame.image(), &LocateOptions::default());
+    faces.into_iter().filter(LocatedFace::trusted).min_by(|a, b| way(a).total_cmp(&way(b)))
 }
 
 /// Locates the face near nodes; `None` if it is not there or its expected error is too large.

@@ -179,7 +179,8 @@ impl Step<'_> {
                 recover::move_as_one(&mut steps, group);
             }
         }
-        let tracked = steps.iter().filter(|s| s.loss.is_none()).count();
+        // A located face is not lost, however few of its nodes KLT found.
+        let tracked = steps.iter().filter(|s| s.loss.is_none() || s.loss == Some(LossReason::Jump)).count();
         if tracked < MIN_TRACKED.min(live.len()) {
             return Err(TrackError::FaceLost { frame: self.frame.number(), found: tracked, live: live.len() });
         }

@@ -139,7 +139,21 @@ mod tests {
         let rafd = "Rafd090_01_Caucasian_female_angry_frontal";
         assert_eq!(read(rafd), expected("Rafd01_090_frontal", "Rafd01", "anger", "angry-frontal", false));
         assert!(coded("Rafd045_01_Caucasian_female_angry_left").is_some_and(|coded| coded.is_side));
-        for other in ["AF01", "AF01XXS", "L001", "CF01HAS", "\u{e9}F01HAS", "a_b_c_d_e_f", "CFD-1-2-3-4"] {
+        assert_eq!(read("01F_HA_O"), expected("01F", "01F", "happiness", "HA-O", false));
+        assert_eq!(read("1f_ne_o"), expected("1F", "1F", "mouth_open", "NE-O", false));
+        for other in [
+            "01F_HA_Z",
+            "1234F_HA_C",
+            "F_HA_C",
+            "01X_HA_C",
+            "AF01",
+            "AF01XXS",
+            "L001",
+            "CF01HAS",
+            "\u{e9}F01HAS",
+            "a_b_c_d_e_f",
+            "CFD-1-2-3-4",
+        ] {
             assert_eq!(read(other), None, "{other}");
         }
     }

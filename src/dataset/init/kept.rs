@@ -1,8 +1,11 @@
 //! Transfers entries of an existing manifest to a proposal.
 
-use std::{collections::BTreeMap, path::Path};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+};
 
-use super::{ProposedManifest, UNKNOWN_EMOTION};
+use super::{ProposedManifest, UNKNOWN_EMOTION, id_key, unique_sequence};
 use crate::{
     dataset::{DatasetError, MANIFEST_COLUMNS, PICTURE_SEPARATOR},
     input::CsvFile,
@@ -57,21 +60,27 @@ impl Earlier {
 
 impl ProposedManifest {
     /// Names sequences and their emotions as an earlier manifest does for the same frames. Frames with several sequences are left to
-    /// [`ProposedManifest::keep`]. Returns the sequences whose file names say another emotion, each with both.
+    /// [`ProposedManifest::keep`]. New sequences get other names than these. Returns the sequences whose file names say another emotion, each with both.
     ///
     /// # Errors
     /// [`DatasetError`] when the earlier manifest cannot be read.
     pub fn keep_names(&mut self, path: &Path) -> Result<Vec<String>, DatasetError> {
         let earlier = Earlier::read(path)?;
         let mut others = Vec::new();
+        let names = earlier.rows.values().flatten().map(|row| [earlier.field(row, "subject"), earlier.field(row, "sequence")]);
+        let mut taken: BTreeSet<String> = names.map(|[subject, sequence]| id_key(&subject, &sequence)).collect();
         for row in &mut self.rows {
-            let Some([old]) = earlier.rows.get(&composed(&row.frames)).map(Vec::as_slice) else { continue };
+            let old = earlier.rows.get(&composed(&row.frames)).map(Vec::as_slice);
+            if old.is_none() {
+                row.sequence = unique_sequence(&mut taken, &row.subject, &row.sequence);
+            }
+            let Some([old]) = old else { continue };
             let [subject, sequence, emotion] = ["subject", "sequence", "emotion"].map(|name| earlier.field(old, name));
             if !subject.is_empty() && !sequence.is_empty() {
                 (row.subject, row.sequence) = (subject, sequence);
             }
             if !emotion.is_empty() && emotion != UNKNOWN_EMOTION {
-                if row.emotion != UNKNOWN_EMOTION && row.emotion != emotion {
+                if row.emotion != UNKNOWN_EMOTION && !row.emotion.eq_ignore_ascii_case(&emotion) {
                     others.push(format!("{}_{} ({emotion}; its name says {})", row.subject, row.sequence, row.emotion));
                 }
                 row.emotion = emotion;
@@ -242,5 +251,12 @@ mod tests {
         manifest.write(&path).unwrap();
         let expected = "subject,sequence,emotion,frames,group\nA,pre,amusement,A_pre/happy.mp4,1\nB,sad,sadness,B/sad.mp4,2\nC,x,?,C/x.mp4,\n";
         assert_eq!(fs::read_to_string(&path).unwrap(), expected);
+        // A new recording with a name that was given to another one.
+        fs::write(&path, "subject,sequence,emotion,frames\nC,x,joy,B/sad.mp4\n").unwrap();
+        let mut renamed = propose_manifest(folder.path()).unwrap();
+        renamed.keep_names(&path).unwrap();
+        let names: Vec<String> =
+            renamed.rows.iter().map(|row| format!("{} {} {}", row.subject, row.sequence, row.frames)).collect();
+        assert_eq!(names, ["A_pre happy A_pre/happy.mp4", "C x B/sad.mp4", "C x-2 C/x.mp4"]);
     }
 }

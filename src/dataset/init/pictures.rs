@@ -273,8 +273,11 @@ pub(super) fn consecutive(pictures: &[Named]) -> Option<BTreeSet<u64>> {
     (words.len() == 1 && numbers.len() == pictures.len() && span < numbers.len() as u64).then_some(numbers)
 }
 
+/// Most numbered pictures of a person that are stills. Recordings that are numbered anew every second have more frames in each.
+const MOST_STILLS: usize = 4;
+
 /// Whether the names of files in a folder neither number nor date the frames of one sequence: more than two names differ, and none is that of
-/// most files. Nor do numbers that begin anew for each of several names.
+/// most files. Nor do numbers that begin anew for each of several names with few files.
 pub(super) fn are_unordered(pictures: &[Named]) -> bool {
     let stems: Vec<String> =
         pictures.iter().map(|p| composed(&p.path.file_stem().unwrap_or_default().to_string_lossy())).collect();
@@ -286,6 +289,6 @@ pub(super) fn are_unordered(pictures: &[Named]) -> bool {
     let are_numbered = numbers.len() == stems.len() && !numbers.contains("");
     let texts: BTreeSet<String> = stems.iter().map(|stem| stem.chars().filter(|c| !c.is_ascii_digit()).collect()).collect();
     let has_main = bases.values().any(|count| 2 * count > stems.len());
-    let begin_anew = bases.values().all(|count| *count > 1);
+    let begin_anew = bases.values().all(|count| (2..=MOST_STILLS).contains(count));
     bases.len() > 2 && !are_numbered && !has_main && (texts.len() > 1 || begin_anew)
 }

@@ -1,6 +1,6 @@
 //! Finds what a folder holds beside the sequences of its manifest.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::{
     super::{MANIFEST_COLUMNS, PICTURE_SEPARATOR},
@@ -10,7 +10,6 @@ use super::{
 use crate::{
     input::CsvFile,
     output::{count, listed},
-    text::composed,
 };
 
 /// Returns the frames of sequences that would be proposed for a folder and that its manifest does not list, neither as a whole nor in part.
@@ -18,24 +17,29 @@ use crate::{
 fn unlisted(root: &Path) -> Vec<String> {
     let Some(known) = listed_frames(&manifest_path(root)) else { return Vec::new() };
     let Ok(proposed) = propose_manifest(root) else { return Vec::new() };
+    // However a path is written.
+    let resolved = |path: &str| {
+        let path = root.join(path);
+        path.canonicalize().unwrap_or(path)
+    };
+    let known: Vec<PathBuf> = known.iter().map(|path| resolved(path)).collect();
     let is_listed = |frames: &str| {
-        let frames = composed(frames);
         // Of a pair, the expression: several have the same neutral picture.
-        let path = Path::new(frames.rsplit(PICTURE_SEPARATOR).next().unwrap_or(&frames));
-        known.iter().map(Path::new).any(|known| path.starts_with(known) || known.starts_with(path))
+        let path = resolved(frames.rsplit(PICTURE_SEPARATOR).next().unwrap_or(frames));
+        known.iter().any(|known| path.starts_with(known) || known.starts_with(&path))
     };
     proposed.rows.into_iter().map(|row| row.frames).filter(|frames| !is_listed(frames)).collect()
 }
 
 /// Message about what [`unlisted`] finds.
 pub fn unlisted_said(root: &Path) -> Option<String> {
-    let frames = unlisted(root);
+    let (frames, text) = (unlisted(root), root.display().to_string());
     (!frames.is_empty()).then(|| {
         format!(
             "manifest.csv does not list {}: {}; `grimace init {} --force` adds {}, and keeps what the manifest says of the others",
             count(frames.len(), "recording of its folder", "recordings of its folder"),
             listed(&frames, 3),
-            root.display(),
+            if text.contains(char::is_whitespace) { format!("\"{text}\"") } else { text.clone() },
             if frames.len() == 1 { "it" } else { "them" }
         )
     })
@@ -52,7 +56,7 @@ fn listed_frames(manifest: &Path) -> Option<Vec<String>> {
             "" => format!("{}/{}", field("subject"), field("sequence")),
             frames => plain(frames),
         };
-        all.extend(composed(&named).split(PICTURE_SEPARATOR).map(str::to_owned));
+        all.extend(named.split(PICTURE_SEPARATOR).map(str::trim).filter(|path| !path.is_empty()).map(str::to_owned));
     }
     Some(all)
 }
