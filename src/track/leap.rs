@@ -253,6 +253,31 @@ mod tests {
         assert!((30..40).contains(&losses().count()) && losses().all(|loss| loss == LossReason::Klt));
     }
 
+    #[test]
+    fn two_photographs_may_show_the_face_in_different_places_and_a_film_may_not() {
+        let Face { wireframe, tables } = Face::candide3();
+        let fixture = |name: &str| std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/portraits").join(name);
+        let marks = read_correspondences(&fixture("P01_correspondences.csv"), &tables, wireframe.node_count()).unwrap();
+        let fitted = Fitter::new(&wireframe, FitOptions::default()).fit(&wireframe, &marks).unwrap();
+        let frame = read_frame(&fixture("P01.jpg")).unwrap();
+        // Almost an eye distance to the right.
+        let shifted =
+            GrayImage::from_fn(frame.size().width, frame.size().height, |x, y| *frame.image().get_pixel(x.max(90) - 90, y));
+        let tracked = |images: &[&GrayImage]| {
+            let frames = images.iter().zip(1..).map(|(image, number)| Ok(Frame::new(number, (*image).clone())));
+            let plan = TrackPlan::new(&wireframe, &tables);
+            let mut tracker = crate::track::Klt::new(4, 31);
+            let frames: Vec<Result<Frame, SequenceError>> = frames.collect();
+            track_with(&mut tracker, &wireframe, &plan, &fitted, frames, &TrackOptions::default(), |_| true)
+        };
+        let track = tracked(&[frame.image(), &shifted]).unwrap();
+        let pairs = track.frames[0].nodes.iter().zip(&track.frames[1].nodes);
+        let off = pairs.map(|(a, b)| (b.position - a.position - Vector2::new(90.0, 0.0)).norm()).sum::<f64>() / 113.0;
+        assert!(off < 1.0, "{off} px");
+        let cut = tracked(&[frame.image(), frame.image(), &shifted]);
+        assert!(matches!(cut, Err(TrackError::FaceLost { frame: 3, .. })));
+    }
+
     /// Ten nodes; the first goes `way` px to the right in the second frame, the others rest; the last `lost` ones are lost there, and
     /// the second has `state`.
     fn frames(way: f64, lost: u16, state: NodeState) -> Vec<TrackedFrame> {
