@@ -183,7 +183,8 @@ pub enum SequenceError {
     },
 }
 
-/// Reads the frames of one sequence one by one. At most one decoded frame is in memory.
+/// Reads the frames of one sequence one by one. At most one decoded frame is in memory. All frames have one size, except for two pictures
+/// alone.
 ///
 /// ```
 /// use grimace::{dataset::list_frames, sequence::SequenceReader};
@@ -198,7 +199,10 @@ pub enum SequenceError {
 /// ```
 pub struct SequenceReader {
     source: Source,
+    /// Size of the first frame.
     size: Option<ImageSize>,
+    /// Whether all frames must have it. Two photographs of a person may be cropped differently.
+    of_one_size: bool,
     content: ContentHasher,
 }
 
@@ -226,7 +230,8 @@ impl SequenceReader {
             }
             FrameSource::Video { path, first, last } => Source::Video(Box::new(video::VideoReader::open(path, *first, *last)?)),
         };
-        Ok(Self { source, size: None, content: ContentHasher::default() })
+        let of_one_size = !matches!(&source, Source::Images { files, .. } if files.len() == 2);
+        Ok(Self { source, size: None, of_one_size, content: ContentHasher::default() })
     }
 
     /// Opens a part of an image sequence with the 16-bit scaling of the whole; for other sources, opens the whole sequence.
@@ -338,7 +343,7 @@ impl Iterator for SequenceReader {
         };
         let found = frame.size();
         let expected = *self.size.get_or_insert(found);
-        if found != expected {
+        if self.of_one_size && found != expected {
             return Some(Err(SequenceError::Size { path, number: frame.number, found, expected }));
         }
         Some(Ok(frame))

@@ -254,9 +254,9 @@ impl Step<'_> {
                 step.predicted = true;
             }
         }
-        // A reading that contradicts most of what was found is wrong.
+        // A reading that contradicts most of what was found is wrong, unless that would be too little for a face.
         let found = |steps: &[recover::NodeStep]| steps.iter().filter(|s| s.loss.is_none()).count();
-        if 2 * found(&again) >= found(steps) {
+        if 2 * found(&again) >= found(steps) || found(steps) < MIN_TRACKED {
             *steps = again;
         }
         Ok(())

@@ -432,6 +432,34 @@ fn frames_of_another_size_are_named() {
 }
 
 #[test]
+fn two_photographs_may_be_cropped_and_scaled_differently() {
+    let work = Work::new();
+    let portrait = image::open(crate::common::root().join("fixtures/portraits/P01.jpg")).unwrap();
+    portrait.save(work.path("neutral.png")).unwrap();
+    let (left, top, scale) = (50, 40, 0.8);
+    let cropped = portrait.crop_imm(left, top, portrait.width() - 60, portrait.height() - 60);
+    let side = |px: u32| (f64::from(px) * scale).round() as u32;
+    cropped
+        .resize_exact(side(cropped.width()), side(cropped.height()), image::imageops::Lanczos3)
+        .save(work.path("apex.png"))
+        .unwrap();
+    work.grimace("track neutral.png;apex.png -o pair.csv --overlay pictures").exit(0);
+    let rows = work.rows("pair.csv");
+    let (neutral, apex) = rows.split_at(113);
+    let value = |row: &std::collections::BTreeMap<String, String>, axis: &str| row[axis].parse::<f64>().unwrap();
+    let seen = |at: f64, from: u32| (at - f64::from(from) + 0.5) * scale - 0.5;
+    let off = |(a, b)| (seen(value(a, "x"), left) - value(b, "x")).hypot(seen(value(a, "y"), top) - value(b, "y"));
+    let mean = neutral.iter().zip(apex).map(off).sum::<f64>() / 113.0;
+    // The pupils are 86 px apart in the second picture.
+    assert!(mean < 0.9, "{mean} px");
+    work.grimace("features pair.csv -o features").exit(0);
+    let names = crate::common::files_in(&work.path("features"));
+    let table = names.keys().find(|name| name.ends_with(".csv")).unwrap();
+    let last = work.rows(&format!("features/{table}")).pop().unwrap();
+    assert!(last["AU12_r"].parse::<f64>().unwrap() < 0.3 && last["AU17_r"].parse::<f64>().unwrap() < 0.3);
+}
+
+#[test]
 fn folders_that_are_not_sequences_are_refused() {
     let work = work();
     let track = |sequence: &str| work.grimace(&format!("track {sequence} -c {MARKS} -o S001_005.csv")).exit(1);

@@ -60,7 +60,8 @@ impl Earlier {
 
 impl ProposedManifest {
     /// Names sequences and their emotions as an earlier manifest does for the same frames. Frames with several sequences are left to
-    /// [`ProposedManifest::keep`]. New sequences get other names than these. Returns the sequences whose file names say another emotion, each with both.
+    /// [`ProposedManifest::keep`]. New sequences get other names than these. Returns the sequences whose file names say another emotion,
+    /// each with both.
     ///
     /// # Errors
     /// [`DatasetError`] when the earlier manifest cannot be read.

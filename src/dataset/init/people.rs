@@ -348,8 +348,44 @@ fn siblings_in(found: &Found, taken: &BTreeSet<PathBuf>) -> Vec<Siblings> {
     of_people.map(|((parent, _), folders)| Siblings::read(&parent, folders)).collect()
 }
 
+/// Names of folders that hold several people.
+const GROUP_WORDS: [&str; 31] = [
+    "female",
+    "females",
+    "women",
+    "woman",
+    "girls",
+    "male",
+    "males",
+    "men",
+    "man",
+    "boys",
+    "children",
+    "adults",
+    "young",
+    "old",
+    "older",
+    "younger",
+    "patients",
+    "controls",
+    "control",
+    "healthy",
+    "frauen",
+    "männer",
+    "maenner",
+    "weiblich",
+    "männlich",
+    "maennlich",
+    "kinder",
+    "femmes",
+    "hommes",
+    "patienten",
+    "kontrollen",
+];
+
 /// Whether siblings below several parents hold pictures of several people each, as when a collection is sorted by site or by sex, rather than
-/// the frames of one person: every parent has two or more people, none of them in two parents, and not every parent its own word before numbers.
+/// the frames of one person: every parent has two or more people, none of them in two parents, and not every parent its own word before numbers,
+/// unless the parents have names of groups.
 fn are_groups_of_people(siblings: &[Siblings]) -> bool {
     let mut parents: BTreeMap<&Path, [BTreeSet<String>; 2]> = BTreeMap::new();
     for of_view in siblings {
@@ -360,7 +396,12 @@ fn are_groups_of_people(siblings: &[Siblings]) -> bool {
     let all: Vec<&String> = parents.values().flat_map(|[people, _]| people).collect();
     let distinct: BTreeSet<&String> = all.iter().copied().collect();
     let words: BTreeSet<&String> = parents.values().flat_map(|[_, words]| words).collect();
-    let own_word = parents.values().all(|[_, words]| words.len() == 1) && words.len() == parents.len();
+    let is_group = |parent: &&Path| {
+        let name = parent.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
+        GROUP_WORDS.contains(&composed(&name).as_str())
+    };
+    let are_groups = parents.keys().all(is_group);
+    let own_word = !are_groups && parents.values().all(|[_, words]| words.len() == 1) && words.len() == parents.len();
     parents.values().all(|[people, _]| people.len() > 1) && distinct.len() == all.len() && !own_word
 }
 

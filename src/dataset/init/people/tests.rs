@@ -222,6 +222,8 @@ fn groups_of_people_are_paired_and_frames_of_one_person_each_are_not() {
     let expected = [row("men", "M01"), row("men", "M02"), row("women", "W01"), row("women", "W02"), row("men", "anna")];
     assert_eq!(rows, expected);
     assert!(lacking.is_empty(), "{lacking:?}");
+    let (rows, _) = pairs(&[of("Women", &["W01", "W02"]), of("Men", &["M01", "M02"])].concat());
+    assert_eq!((rows.len(), rows[0].as_str()), (4, row("Men", "M01").as_str()));
     // The same word everywhere, other numbers: people. The same numbers, or a word for each parent: frames of one person.
     let (rows, _) = pairs(&[of("london", &["P01", "P02"]), of("paris", &["P03", "P04"])].concat());
     assert_eq!((rows.len(), rows[0].as_str()), (4, row("london", "P01").as_str()));
