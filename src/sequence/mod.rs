@@ -206,6 +206,11 @@ pub struct SequenceReader {
     content: ContentHasher,
 }
 
+/// Whether a sequence is two pictures alone.
+fn is_pair(source: &FrameSource) -> bool {
+    matches!(source, FrameSource::Images(files) if files.len() == 2)
+}
+
 enum Source {
     Images { files: std::vec::IntoIter<FrameFile>, decoder: GrayDecoder },
     Video(Box<video::VideoReader>),
@@ -218,6 +223,7 @@ impl SequenceReader {
     /// # Errors
     /// [`SequenceError`] for fewer than two image files or a video that cannot be opened.
     pub fn open(source: &FrameSource) -> Result<Self, SequenceError> {
+        let is_pair = is_pair(source);
         let source = match source {
             FrameSource::Images(files) => {
                 if files.len() < 2 {
@@ -230,16 +236,16 @@ impl SequenceReader {
             }
             FrameSource::Video { path, first, last } => Source::Video(Box::new(video::VideoReader::open(path, *first, *last)?)),
         };
-        let of_one_size = !matches!(&source, Source::Images { files, .. } if files.len() == 2);
-        Ok(Self { source, size: None, of_one_size, content: ContentHasher::default() })
+        Ok(Self { source, size: None, of_one_size: !is_pair, content: ContentHasher::default() })
     }
 
-    /// Opens a part of an image sequence with the 16-bit scaling of the whole; for other sources, opens the whole sequence.
+    /// Opens a part of an image sequence with the 16-bit scaling and the sizes of the whole; for other sources, opens the whole sequence.
     ///
     /// # Errors
     /// As [`SequenceReader::open`].
     pub(crate) fn open_part(part: &FrameSource, whole: &FrameSource) -> Result<Self, SequenceError> {
         let mut reader = Self::open(part)?;
+        reader.of_one_size = !is_pair(whole);
         if let (Source::Images { decoder, .. }, FrameSource::Images(files)) = (&mut reader.source, whole)
             && let Some(first) = files.first()
         {

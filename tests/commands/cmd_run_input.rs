@@ -540,7 +540,7 @@ fn listed_pictures_that_are_not_a_sequence_are_reported() {
         ("neutral/S001.png", "neutral/S001.png: one picture alone is not a sequence"),
         (";neutral/S001.png", "neutral/S001.png: one picture alone is not a sequence"),
         ("neutral/S001.png;neutral/S001.png", "neutral/S001.png: is in the list twice"),
-        ("neutral/S001.png;small.png", "small.png: frame 2 is 180x160 where the first frame is 200x160"),
+        ("neutral/S001.png;smiling/S001.png;small.png", "small.png: frame 3 is 180x160 where the first frame is 200x160"),
     ] {
         work.write("photos/manifest.csv", format!("subject,sequence,emotion,frames\nS001,smiling,joy,{frames}\n"));
         work.grimace("check photos").exit(3).prints(&[said]);
