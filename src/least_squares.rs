@@ -35,20 +35,18 @@ impl Rows {
         &mut self.cells[first..].as_flattened_mut()[..self.size]
     }
 
-    /// Returns the sums, over all rows, of the products of block `i` with block `j` of the corresponding row of `others`.
-    #[inline(always)]
-    fn products(&self, i: usize, others: &Self, j: usize) -> [[f64; LANES]; LANES] {
-        let mut sums = [[0.0; LANES]; LANES];
-        let rows = self.cells.chunks_exact(self.blocks.max(1)).zip(others.cells.chunks_exact(self.blocks.max(1)));
-        for (a, b) in rows {
-            let (a, b) = (&a[i], &b[j]);
-            for p in 0..LANES {
-                for q in 0..LANES {
-                    sums[p][q] += a[p] * b[q];
-                }
-            }
-        }
-        sums
+    /// Returns the blocks column by column: all rows of the first block, then all of the second. Products of two blocks thus read memory in
+    /// order.
+    fn by_block(&self) -> Vec<[f64; LANES]> {
+        let count = self.cells.len() / self.blocks.max(1);
+        (0..self.blocks).flat_map(|i| (0..count).map(move |row| self.cells[row * self.blocks + i])).collect()
+    }
+
+    /// Returns the rows, three at a time.
+    pub fn threes(&self) -> impl Iterator<Item = [&[f64]; 3]> {
+        let row = |at: usize| &self.cells[at * self.blocks..(at + 1) * self.blocks].as_flattened()[..self.size];
+        let count = self.cells.len() / self.blocks.max(1) / 3;
+        (0..count).map(move |k| [row(3 * k), row(3 * k + 1), row(3 * k + 2)])
     }
 
     /// Adds a row that is a linear combination of `rows` with weights `shares`.
@@ -58,10 +56,13 @@ impl Rows {
 
     /// Adds `A'B` to the lower triangle of `to`. A are these rows, B are `others`, equally many and equally long.
     pub fn add_products(&self, others: &Self, to: &mut DMatrix<f64>) {
+        let count = self.cells.len() / self.blocks.max(1);
+        let (ours, theirs) = (self.by_block(), others.by_block());
         for (i, j) in (0..self.blocks).flat_map(|i| (0..=i).map(move |j| (i, j))) {
+            let (a, b) = (&ours[i * count..][..count], &theirs[j * count..][..count]);
             let sums = widest(
                 #[inline(always)]
-                || self.products(i, others, j),
+                || products(a, b),
             );
             for (p, q) in (0..LANES).flat_map(|p| (0..LANES).map(move |q| (p, q))) {
                 let at = (LANES * i + p, LANES * j + q);
@@ -71,6 +72,20 @@ impl Rows {
             }
         }
     }
+}
+
+/// Returns the sums of the products of every number of one block with every number of another, over all rows.
+#[inline(always)]
+fn products(a: &[[f64; LANES]], b: &[[f64; LANES]]) -> [[f64; LANES]; LANES] {
+    let mut sums = [[0.0; LANES]; LANES];
+    for (a, b) in a.iter().zip(b) {
+        for p in 0..LANES {
+            for q in 0..LANES {
+                sums[p][q] += a[p] * b[q];
+            }
+        }
+    }
+    sums
 }
 
 /// Adds a linear combination of `rows` with weights `shares` to `to`.

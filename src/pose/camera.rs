@@ -1,6 +1,6 @@
 //! The camera: projection from face space to the image and back.
 
-use nalgebra::{Matrix2x3, Matrix3, Point2, Point3, Rotation3, Vector2, Vector3};
+use nalgebra::{Matrix2x3, Matrix2x6, Matrix3, Point2, Point3, Rotation3, Vector2, Vector3};
 
 /// Prior mean of the camera's distance from the head, in eye distances: about 0.9 m.
 pub const CAMERA_DISTANCE: f64 = 14.0;
@@ -89,8 +89,17 @@ impl HeadPose {
         Vector2::new(turned.x, -turned.y) * (-self.scale * w * w * turned.z / self.distance)
     }
 
+    /// Returns the derivative of the image position with respect to the changes of [`HeadPose::moved`]; `turned`: a point in camera axes.
+    pub(super) fn pose_slope(&self, turned: &Vector3<f64>) -> Matrix2x6<f64> {
+        let mut slope = Matrix2x6::zeros();
+        slope.fixed_columns_mut::<3>(0).copy_from(&(self.slope(turned) * Self::rotation_slope(turned)));
+        slope.set_column(3, &(self.image_of(turned) - self.position));
+        slope.fixed_columns_mut::<2>(4).fill_with_identity();
+        slope
+    }
+
     /// Returns the derivative of a point in camera axes with respect to a small rotation vector in camera axes.
-    pub(super) fn rotation_slope(turned: &Vector3<f64>) -> Matrix3<f64> {
+    fn rotation_slope(turned: &Vector3<f64>) -> Matrix3<f64> {
         -turned.cross_matrix()
     }
 
@@ -147,12 +156,15 @@ mod tests {
         let (p, x) = (pose(14.0, 9.0, -4.0), Point3::new(0.2, -0.6, 0.1));
         let turned = p.turned(&x.coords);
         let h = 1e-6;
-        for k in 0..3 {
-            let mut turn = Vector3::zeros();
-            turn[k] = h;
-            let by_turn = (p.moved(turn, 0.0, Vector2::zeros()).project(&x) - p.project(&x)) / h;
-            let expected = p.slope(&turned) * HeadPose::rotation_slope(&turned).column(k);
-            assert_relative_eq!(by_turn, expected.into_owned(), epsilon = 1e-3);
+        for k in 0..6 {
+            let mut change = [0.0; 6];
+            change[k] = h;
+            let [a, b, c, size, right, down] = change;
+            let moved = p.moved(Vector3::new(a, b, c), size, Vector2::new(right, down));
+            let expected = p.pose_slope(&turned).column(k).into_owned();
+            assert_relative_eq!((moved.project(&x) - p.project(&x)) / h, expected, epsilon = 1e-3);
         }
+        let farther = HeadPose { distance: p.distance * h.exp(), ..p };
+        assert_relative_eq!((farther.project(&x) - p.project(&x)) / h, p.distance_slope(&turned), epsilon = 1e-3);
     }
 }

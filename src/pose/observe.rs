@@ -111,8 +111,7 @@ pub(super) fn observe(
 pub(super) struct Own {
     /// Largest standard deviation.
     pub deviation: f64,
-    /// Square root of the covariance, its inverse, and the inverse of the covariance.
-    pub spread: Matrix3<f64>,
+    /// Inverse of the square root of the covariance, and inverse of the covariance.
     pub per_spread: Matrix3<f64>,
     pub precision: Matrix3<f64>,
 }
@@ -123,7 +122,7 @@ impl Own {
         let across_share = normal * normal.transpose();
         let along_share = Matrix3::identity() - across_share;
         let with = |power: i32| along_share * along.powi(power) + across_share * across.powi(power);
-        Self { deviation: along.max(across), spread: with(1), per_spread: with(-1), precision: with(-2) }
+        Self { deviation: along.max(across), per_spread: with(-1), precision: with(-2) }
     }
 }
 
@@ -189,7 +188,7 @@ mod tests {
         let own = own_offsets(&model, &neutral, scale);
         let normal = normals(&model, &model.mean)[5].normalize();
         let aside = normal.cross(&Vector3::x()).normalize();
-        let deviation = |own: &Own, along: &Vector3<f64>| (own.spread * along).norm();
+        let deviation = |own: &Own, along: &Vector3<f64>| (own.per_spread * along).norm().recip();
         assert!((deviation(&own[5], &aside) - 0.025).abs() < 1e-12);
         assert!((deviation(&own[5], &normal) - OWN_MARKED).abs() < 1e-12);
         // A small error is the same in every direction; a node without a mark may be further off along the skin, but not much deeper.

@@ -6,11 +6,11 @@ use super::HeadPose;
 use crate::least_squares::{Rows, add_mixture};
 
 /// Largest turn of the head in one step, radians.
-const LARGEST_TURN: f64 = 0.2;
+pub(super) const LARGEST_TURN: f64 = 0.2;
 /// Residual, in standard deviations, beyond which a node counts as an outlier.
 const OUTLIER: f64 = 3.0;
 /// Number of parameters of a pose.
-const POSE: usize = 6;
+pub(super) const POSE: usize = 6;
 /// Number of first steps that each compute a new matrix.
 const FIRST: usize = 2;
 /// Number of later steps that share a matrix.
@@ -53,6 +53,11 @@ pub(super) fn robust(ratio: f64) -> f64 {
     1.0 / (1.0 + (ratio / OUTLIER).powi(2))
 }
 
+/// Returns the contribution of a residual of `ratio` standard deviations to the sum of squares with the weights of [`robust`].
+pub(super) fn robust_square(ratio: f64) -> f64 {
+    OUTLIER * OUTLIER * (ratio / OUTLIER).powi(2).ln_1p()
+}
+
 /// Stopping criteria of [`solve`].
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Limit {
@@ -79,6 +84,11 @@ impl Directions {
     /// Creates an empty set of directions.
     pub fn none() -> Self {
         Self { count: 0, by_node: Vec::new() }
+    }
+
+    /// Returns the number of directions.
+    pub fn count(&self) -> usize {
+        self.count
     }
 
     /// Returns x, y and z of a node in all directions.
@@ -193,13 +203,8 @@ pub(super) fn solve(
             let residual: Vector2<f64> = s.at - pose.image_of(&turned);
             let deviation = s.deviation * pose.scale;
             let weight = robust(residual.norm() / deviation) / (deviation * deviation);
-            let slope = pose.slope(&turned);
-            let by_point = slope * pose.rotation.matrix();
-            let by_size = pose.image_of(&turned) - pose.position;
-            let mut by_pose = SMatrix::<f64, 2, POSE>::zeros();
-            by_pose.fixed_columns_mut::<3>(0).copy_from(&(slope * HeadPose::rotation_slope(&turned)));
-            by_pose.set_column(3, &by_size);
-            by_pose.fixed_columns_mut::<2>(4).fill_with_identity();
+            let by_point = pose.slope(&turned) * pose.rotation.matrix();
+            let by_pose = pose.pose_slope(&turned);
             system.pull(&by_pose, &by_point, along, residual * weight);
             if matrix.is_due() {
                 let root = weight.sqrt();
