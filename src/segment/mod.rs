@@ -441,7 +441,7 @@ impl Found<'_> {
         if way > MOST_WAY * strength {
             return Ok(None);
         }
-        let neutral = self.neutral(onset, offset, free).ok_or(apex)?;
+        let neutral = self.neutral(onset, apex, offset, free).ok_or(apex)?;
         let span = neutral.min(apex)..=neutral.max(apex);
         let usable = span.clone().filter(|&t| self.frames[t].reason.is_none()).count() as f64 / span.count() as f64;
         let lasting = self.lasting[run.clone()].iter().copied().fold(0.0, f64::max) / self.options.high;
@@ -454,19 +454,21 @@ impl Found<'_> {
         ((seconds * self.fps).round() as usize).max(1)
     }
 
-    /// The calmest frame of the rest just before an onset or just after an offset; `None` without a rest.
-    fn neutral(&self, onset: usize, offset: usize, free: (usize, usize)) -> Option<usize> {
+    /// The calmest frame of the rest just before an onset or just after an offset; `None` without a rest. A weak expression at the edge of
+    /// its range may itself look like rest: the apex is never the neutral frame.
+    fn neutral(&self, onset: usize, apex: usize, offset: usize, free: (usize, usize)) -> Option<usize> {
         let moment = self.frames_in(MOMENT);
         let calmest = |rest: &mut dyn Iterator<Item = usize>| rest.min_by(|&a, &b| self.activity[a].total_cmp(&self.activity[b]));
-        let last = (free.0..=onset).rev().find(|&t| self.is_rest[t]);
+        let rests = |t: usize| self.is_rest[t] && t != apex;
+        let last = (free.0..=onset).rev().find(|&t| rests(t));
         let before = last.and_then(|last| {
             let first = free.0.max(onset.saturating_sub(moment)).min(last);
-            calmest(&mut (first..=last).rev().take_while(|&t| self.is_rest[t]))
+            calmest(&mut (first..=last).rev().take_while(|&t| rests(t)))
         });
-        let first = (offset..free.1).find(|&t| self.is_rest[t]);
+        let first = (offset..free.1).find(|&t| rests(t));
         let after = first.and_then(|first| {
             let end = free.1.min(offset + moment).max(first + 1);
-            calmest(&mut (first..end).take_while(|&t| self.is_rest[t]))
+            calmest(&mut (first..end).take_while(|&t| rests(t)))
         });
         match (before, after) {
             (Some(before), Some(after)) => {

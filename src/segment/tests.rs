@@ -116,3 +116,17 @@ fn frames_that_cannot_be_used_are_no_rest_and_no_motion() {
     assert!(!(30..39).contains(&result.expressions[0].neutral));
     assert_eq!(result.phases[33], Phase::Other);
 }
+
+#[test]
+fn a_weak_expression_at_the_start_is_not_its_own_neutral_frame() {
+    // Tightened lids are not part of the activity, so that the first frame, the apex, is as calm as a rest.
+    let frames = frames(100, |unit, t| match unit {
+        6 | 7 => hill(t, -20.0, 0.0, 30.0, 3.0),
+        12 => hill(t, -20.0, 0.0, 30.0, 1.0),
+        _ => 0.0,
+    });
+    let result = found(&frames);
+    assert_eq!(result.expressions.len(), 1);
+    let e = result.expressions[0];
+    assert!(e.apex == 0 && e.neutral > 20, "{e:?}");
+}

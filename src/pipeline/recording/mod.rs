@@ -23,7 +23,7 @@ use serde::{Deserialize, Serialize};
 
 use self::{
     follow::{CompactFrame, Followed, Start, follow},
-    measure::{marks_in, measure},
+    measure::{Measured, marks_in, measure},
     survey::{Look, SHORTEST, Stretch, Survey, too_short},
 };
 use super::{FoundMarksError, Workbench, found::fitting_marks};
@@ -32,6 +32,7 @@ use crate::{
     features::frame_steps,
     fit::Correspondence,
     input::RecordError,
+    locate::FacePart,
     output::OutputError,
     pose::{HeadPose, PoseError},
     segment::{Phase, RecordedFrame, SegmentError, SegmentOptions, segment},
@@ -248,6 +249,7 @@ pub fn segment_recording(
     let places: Vec<(usize, usize)> = tracked.iter().map(|f| (f.first, f.first + f.frames.len().saturating_sub(1))).collect();
     let mut notes: Vec<String> = survey.notes.iter().cloned().chain(survey.several(recording.marks.is_some())).collect();
     notes.extend(turns.into_iter().map(|turn| survey.turn_message(turn, &places)).chain(later));
+    notes.extend(survey.covered().iter().map(|covered| survey.covered_message(covered)));
     let mut result = SegmentedRecording {
         stem: recording.stem.clone(),
         fps: survey.fps,
@@ -338,8 +340,7 @@ fn enter(
         let number = |k: Option<&CompactFrame>| k.map_or(0, |frame| frame.number);
         format!("frames {} to {}", number(followed.frames.first()), number(followed.frames.last()))
     };
-    let of = survey.numbers.len();
-    let mut measured = match measure(&followed, followed.fitted, bench, (of, tick)) {
+    let mut measured = match measure_seen(&followed, followed.fitted, survey, bench, tick) {
         Ok(measured) => measured,
         Err(RecordingError::Pose(error)) => {
             notes.push(format!("{}: {error}", named(&followed)));
@@ -351,7 +352,7 @@ fn enter(
     // Intensities are relative to the rest, once it is known.
     let rest = segmentation.as_ref().ok().filter(|s| s.activity[followed.fitted] > AT_REST).map(|s| s.rest);
     if let Some(rest) = rest {
-        match measure(&followed, rest, bench, (of, tick)) {
+        match measure_seen(&followed, rest, survey, bench, tick) {
             Ok(again) => {
                 measured = again;
                 segmentation = segment(&measured.frames, survey.fps, options);
@@ -394,6 +395,27 @@ fn enter(
         result.frames.push(RecordingFrame { measured, stretch, phase, activity, pose, nodes });
     }
     Ok(segmentation.is_ok())
+}
+
+/// Measures a stretch relative to the frame with index `neutral`. Frames in which something covers parts of the face are unusable: the
+/// tracker follows what covers them.
+fn measure_seen(
+    followed: &Followed,
+    neutral: usize,
+    survey: &Survey,
+    bench: &Workbench,
+    tick: Tick<'_>,
+) -> Result<Measured, RecordingError> {
+    let mut measured = measure(followed, neutral, bench, (survey.numbers.len(), tick))?;
+    for covered in survey.covered() {
+        let reason = FacePart::said_covered(&covered.parts).unwrap_or_default();
+        for (k, frame) in measured.frames.iter_mut().enumerate() {
+            if (covered.first..=covered.last).contains(&(followed.first + k)) {
+                frame.reason.get_or_insert_with(|| reason.clone());
+            }
+        }
+    }
+    Ok(measured)
 }
 
 /// Folder of the files of a table of segments: beside the table, with its name.

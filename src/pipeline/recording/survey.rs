@@ -15,6 +15,7 @@ use crate::{
     dataset::{FrameSource, unread_beside},
     fit::Correspondence,
     geometry::Similarity,
+    locate::FacePart,
     normalize::stable_nodes,
     output::{count, per_second},
     pipeline::{FoundFace, Workbench},
@@ -50,6 +51,13 @@ pub(super) struct Look {
     pub face: Option<FoundFace>,
     /// Index of its person in the scene.
     pub person: usize,
+}
+
+impl Look {
+    /// Parts of the face that something hides.
+    fn covered(&self) -> &[FacePart] {
+        self.face.as_ref().map_or(&[], |face| &face.covered)
+    }
 }
 
 /// Contents of a recording.
@@ -92,6 +100,20 @@ pub(super) enum Turn {
     /// First look with another person's face.
     Other(usize),
 }
+
+/// Frames in which something hides parts of the followed face.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Covered {
+    /// Index of the first frame.
+    pub first: usize,
+    /// Index of the last frame.
+    pub last: usize,
+    /// What is hidden.
+    pub parts: Vec<FacePart>,
+}
+
+/// Number of looks in a row in which a face is covered, if it is: in a single one, a strong expression may look so.
+const COVERED_LOOKS: usize = 2;
 
 /// Shortest stretch that is tracked, seconds.
 pub(super) const SHORTEST: f64 = 1.0;
@@ -206,11 +228,49 @@ impl Survey {
         (stretches, turns)
     }
 
+    /// Returns the frames in which something covers parts of the followed face. When it came and went is known to a look: the frames
+    /// between the last look without it and the next one count.
+    pub fn covered(&self) -> Vec<Covered> {
+        let scene_of = |look: &Look| self.cuts.partition_point(|&cut| cut <= look.place);
+        let is_one = |a: &Look, b: &Look| scene_of(a) == scene_of(b) && a.covered().is_empty() == b.covered().is_empty();
+        let mut start = 0;
+        let mut covered = Vec::new();
+        for run in self.looks.chunk_by(is_one) {
+            let (from, to) = (start, start + run.len());
+            start = to;
+            if run.len() < COVERED_LOOKS || run.iter().any(|look| look.covered().is_empty()) {
+                continue;
+            }
+            let scene = scene_of(&run[0]);
+            let (begin, end) = (
+                scene.checked_sub(1).and_then(|k| self.cuts.get(k)).copied().unwrap_or(0),
+                self.cuts.get(scene).copied().unwrap_or(self.numbers.len()),
+            );
+            let before = from.checked_sub(1).and_then(|k| self.looks.get(k)).map_or(begin, |look| look.place + 1);
+            let after = self.looks.get(to).map_or(end, |look| look.place);
+            let parts = FacePart::ALL.into_iter().filter(|part| run.iter().any(|look| look.covered().contains(part))).collect();
+            covered.push(Covered { first: before.max(begin), last: after.min(end).saturating_sub(1), parts });
+        }
+        covered
+    }
+
+    /// Message about covered parts of a face.
+    pub fn covered_message(&self, covered: &Covered) -> String {
+        let number = |place: usize| self.numbers.get(place).copied().unwrap_or_default();
+        let said = FacePart::said_covered(&covered.parts).unwrap_or_default();
+        format!("frames {} to {}: {said}; they are left out", number(covered.first), number(covered.last))
+    }
+
     /// Message about an event. `tracked` has the indices of the first and last frames of all tracked ranges.
     pub fn turn_message(&self, turn: Turn, tracked: &[(usize, usize)]) -> String {
         let number = |place: usize| self.numbers.get(place).copied().unwrap_or_default();
         match turn {
-            Turn::Cut(place) => format!("frame {}: a new scene begins", number(place)),
+            Turn::Cut(place) => {
+                format!(
+                    "frame {}: a new scene begins; if it shows another person, give its sequences another subject",
+                    number(place)
+                )
+            }
             Turn::Gone(place) => {
                 let before = self.looks.iter().map(|look| look.place).take_while(|&look| look < place).last().unwrap_or_default();
                 let ends = tracked.iter().map(|&(_, last)| last + 1).filter(|end| (before + 1..=place).contains(end)).max();
@@ -221,7 +281,9 @@ impl Survey {
                     tracked.iter().find(|&&(first, last)| (first..=last).contains(&place)).map_or(place, |&(first, _)| first);
                 format!("frame {}: a face is found again", number(first))
             }
-            Turn::Other(place) => format!("frame {}: from here another face is followed", number(place)),
+            Turn::Other(place) => {
+                format!("frame {}: from here another face is followed; give its sequences another subject", number(place))
+            }
         }
     }
 
@@ -310,6 +372,8 @@ mod tests {
         assert_eq!(cuts, [false, false, false, false, false, true, false]);
     }
 
+    const CUT: &str = "frame 71: a new scene begins; if it shows another person, give its sequences another subject";
+
     /// A recording of 80 frames with a look at every tenth.
     fn survey(seen: [Option<usize>; 8], cuts: Vec<usize>) -> Survey {
         let face = || FoundFace {
@@ -346,11 +410,37 @@ mod tests {
         assert_eq!(stretches, [of(0, 30, (0, 39)), of(60, 69, (51, 69)), of(70, 79, (70, 79))]);
         let messages =
             |tracked: &[(usize, usize)]| turns.iter().map(|&turn| survey.turn_message(turn, tracked)).collect::<Vec<_>>();
-        let said = ["frame 71: a new scene begins", "frame 41: from here no face is found", "frame 61: a face is found again"];
+        let said = [CUT, "frame 41: from here no face is found", "frame 61: a face is found again"];
         assert_eq!(messages(&[]), said);
         // The face is visible after the last look with it, and before the next look with it.
-        let said = ["frame 71: a new scene begins", "frame 36: from here no face is found", "frame 57: a face is found again"];
+        let said = [CUT, "frame 36: from here no face is found", "frame 57: a face is found again"];
         assert_eq!(messages(&[(0, 34), (56, 69), (70, 79)]), said);
+    }
+
+    #[test]
+    fn what_hides_a_face_is_told_where_two_looks_in_a_row_show_it() {
+        let mut survey = survey([Some(0); 8], vec![60]);
+        let mut cover = |looks: &[usize], part| {
+            for &k in looks {
+                survey.looks[k].face.as_mut().unwrap().covered.push(part);
+            }
+        };
+        cover(&[0, 2, 3], FacePart::Mouth);
+        cover(&[3, 6, 7], FacePart::Nose);
+        let covered = survey.covered();
+        // The single look at the start does not count. The next cover begins after the look before and ends before the look after; the
+        // last one begins with its scene.
+        assert_eq!(
+            covered,
+            [
+                Covered { first: 11, last: 39, parts: vec![FacePart::Nose, FacePart::Mouth] },
+                Covered { first: 60, last: 79, parts: vec![FacePart::Nose] },
+            ]
+        );
+        assert_eq!(
+            survey.covered_message(&covered[0]),
+            "frames 12 to 40: the nose and the mouth look covered; they are left out"
+        );
     }
 
     #[test]
@@ -360,6 +450,9 @@ mod tests {
         let (stretches, turns) = survey.stretches();
         assert_eq!(stretches, [(0, 20), (30, 50), (60, 79)].map(|reach| Stretch { first: reach.0, last: reach.1, reach }));
         assert_eq!(turns, [Turn::Other(30), Turn::Other(60)]);
-        assert_eq!(survey.turn_message(turns[0], &[]), "frame 31: from here another face is followed");
+        assert_eq!(
+            survey.turn_message(turns[0], &[]),
+            "frame 31: from here another face is followed; give its sequences another subject"
+        );
     }
 }
