@@ -29,6 +29,19 @@ pub enum DatasetError {
         /// The given path.
         path: PathBuf,
     },
+    /// A video or a picture instead of a dataset.
+    #[error(
+        "{0}: this is a {kind}, not a dataset; `run` needs a folder with manifest.csv, or the manifest (`grimace init FOLDER` writes one for \
+         a folder of videos or pictures); for this file alone, use `grimace {command} {0}`", path.display()
+    )]
+    NotDataset {
+        /// The file.
+        path: PathBuf,
+        /// What it is.
+        kind: &'static str,
+        /// Command that takes it.
+        command: &'static str,
+    },
     /// A recording that was not divided into sequences.
     #[error("{}: {reason}", path.display())]
     Recording {

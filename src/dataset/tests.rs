@@ -363,3 +363,13 @@ fn columns_of_their_own_and_words_for_no_emotion_are_told_from_misspelt_ones() {
         assert!(said.contains(&format!("the emotion is `{word}`")), "{said}");
     }
 }
+
+#[test]
+fn a_video_or_a_picture_is_no_dataset() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, said) in [("film.mp4", "this is a video, not a dataset"), ("face.JPG", "grimace locate")] {
+        write(&folder, name, b"\x00\x00\x00\x20ftypisom\xFF");
+        let error = Dataset::open(&folder.path().join(name)).unwrap_err().to_string();
+        assert!(error.contains(said), "{error}");
+    }
+}

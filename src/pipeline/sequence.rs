@@ -43,7 +43,9 @@ pub struct SequenceFailure {
 }
 
 /// Start of the reason for failures of the machine.
-pub(super) const MACHINE: &str = "the computer failed, not the sequence";
+const MACHINE: &str = "the computer failed, not the sequence";
+/// Reason of sequences that were being processed when the run was asked to stop.
+const INTERRUPTED: &str = "interrupted";
 
 /// Whether a read error is caused by the machine and not by the file: too many open files, no memory, a failing disk or server.
 fn is_machines_fault(error: &(dyn std::error::Error + 'static)) -> bool {
@@ -53,10 +55,15 @@ fn is_machines_fault(error: &(dyn std::error::Error + 'static)) -> bool {
         matches!(e.kind(), ErrorKind::OutOfMemory | ErrorKind::StaleNetworkFileHandle | ErrorKind::TimedOut)
             || (cfg!(unix) && matches!(e.raw_os_error(), Some(5 | 23 | 24)))
     };
+    error.downcast_ref::<Error>().is_some_and(of)
+}
+
+/// Whether a part of the program is missing. Its message says how to install it.
+fn is_incomplete(error: &(dyn std::error::Error + 'static)) -> bool {
     let unusable = |e: &CompanionError| {
         matches!(e, CompanionError::NotInstalled | CompanionError::CannotStart(_) | CompanionError::OtherVersion { .. })
     };
-    error.downcast_ref::<Error>().is_some_and(of) || error.downcast_ref::<CompanionError>().is_some_and(unusable)
+    error.downcast_ref::<CompanionError>().is_some_and(unusable)
 }
 
 impl SequenceFailure {
@@ -64,10 +71,11 @@ impl SequenceFailure {
     pub fn at<E: std::error::Error + 'static>(stage: Stage) -> impl Fn(E) -> Self {
         move |error| {
             let mut reason = error.to_string();
-            let mut machine = is_machines_fault(&error);
+            let (mut machine, mut incomplete) = (is_machines_fault(&error), is_incomplete(&error));
             let mut cause = error.source();
             while let Some(inner) = cause {
                 machine |= is_machines_fault(inner);
+                incomplete |= is_incomplete(inner);
                 // Errors of this crate already contain the text of their cause.
                 let text = inner.to_string();
                 if !reason.contains(&text) {
@@ -79,13 +87,18 @@ impl SequenceFailure {
             if machine {
                 reason = format!("{MACHINE}: {reason}; run again, or remove the sequence from the dataset");
             }
-            Self { stage, reason, fatal: machine || stage == Stage::Write }
+            Self { stage, reason, fatal: machine || incomplete || stage == Stage::Write }
         }
     }
 
     /// Failure because the run was asked to stop.
     pub(super) fn interrupted(stage: Stage) -> Self {
-        Self { stage, reason: "interrupted".to_owned(), fatal: true }
+        Self { stage, reason: INTERRUPTED.to_owned(), fatal: true }
+    }
+
+    /// Whether this failure is the reason why the run ends, rather than its consequence.
+    pub(super) fn ends_run(&self) -> bool {
+        self.fatal && self.reason != INTERRUPTED
     }
 
     /// Failure because a file changed after processing of its sequence began.

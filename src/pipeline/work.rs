@@ -19,7 +19,7 @@ use super::{
     measured::{measure, measured_files, normalized, write_measured},
     model_file::write_model,
     overlays::{OverlayFolder, overlay_pictures},
-    sequence::{FOUND, Labels, MACHINE, RunTrack, track_or_reuse, track_recorded},
+    sequence::{FOUND, Labels, RunTrack, track_or_reuse, track_recorded},
     showcase::{thumbnails, thumbnails_beside},
 };
 use crate::{
@@ -232,9 +232,7 @@ pub(super) fn collect(
     out: &Path,
     record: &mut RunJson,
 ) -> Result<Collected, RunError> {
-    let is_cause =
-        |p: &&Processed| p.result.as_ref().is_err_and(|f| f.fatal && (f.stage == Stage::Write || f.reason.starts_with(MACHINE)));
-    if let Some(at) = results.iter().position(|p| is_cause(&p))
+    if let Some(at) = results.iter().position(|p| p.result.as_ref().is_err_and(SequenceFailure::ends_run))
         && let (Some(item), Some(Err(failure))) = (planned.get(at), results.get(at).map(|p| &p.result))
     {
         return Err(RunError::Write { id: item.id.clone(), reason: failure.reason.clone() });
