@@ -93,11 +93,12 @@ Examples:
   grimace bank mix shapes.bank --weights expressions.csv -o face.bank
   grimace bank mix shapes.bank --performance 384 --members 30 --seed 1 -o face.bank --unseen unseen.bank
 
---weights reads a CSV file `member,shape,weight`.
+--weights reads a CSV file `member,shape,weight` with the names of the shapes as the bank has them. `head` is itself a mixture: this command \
+mixes its 52 shapes (mouthSmile_L, jawLeft, ...), not its 30 members, which `bank info head` lists. A wrong name lists all shapes.
 
 --performance N makes N models of a performance of anger, disgust, fear, happiness, sadness and surprise: first the six full \
-expressions, then frames in which the expressions overlap and vary. It needs shapes with ARKit names (jawOpen, mouthSmileLeft or \
-mouthSmile_L, ...), or --expressions. With --members N, the six expressions and the N - 6 most different frames become the bank; the \
+expressions, then frames in which the expressions overlap and vary. It needs shapes with ARKit names, however they are written (jawOpen, \
+mouthSmileLeft or mouthSmile_L, ...), or --expressions. With --members N, the six expressions and the N - 6 most different frames become the bank; the \
 others go to the file of --unseen.
 
 `head` and `candide` name the shapes of the embedded banks.")]

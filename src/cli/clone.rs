@@ -11,8 +11,8 @@ use std::{
 
 use grimace::{
     clone::{
-        CLONE_SCHEMA, CloneFiles, CloneInfo, CloneOptions, ClonedSkin, CutFap, Details, Ease, FRAMES_RECORD, FaceCell, Film,
-        Rescale, Sheet, SourceKind, SourceMotion, Target, Teeth, Timing, clone_expression, encode_png, write_clone,
+        CLONE_SCHEMA, CloneFiles, CloneInfo, CloneOptions, ClonedSkin, Details, Ease, FRAMES_RECORD, FaceCell, Film, Rescale,
+        Sheet, SourceKind, SourceMotion, Target, Teeth, Timing, clone_expression, encode_png, write_clone,
     },
     dataset::{PUBLISH_COLUMN, may_publish},
     fap::whole_rate,
@@ -28,7 +28,9 @@ use super::{
     Outcome,
     apart::{check_apart, check_folder_name, check_outside, maybe},
     clone_again::{holds_a_batch, inputs_hash, made_before, pictures_hash, record_of},
+    clone_said::not_as_asked_said,
     clone_skin::{SkinChoice, SourceSkin, skin_of},
+    distinct::{FILES, LABELS, distinct},
     portrait,
     progress::frame_bar,
     shared::{
@@ -54,8 +56,8 @@ Files in OUT:
   sheet.png    source and target side by side
   clone.json   inputs and options
 
-With several sources or targets, every pair gets its own folder OUT/TARGET_SOURCE. If two sources have the same name, the extension is added \
-(TARGET_sadness-csv, TARGET_sadness-fap). A pair that fails does not stop the others. After an interruption, run the command again: it \
+With several sources or targets, every pair gets its own folder OUT/TARGET_SOURCE. If two sources have the same name, the extension or the folder \
+is added (TARGET_sadness-csv, TARGET_sadness-fap). A pair that fails does not stop the others. After an interruption, run the command again: it \
 keeps the clones that have the same files and options.")]
 pub struct Args {
     /// Motion to clone: a track, a representative or normalized model (.csv), or a FAP file (.fap); several for a batch
@@ -116,6 +118,8 @@ struct MotionArgs {
     #[arg(long, default_value = "fapu", value_parser = words::<Rescale>(&["fapu", "uniform", "none"]))]
     rescale: Rescale,
     /// Also transfer the head motion of the source (tracks only)
+    ///
+    /// The pictures show it in the plane. clone.fap has yaw, pitch and roll relative to the first frame, FAPs 48 to 50.
     #[arg(long)]
     head: bool,
     #[command(flatten)]
@@ -185,6 +189,10 @@ impl Args {
 /// A source with its pictures.
 struct Source<'a> {
     path: &'a Path,
+    /// Name on the sheet and in messages, unlike those of the other sources.
+    label: String,
+    /// The same for the folder of a batch.
+    file: String,
     motion: SourceMotion,
     pictures: Option<Arc<[RgbImage]>>,
     /// BLAKE3 of their pixels, found once for all targets.
@@ -245,14 +253,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         let cell = FaceCell::around(target.picture.dimensions(), target.fitted.model.nodes());
         let mut row = vec![Labelled { picture: cell.of(&target.picture), label: target.name.clone() }];
         for source in &sources {
-            let folder = if pairs == 1 {
-                args.output.clone()
-            } else {
-                args.output.join(clone_folder(&target.name, source, &sources, &mut folders))
-            };
+            let folder =
+                if pairs == 1 { args.output.clone() } else { args.output.join(clone_folder(&target.name, source, &mut folders)) };
             match job.clone(&target, source, &folder) {
                 Ok((apex, written)) => {
-                    row.push(Labelled { picture: cell.of(&apex), label: source.motion.name.clone() });
+                    row.push(Labelled { picture: cell.of(&apex), label: source.label.clone() });
                     done += 1;
                     unchanged += usize::from(!written);
                 }
@@ -291,11 +296,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     })
 }
 
-/// Unique folder name for one clone of a batch: sources with the same name get their extensions, and if these are equal, a number.
-fn clone_folder(target: &str, source: &Source, sources: &[Source], taken: &mut BTreeSet<String>) -> String {
-    let twins = sources.iter().filter(|other| other.motion.name == source.motion.name).count();
-    let extension = source.path.extension().filter(|_| twins > 1).map(|e| format!("-{}", e.to_string_lossy()));
-    let name = format!("{target}_{}{}", source.motion.name, extension.unwrap_or_default());
+/// Folder name for one clone of a batch; a number tells targets of the same name apart.
+fn clone_folder(target: &str, source: &Source, taken: &mut BTreeSet<String>) -> String {
+    let name = format!("{target}_{}", source.file);
     let mut unique = name.clone();
     for number in 2.. {
         if taken.insert(unique.clone()) {
@@ -332,7 +335,7 @@ fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::R
             let pictures: Option<Arc<[RgbImage]>> = pictures.map(Arc::from);
             let pictures_blake3 = pictures.as_deref().map(pictures_hash);
             let skin = skin_of(&args.look.skin, path, &motion, bench)?;
-            Ok(Source { path, motion, pictures, pictures_blake3, skin })
+            Ok(Source { path, label: String::new(), file: String::new(), motion, pictures, pictures_blake3, skin })
         };
         match read().map_err(|error| about(path)(&super::chain(&error))) {
             Ok(source) => {
@@ -348,6 +351,8 @@ fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::R
                 note_whole_rate(path, args.motion.fps.or(source.motion.fps));
                 if args.motion.head && source.motion.kind != SourceKind::Track {
                     eprintln!("note: {}: --head has no effect: only tracks have a motion of the head", path.display());
+                } else if args.motion.head && source.motion.turns.is_empty() {
+                    eprintln!("note: {}: no head fits this track: clone.fap has no FAPs 48 to 50", path.display());
                 }
                 sources.push(source);
             }
@@ -356,6 +361,12 @@ fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::R
         }
     }
     anyhow::ensure!(!sources.is_empty(), "no source could be read: {}", failed.join("; "));
+    let names: Vec<String> = sources.iter().map(|source| source.motion.name.clone()).collect();
+    let paths: Vec<&Path> = sources.iter().map(|source| source.path).collect();
+    let named = distinct(&names, &paths, LABELS).into_iter().zip(distinct(&names, &paths, FILES));
+    for (source, (label, file)) in sources.iter_mut().zip(named) {
+        (source.label, source.file) = (label, file);
+    }
     Ok((sources, failed))
 }
 
@@ -369,16 +380,6 @@ fn note_whole_rate(path: &Path, fps: Option<f64>) {
             per_second(fps)
         );
     }
-}
-
-/// Message about clamped FAPs, if there are any.
-fn cut_said(cut: &[CutFap]) -> Option<String> {
-    let none_the_other_way = |c: &CutFap| if c.shown * c.asked > 0.0 { c.shown } else { 0.0 };
-    let one = |c: &CutFap| format!("{} ({} of {})", c.fap, none_the_other_way(c), c.asked);
-    let list = cut.iter().map(one).collect::<Vec<_>>().join(", ");
-    (!cut.is_empty()).then(|| {
-        format!("reduced FAP {list}, because the skin would fold over, or lips or lids would lose their shape or pass through each other")
-    })
 }
 
 /// One target in work.
@@ -482,6 +483,7 @@ impl Job<'_> {
             frames_unfolded: 0,
             faps_limited: 0,
             faps_cut: Vec::new(),
+            faps_changed: Vec::new(),
             skin: worn.map(|s| s.path.as_deref().map_or_else(|| "form".to_owned(), file_name)),
             skin_blake3: worn.and_then(|s| file_blake3(s.path.as_deref()?)),
             wrinkles_light_share: details.as_ref().filter(|_| options.wrinkles > 0.0).map(Details::light_share),
@@ -510,8 +512,8 @@ impl Job<'_> {
                 folder.display()
             );
         }
-        if let Some(said) = cut_said(&written.faps_cut) {
-            self.bar.suspend(|| eprintln!("{} on {}: {said}", source.motion.name, target.name));
+        if let Some(said) = not_as_asked_said(&written.faps_cut, &written.faps_changed) {
+            self.bar.suspend(|| eprintln!("{} on {}: {said}", source.label, target.name));
         }
         for name in &written.kept {
             self.bar.suspend(|| {

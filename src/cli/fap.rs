@@ -97,7 +97,10 @@ struct ConvertArgs {
     /// Insert N interpolated frames between every two frames; --fps then only sets the frame rate
     #[arg(long, value_name = "N")]
     between: Option<usize>,
-    /// FAPs to write: `all`, `set` (those that any frame sets), or a list such as 3-13,31-38; unset values become 0
+    /// FAPs to write: `all`, `set` (those that any frame sets), or a list such as 3-13,31-38
+    ///
+    /// All frames get the same mask. A FAP that only some frames set is interpolated in the others, as MPEG-4's decoders do; one that no
+    /// frame sets becomes 0.
     #[arg(long, value_name = "FAPS", default_value = "set")]
     mask: FapMask,
     /// Number format; by default integers in a .fap file and floats in a CSV table
@@ -284,7 +287,11 @@ fn convert(args: &ConvertArgs) -> anyhow::Result<Outcome> {
     let (mut sequence, like_input) = read(args)?;
     let profile = args.profile.unwrap_or(like_input);
     // The mask is applied before the timing, because interpolated frames depend on the meaning of an unset FAP.
+    let filled = sequence.fill_gaps();
     sequence.apply_mask(&args.mask);
+    if filled > 0 {
+        note(&format!("interpolated {} in frames that leave a FAP out", count(filled, "value")));
+    }
     let mut sequence = set_timing(args, profile, sequence)?;
     if !to_csv {
         let prepared = profile.prepare(&mut sequence);

@@ -8,7 +8,7 @@ use grimace::{
     output,
     pipeline::{PORTRAIT_NAME, PipelineOptions, Workbench, id_of, showcase_target},
     player::{PlayerFace, PlayerHead, Shown, page},
-    synthesis::{SynthesisError, read_motion},
+    synthesis::{Bank, Motion, SynthesisError, read_motion},
     track::{TrackFileError, read_track_info},
     units::SequenceId,
 };
@@ -16,7 +16,9 @@ use grimace::{
 use super::{
     Outcome,
     apart::{all, check_apart, check_page_name, maybe},
-    bank, portrait,
+    bank,
+    distinct::{LABELS, distinct},
+    portrait,
     shared::{FitArgs, GeneralArgs, about, are, note_if_still},
     synthesize_warnings::nothing_shown,
 };
@@ -77,9 +79,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     check_page_name(&args.output)?;
     args.general.check_free(&args.output)?;
     let bench = args.general.workbench(PipelineOptions { fit: args.fit.options(), ..PipelineOptions::default() })?;
-    let read = |path: &PathBuf| SourceMotion::read(path, &bench).map_err(|error| about(path)(&super::chain(&error.into())));
-    let motions = args.motions.iter().map(read).collect::<Result<Vec<_>, _>>()?;
-    for (path, motion) in args.motions.iter().zip(&motions) {
+    let dense = args.bank.as_deref().map(bank::open).transpose()?;
+    let (read, failed) = read_motions(args, dense.as_ref(), &bench)?;
+    let paths: Vec<&Path> = read.iter().map(|one| one.path).collect();
+    let motions: Vec<&SourceMotion> = read.iter().map(|one| &one.motion).collect();
+    for (path, motion) in paths.iter().zip(&motions) {
         if !motion.not_shown.is_empty() {
             let faps = motion.not_shown.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
             eprintln!(
@@ -90,28 +94,19 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         }
         note_if_still(path, motion);
     }
-    let labels = labels(&args.motions, &motions)?;
+    let labels = labels(&paths, &motions)?;
     let targets = targets(args, &bench)?;
     let faces: Vec<PlayerFace> =
         targets.iter().map(|(label, target)| PlayerFace { label: label.as_str(), target, height: HEIGHT }).collect();
-    let going_with = |(path, motion): (&PathBuf, &SourceMotion)| Ok(Skin::going_with(path, motion)?.0);
-    let skins = args.motions.iter().zip(&motions).map(going_with).collect::<anyhow::Result<Vec<_>>>()?;
-    let show = |((label, motion), skin)| Shown { label: String::as_str(label), motion, skin };
-    let shown: Vec<Shown> = labels.iter().zip(&motions).zip(&skins).map(show).collect();
-    let title = match labels.as_slice() {
-        [only] => only.clone(),
-        [first, .., last] => format!("{first} to {last}"),
-        [] => String::new(),
-    };
-    let dense = args.bank.as_deref().map(bank::open).transpose()?;
+    let shown = labels.iter().zip(&read).map(|(label, one)| Shown { label, motion: &one.motion, skin: &one.skin });
+    let shown: Vec<Shown> = shown.collect();
+    let title = title(&labels);
     let name = args.bank.as_deref().and_then(Path::file_stem).unwrap_or_default().to_string_lossy().into_owned();
     let mut heads = Vec::new();
     if let Some(dense) = &dense {
-        let read =
-            |path: &PathBuf| read_motion(path, dense, None).map_err(|error| about(path)(&format!("{error}{}", to_do(&error))));
-        let motions = args.motions.iter().map(read).collect::<Result<Vec<_>, _>>()?;
+        let motions = read.iter().filter_map(|one| one.on_head.clone()).collect();
         let head = PlayerHead { label: &name, bank: dense, motions };
-        for (path, unshown) in args.motions.iter().zip(head.unshown()?) {
+        for (path, unshown) in paths.iter().zip(head.unshown()?) {
             if let Some(unshown) = unshown {
                 eprintln!("warning: {}: on the head {name}, {}", path.display(), nothing_shown(&unshown));
             }
@@ -121,7 +116,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let html = page(&title, &shown, &faces, &heads, &bench)?;
     output::write_bytes(&args.output, html.as_bytes())?;
     // Frames as in the page, including inserted ones.
-    let frames = motions.iter().map(SourceMotion::even_frame_count).collect::<Result<Vec<_>, _>>()?;
+    let frames = motions.iter().map(|motion| motion.even_frame_count()).collect::<Result<Vec<_>, _>>()?;
     if let Some(said) = too_large(html.len(), &labels, &frames, faces.len() + heads.len()) {
         eprintln!("note: {}: {said}", args.output.display());
     }
@@ -135,7 +130,48 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             html.len() as f64 / 1e6
         );
     }
-    Ok(Outcome::Done)
+    failed.iter().for_each(|failure| eprintln!("failed: {failure}"));
+    Ok(if failed.is_empty() { Outcome::Done } else { Outcome::SomeFailed })
+}
+
+/// A motion for the page.
+struct Read<'a> {
+    path: &'a Path,
+    motion: SourceMotion,
+    skin: Skin,
+    /// The motion of the dense head's feature points, if there is a head.
+    on_head: Option<Motion>,
+}
+
+/// Reads all motions. One of several that cannot be played is left out and reported.
+fn read_motions<'a>(args: &'a Args, dense: Option<&Bank>, bench: &Workbench) -> anyhow::Result<(Vec<Read<'a>>, Vec<String>)> {
+    let read = |path: &'a PathBuf| -> anyhow::Result<Read<'a>> {
+        let motion = SourceMotion::read(path, bench).map_err(|error| about(path)(&super::chain(&error.into())))?;
+        let on_head = dense.map(|dense| read_motion(path, dense, None)).transpose();
+        let on_head = on_head.map_err(|error| about(path)(&format!("{error}{}", to_do(&error))))?;
+        let skin = Skin::going_with(path, &motion)?.0;
+        Ok(Read { path, motion, skin, on_head })
+    };
+    let (mut motions, mut failed) = (Vec::new(), Vec::new());
+    for path in &args.motions {
+        match read(path) {
+            Ok(motion) => motions.push(motion),
+            Err(error) if args.motions.len() == 1 => return Err(error),
+            Err(error) => failed.push(super::chain(&error)),
+        }
+    }
+    anyhow::ensure!(!motions.is_empty(), "no motion can be played: {}", failed.join("; "));
+    Ok((motions, failed))
+}
+
+/// Title of a page.
+fn title(labels: &[String]) -> String {
+    match labels {
+        [] => String::new(),
+        [only] => only.clone(),
+        [first, second] => format!("{first} and {second}"),
+        [first, others @ ..] => format!("{first} and {} more", others.len()),
+    }
 }
 
 /// Advice if a bank cannot show a motion.
@@ -169,35 +205,21 @@ fn too_large(bytes: usize, labels: &[String], frames: &[usize], faces: usize) ->
     (bytes > LARGE_BYTES).then(|| format!("the page has {:.0} MB and opens slowly; {to_do}", bytes as f64 / 1e6))
 }
 
-/// Labels of the motions: tracks by subject and emotion, all others and duplicates by their files. Equal names get the extension and, if
-/// necessary, a number.
-fn labels(paths: &[PathBuf], motions: &[SourceMotion]) -> Result<Vec<String>, TrackFileError> {
+/// Labels of the motions: tracks by subject and emotion, all others and duplicates by their files, told apart by [`distinct`].
+fn labels(paths: &[&Path], motions: &[&SourceMotion]) -> Result<Vec<String>, TrackFileError> {
     let ids = paths.iter().zip(motions).map(|(path, motion)| shown_of(path, motion)).collect::<Result<Vec<_>, _>>()?;
     let is_alone = |id: &&SequenceId| ids.iter().flatten().filter(|other| other == id).count() == 1;
-    let name = |(id, motion): (&Option<SequenceId>, &SourceMotion)| match id.as_ref().filter(is_alone) {
+    let name = |(id, motion): (&Option<SequenceId>, &&SourceMotion)| match id.as_ref().filter(is_alone) {
         Some(SequenceId { subject, sequence }) => format!("{subject} {sequence}"),
-        None => motion.name.replace('_', " "),
+        None => motion.name.clone(),
     };
-    Ok(distinct(&ids.iter().zip(motions).map(name).collect::<Vec<_>>(), paths))
+    Ok(distinct(&ids.iter().zip(motions).map(name).collect::<Vec<_>>(), paths, LABELS))
 }
 
 /// Subject and emotion of a track, if the file beside it has more than its name.
 fn shown_of(path: &Path, motion: &SourceMotion) -> Result<Option<SequenceId>, TrackFileError> {
     let info = if motion.kind == SourceKind::Track { read_track_info(path)? } else { None };
     Ok(info.map(|info| info.id).filter(|id| *id != id_of(path)))
-}
-
-/// Makes names distinct: duplicates get the extension of their files and, if necessary, a number.
-fn distinct(names: &[String], paths: &[PathBuf]) -> Vec<String> {
-    let mut labels: Vec<String> = Vec::with_capacity(names.len());
-    for (name, path) in names.iter().zip(paths) {
-        let twins = names.iter().filter(|other| *other == name).count();
-        let extension = path.extension().filter(|_| twins > 1).map(|e| format!(".{}", e.to_string_lossy()));
-        let name = format!("{name}{}", extension.unwrap_or_default());
-        let label = (2..).map(|k| format!("{name} ({k})")).find(|l| !labels.contains(l)).filter(|_| labels.contains(&name));
-        labels.push(label.unwrap_or(name));
-    }
-    labels
 }
 
 /// The faces and their labels.
@@ -242,9 +264,9 @@ mod tests {
     }
 
     #[test]
-    fn names_that_are_there_twice_get_extensions_and_numbers() {
-        let paths = ["a/joy.csv", "joy.fap", "b/joy.csv", "fear.csv"].map(PathBuf::from);
-        let names = ["joy", "joy", "joy", "fear"].map(str::to_owned);
-        assert_eq!(distinct(&names, &paths), ["joy.csv", "joy.fap", "joy.csv (2)", "fear"]);
+    fn a_title_names_motions_without_an_order() {
+        let labels = ["joy", "fear_2", "S001 007"].map(str::to_owned);
+        let titles = [1, 2, 3].map(|count| title(&labels[..count]));
+        assert_eq!(titles, ["joy", "joy and fear_2", "joy and 2 more"]);
     }
 }

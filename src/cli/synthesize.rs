@@ -9,6 +9,7 @@ use super::{
     Outcome,
     apart::{all, check_apart, check_folder_name, maybe},
     bank,
+    distinct::{FILES, distinct},
     own_folder::{OwnFolder, check_is_folder, is_used},
     portrait,
     progress::frame_bar,
@@ -130,15 +131,14 @@ const NAMES: [&str; 8] = [
 
 impl Args {
     /// Refuses a folder whose files would overwrite inputs.
-    fn check_inputs(&self, several: bool) -> anyhow::Result<()> {
+    fn check_inputs(&self, names: &[String]) -> anyhow::Result<()> {
         let inputs: Vec<_> = all("--motion", &self.motion)
             .chain(maybe("--truth", self.truth.as_ref()))
             .chain(maybe("--portrait", self.portrait.as_ref()))
             .chain(maybe("--correspondences", self.correspondences.as_ref()))
             .collect();
-        let folder_of =
-            |path: &PathBuf| if several { self.output.join(path.file_stem().unwrap_or_default()) } else { self.output.clone() };
-        self.motion.iter().map(folder_of).try_for_each(|folder| {
+        let folder_of = |name: &String| if names.len() > 1 { self.output.join(name) } else { self.output.clone() };
+        names.iter().map(folder_of).try_for_each(|folder| {
             let files = NAMES.map(|name| folder.join(name));
             check_apart(&files.each_ref().map(|path| ("--output", path.as_path())), &inputs)
         })
@@ -158,7 +158,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     anyhow::ensure!(args.force || !occupied || is_unfinished, not_empty());
     check_folder_name(out, "choose the files with --format: glb, npy, obj, ply, pictures")?;
     let several = args.motion.len() > 1;
-    args.check_inputs(several)?;
+    let stem = |path: &PathBuf| path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let names = distinct(&args.motion.iter().map(stem).collect::<Vec<_>>(), &args.motion, FILES);
+    args.check_inputs(&names)?;
+    if let Some(twice) = (1..args.motion.len()).find(|&k| args.motion[..k].contains(&args.motion[k])) {
+        anyhow::bail!("{}: this motion is given twice", args.motion[twice].display());
+    }
     anyhow::ensure!(
         args.truth.is_none() || !several,
         "--truth belongs to one motion, but {} motions are given; give one --motion",
@@ -171,21 +176,15 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     );
     let bank = bank::open(&args.bank)?;
     let synthesizer = Synthesizer::new(&bank, options)?;
-    let mut played: Vec<Played> = Vec::new();
-    for path in &args.motion {
-        let motion = Played::new(path, args, &synthesizer)?;
-        let twin = played.iter().find(|p| p.name == motion.name);
-        if let Some(twin) = twin {
-            anyhow::ensure!(twin.path != *path, "{}: this motion is given twice", path.display());
-            anyhow::bail!(
-                "{} and {}: both animations would be called {}; rename one of the files",
-                twin.path.display(),
-                path.display(),
-                motion.name
-            );
+    let (mut played, mut failed): (Vec<Played>, Vec<String>) = (Vec::new(), Vec::new());
+    for (path, name) in args.motion.iter().zip(names) {
+        match Played::new((path, name), args, &synthesizer) {
+            Ok(motion) => played.push(motion),
+            Err(error) if !several => return Err(error),
+            Err(error) => failed.push(super::chain(&error)),
         }
-        played.push(motion);
     }
+    anyhow::ensure!(!played.is_empty(), "no motion can be synthesized: {}", failed.join("; "));
     let texture = args.portrait.as_deref().map(|path| worn(path, args.correspondences.as_deref(), &bank)).transpose()?;
     let animations: Vec<Animation<'_>> = played.iter().map(|p| p.animation(&synthesizer, texture.as_ref())).collect();
     // A truth that cannot be compared is reported before anything is written. With a truth there is only one motion.
@@ -224,7 +223,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     own.end()?;
     unfinished.end()?;
-    Ok(Outcome::Done)
+    failed.iter().for_each(|failure| eprintln!("failed: {failure}"));
+    Ok(if failed.is_empty() { Outcome::Done } else { Outcome::SomeFailed })
 }
 
 /// The files of one motion, as they are written.
@@ -319,7 +319,7 @@ pub struct Played<'a> {
 }
 
 impl<'a> Played<'a> {
-    fn new(path: &'a Path, args: &Args, synthesizer: &Synthesizer<'_>) -> anyhow::Result<Self> {
+    fn new((path, name): (&'a Path, String), args: &Args, synthesizer: &Synthesizer<'_>) -> anyhow::Result<Self> {
         /// How long the last frame is held before the way back, s.
         const HOLD_S: f64 = 0.5;
         let motion = read_motion(path, synthesizer.bank(), args.time.scale).map_err(|error| {
@@ -349,7 +349,7 @@ impl<'a> Played<'a> {
             "{}: the animation would have {frames} frames, more than {MOST_FRAMES}; give a smaller --between",
             path.display()
         );
-        let mut motion = motion.as_animated(between, Some(noise));
+        let mut motion = motion.as_animated(between, Some(noise)).for_solver(synthesizer.options().solver);
         if args.time.there_and_back {
             motion = motion.there_and_back((HOLD_S * fps).round() as usize);
         }
@@ -357,7 +357,6 @@ impl<'a> Played<'a> {
         let answers = synthesizer.animate(&motion.frames, || bar.inc(1));
         bar.finish_and_clear();
         warn_of_answers(path, &args.bank, synthesizer, &motion.frames, &answers);
-        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         Ok(Self { path, name, motion, noise, fps, answers })
     }
 

@@ -77,18 +77,27 @@ pub fn warn_of_answers(path: &Path, bank: &Path, synthesizer: &Synthesizer<'_>, 
             advice(bank, synthesizer)
         );
     }
-    if let Some(HeldBack { point, frame, moved, asked, shown }) = held {
+    if let Some(HeldBack { point, rests, frame, moved, asked, shown }) = &held {
         let sides = match synthesizer.regions().scheme() {
-            RegionScheme::Whole => " For motion of one side of the face, give --regions 2.",
-            RegionScheme::Halves | RegionScheme::Quarters => "",
+            RegionScheme::Whole if synthesizer.is_one_sided(motions) => {
+                " The motion is on one side of the face: give --regions 2."
+            }
+            _ => "",
         };
+        let (which, instead) = if *rests { ("points that should rest", "instead of resting") } else { ("other points", "too") };
         let advised =
             if unshown.is_some() || fitness < POOR_FITNESS { String::new() } else { format!(" {}", advice(bank, synthesizer)) };
         eprintln!(
-            "warning: {path}: the bank also moves points that should rest, so only {:.0} % of the motion is shown: in \
-             frame {frame} feature point {point} moves {moved:.3} {} instead of resting; the largest required motion is {asked:.3}.{sides}{advised}",
+            "warning: {path}: the bank also moves {which}, so only {:.0} % of the motion is shown in frame {frame}: \
+             feature point {point} moves {moved:.3} {} {instead}; the largest motion required there is {asked:.3}.{sides}{advised}",
             100.0 * shown,
             synthesizer.bank().info().unit,
+        );
+    }
+    let is_whole = synthesizer.regions().scheme() == RegionScheme::Whole;
+    if held.is_none() && unshown.is_none() && is_whole && synthesizer.answers_both_sides(answers, motions) {
+        eprintln!(
+            "note: {path}: the motion is on one side of the face, and the bank moves both: --regions 2 moves one side alone"
         );
     }
     if let Some(folded) = synthesizer.folded(answers, motions) {

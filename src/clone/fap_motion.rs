@@ -10,7 +10,7 @@ use nalgebra::{Matrix2, Point2, Vector2};
 
 use super::{CloneError, source::normalizer};
 use crate::{
-    fap::{FapCatalog, FapFrame, FapMask, FapMotion, FapNumber, FapSequence, offsets_from_frame},
+    fap::{FapCatalog, FapFrame, FapMotion, FapNumber, FapSequence, offsets_from_frame},
     fit::{DrivenNode, Pull, Springs},
     normalize::stable_nodes,
     units::NodeId,
@@ -36,12 +36,12 @@ const REST_LIPS: f64 = 20.0;
 type NodeOffsets = Vec<Vec<Vector2<f64>>>;
 
 /// Computes the offsets of all nodes from neutral for each frame, in face units, and the FAPs with values that do not show from the front.
+/// A FAP that a frame leaves out is interpolated ([`FapSequence::fill_gaps`]).
 pub fn offsets(name: &str, sequence: &FapSequence, face: &Face) -> Result<(NodeOffsets, Vec<FapNumber>), CloneError> {
     let catalog = FapCatalog::mpeg4();
-    // Files omit FAPs that are at rest in a frame.
     let sequence = &{
         let mut sequence = sequence.clone();
-        sequence.apply_mask(&FapMask::Set);
+        sequence.fill_gaps();
         sequence
     };
     let normalizer = normalizer(face)?;

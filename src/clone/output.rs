@@ -12,6 +12,7 @@ use serde::Serialize;
 use super::{CloneError, CloneOptions, ClonedExpression, FaceCell, Sheet, SourceMotion, picture};
 use crate::{
     fap::{Clamped, ConvertError, FapCatalog, FapMotion, FapSequence, Profile, ValueFormat, unlimited_faps, write_fap_as},
+    features::head_faps,
     fit::{FitOptions, MarkKind},
     interpolation::FPS,
     model::{DynamicExpressionModel, FrameExpressionModel},
@@ -90,6 +91,8 @@ pub struct CloneInfo {
     pub faps_limited: usize,
     /// FAPs whose motion the warp reduced, because the skin would fold over, or lips and lids would pass through each other.
     pub faps_cut: Vec<CutFap>,
+    /// FAPs that are shown stronger than requested or the other way, for the same reasons or because other FAPs take them along.
+    pub faps_changed: Vec<CutFap>,
     /// File of the skin change that grows with the expression.
     pub skin: Option<String>,
     /// BLAKE3 of that file.
@@ -98,7 +101,8 @@ pub struct CloneInfo {
     pub wrinkles_light_share: Option<f64>,
 }
 
-/// A FAP whose motion was reduced, in the frame with its largest requested value.
+/// A FAP that is not shown as requested: if it was reduced, in the frame with its largest requested value; if it was changed, in the
+/// frame in which it goes farthest beyond.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct CutFap {
     /// Number of the FAP.
@@ -116,6 +120,9 @@ pub struct CutFap {
 const CUT_SHARE: f64 = 0.1;
 const CUT_UNITS: f64 = 20.0;
 const CUT_ANGLE: f64 = 500.0;
+/// A FAP counts as changed if it differs by as much and the value shown lies beyond what was requested, that is outside the range from 0
+/// to the requested value, by more than this fraction of those units.
+const BEYOND_SHARE: f64 = 0.5;
 
 /// Where a clone is written, and which files besides the frames.
 #[derive(Clone, Copy, Debug)]
@@ -143,6 +150,8 @@ pub struct WrittenClone {
     pub kept: Vec<String>,
     /// FAPs whose motion was reduced.
     pub faps_cut: Vec<CutFap>,
+    /// FAPs that are shown stronger than requested or the other way.
+    pub faps_changed: Vec<CutFap>,
 }
 
 /// File with the names and hashes of the frames, the track and the films.
@@ -235,7 +244,7 @@ pub fn write_clone(
     kept.extend(Film::ALL.iter().filter(|film| unrecorded(film)).map(|film| film.file_name().to_owned()));
     record.close()?;
     let (faps, clamped) = fap_of(&model, clone, source, face)?;
-    info.faps_cut = faps_cut(source, clone, &model, face)?;
+    (info.faps_cut, info.faps_changed) = faps_not_as_asked(source, clone, &model, face)?;
     let faps = faps.for_profile(profile).map_err(ConvertError::from)?;
     write_fap_as(&folder.join("clone.fap"), &faps, profile, ValueFormat::Integer)?;
     info.fps = clone.fps;
@@ -260,7 +269,7 @@ pub fn write_clone(
     sheet.push_row(shown.values().map(|picture| cell.of(picture)).collect());
     write_atomic(&folder.join("sheet.png"), |writer| encode_png(&sheet.draw(), writer))?;
     write_json(&info_path, &info)?;
-    Ok(WrittenClone { apex: apex_picture, kept, faps_cut: info.faps_cut })
+    Ok(WrittenClone { apex: apex_picture, kept, faps_cut: info.faps_cut, faps_changed: info.faps_changed })
 }
 
 /// Indices of evenly spaced frames from the first to the last.
@@ -346,7 +355,7 @@ fn from_neutral(model: DynamicExpressionModel<Px>, clone: &ClonedExpression) -> 
     Ok(DynamicExpressionModel::new(std::iter::once(neutral).chain(model.frames().iter().cloned()).collect())?)
 }
 
-/// The target's FAP sequence: its own motion in its own FAPUs.
+/// The target's FAP sequence: its own motion in its own FAPUs, and the turns of the source's head if they are carried over.
 fn fap_of(
     model: &DynamicExpressionModel<Px>,
     clone: &ClonedExpression,
@@ -365,19 +374,22 @@ fn fap_of(
     if !starts_neutral {
         sequence.frames.remove(0);
     }
+    for (frame, turn) in sequence.frames.iter_mut().zip(&clone.frames).filter_map(|(faps, frame)| Some((faps, frame.turn?))) {
+        head_faps(turn).into_iter().for_each(|(fap, value)| frame.set_value(fap, Some(value)));
+    }
     let mut sequence = sequence.at_whole_rate();
     sequence.round();
     Ok((sequence, clamped))
 }
 
-/// Requested FAPs that the model `shown` reduces, each in the frame with its largest requested value. Values from a FAP file are those of the
-/// file times the emphasis.
-fn faps_cut(
+/// Requested FAPs that the model `shown` reduces, and those that it shows stronger or the other way. Values from a FAP file are those of
+/// the file times the emphasis.
+fn faps_not_as_asked(
     source: &SourceMotion,
     clone: &ClonedExpression,
     shown: &DynamicExpressionModel<Px>,
     face: &Face,
-) -> Result<Vec<CutFap>, CloneError> {
+) -> Result<(Vec<CutFap>, Vec<CutFap>), CloneError> {
     let wireframe = |source| CloneError::Fapus { what: "the wireframe", source };
     let options = NormalizeOptions { size: SizeMode::Fapu, ..NormalizeOptions::default() };
     let normalizer = crate::normalize::Normalizer::new(&face.wireframe, &face.tables, options).map_err(wireframe)?;
@@ -387,30 +399,53 @@ fn faps_cut(
     let first = usize::from(clone.rest_before().is_some());
     let (asked, shown) = (from_neutral(asked, clone)?, from_neutral(shown.clone(), clone)?);
     let (asked, shown) = (normalizer.normalize_every_frame(&asked)?, normalizer.normalize_every_frame(&shown)?);
-    let mut most: BTreeMap<u8, CutFap> = BTreeMap::new();
+    // Of every FAP the frame with its largest requested value, and the one in which it goes farthest beyond.
+    let (mut most, mut farthest): (BTreeMap<u8, CutFap>, BTreeMap<u8, CutFap>) = Default::default();
     for frame in first..asked.frame_count().min(shown.frame_count()) {
         let asked = unlimited_faps(&asked.neutral_offsets(frame), units, catalog)?;
         let shown = unlimited_faps(&shown.neutral_offsets(frame), units, catalog)?;
         for ((fap, asked), (_, shown)) in asked.into_iter().zip(shown).filter(|((fap, _), _)| source.asks_for(*fap)) {
-            let known = most.get(&fap.get()).map_or(0.0, |cut| cut.asked.abs());
-            if asked.abs() > known {
-                most.insert(
-                    fap.get(),
-                    CutFap { fap: fap.get(), frame: frame + 1 - first, asked: asked.round(), shown: shown.round() },
-                );
+            let fap = fap.get();
+            let found = CutFap { fap, frame: frame + 1 - first, asked: asked.round() + 0.0, shown: shown.round() + 0.0 };
+            if asked.abs() > most.get(&fap).map_or(0.0, |cut| cut.asked.abs()) {
+                most.insert(fap, found);
+            }
+            if found.beyond() > farthest.get(&fap).map_or(0.0, CutFap::beyond) {
+                farthest.insert(fap, found);
             }
         }
     }
-    Ok(most.into_values().filter(|cut| is_cut(cut, catalog)).collect())
+    let cut = most.into_values().filter(|cut| is_cut(cut, catalog)).collect();
+    Ok((cut, farthest.into_values().filter(|changed| is_changed(changed, catalog)).collect()))
 }
 
-/// Whether visibly less is shown than requested. A value of opposite sign is a side effect of other FAPs and does not count.
+impl CutFap {
+    /// How far the value shown lies outside the range from 0 to the requested value, FAP units.
+    fn beyond(&self) -> f64 {
+        let (low, high) = (self.asked.min(0.0), self.asked.max(0.0));
+        (self.shown - self.shown.clamp(low, high)).abs()
+    }
+}
+
+/// Units of a FAP that are visible.
+fn visible(fap: u8, catalog: &FapCatalog) -> f64 {
+    let is_angle = catalog.rows().iter().any(|r| r.number.get() == fap && r.motion.is_some_and(FapMotion::is_angle));
+    if is_angle { CUT_ANGLE } else { CUT_UNITS }
+}
+
+/// Whether visibly less is shown than requested. A value that is visibly of opposite sign counts as changed instead.
 fn is_cut(cut: &CutFap, catalog: &FapCatalog) -> bool {
-    let is_angle = catalog.rows().iter().any(|r| r.number.get() == cut.fap && r.motion.is_some_and(FapMotion::is_angle));
-    let visible = if is_angle { CUT_ANGLE } else { CUT_UNITS };
+    let visible = visible(cut.fap, catalog);
     let (asked, shown) = (cut.asked.abs(), cut.shown * cut.asked.signum());
     let lacking = asked - shown;
     shown > -visible && lacking > CUT_SHARE * asked && lacking > visible
+}
+
+/// Whether visibly more is shown than requested, or the opposite.
+fn is_changed(changed: &CutFap, catalog: &FapCatalog) -> bool {
+    let visible = visible(changed.fap, catalog);
+    let difference = (changed.shown - changed.asked).abs();
+    changed.beyond() > BEYOND_SHARE * visible && difference > CUT_SHARE * changed.asked.abs() && difference > visible
 }
 
 /// Writes a picture as PNG with fast compression.
@@ -440,5 +475,16 @@ mod tests {
                 && !cut(4, 37.0, -36.0)
         );
         assert!(!cut(23, 20_000.0, 19_600.0) && cut(23, 20_000.0, 12_000.0));
+    }
+
+    #[test]
+    fn visibly_more_and_the_opposite_are_changed() {
+        let changed = |fap, asked, shown| is_changed(&CutFap { fap, frame: 1, asked, shown }, FapCatalog::mpeg4());
+        assert!(changed(11, -13.0, -49.0) && changed(52, -13.0, 19.0) && changed(19, 0.0, -163.0) && changed(4, 300.0, 340.0));
+        // Weaker; less than a tenth more; too little to be seen; next to nothing instead of something small.
+        assert!(
+            !changed(6, 300.0, 138.0) && !changed(4, 300.0, 325.0) && !changed(4, -122.0, -133.0) && !changed(10, 31.0, -5.0)
+        );
+        assert!(!changed(23, 0.0, 450.0) && changed(23, 0.0, 600.0));
     }
 }

@@ -80,6 +80,9 @@ pub struct CloneFrame {
     pub deformation: Deformation,
     /// Index of the source frame nearest in time.
     pub nearest: usize,
+    /// Yaw, pitch and roll of the head relative to the source's first frame, degrees, if they are carried over. The picture shows only
+    /// what a similarity in the plane can show of them.
+    pub turn: Option<[f64; 3]>,
     /// Requested node positions, px. The warp may have reduced a motion that skin cannot make.
     pub asked: Vec<Point2<f64>>,
     /// Growth of the class's skin change in this frame; 0 without one.
@@ -159,13 +162,15 @@ pub fn clone_expression<'a>(
             if options.blink {
                 shut_lids(&mut nodes, blink(k as f64 / fps, (moments.len() - 1) as f64 / fps));
             }
-            Ok(CloneFrame { deformation: target.warp().deform(&nodes)?, nearest: moment.nearest, asked: nodes, skin: 0.0 })
+            let turn = moment.turn.filter(|_| options.head);
+            Ok(CloneFrame { deformation: target.warp().deform(&nodes)?, nearest: moment.nearest, turn, asked: nodes, skin: 0.0 })
         })
         .collect::<Result<_, CloneError>>()?;
     let is_still = |moment: &Moment| moment.offsets.iter().all(|offset| offset.norm() < 1e-9);
     let rest = match moments.first() {
         Some(first) if !is_still(first) => {
-            let still = Moment { offsets: vec![Vector2::zeros(); first.offsets.len()], head: Similarity::identity(), nearest: 0 };
+            let offsets = vec![Vector2::zeros(); first.offsets.len()];
+            let still = Moment { offsets, head: Similarity::identity(), turn: None, nearest: 0 };
             let nodes = target.nodes_at(source, &still, options.rescale, options.emphasis, false, face);
             Some(target.warp().deform(&nodes)?.nodes().to_vec())
         }

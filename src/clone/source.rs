@@ -11,7 +11,7 @@ use crate::{
     model::DynamicExpressionModel,
     normalize::{Canonical, EyeCorners, NormalizeOptions, Normalizer, check_face_units},
     plausible::{FaceSize, Implausible},
-    pose::without_turns,
+    pose::turns,
     positions::PositionTable,
     track::{TrackFileError, TrackInfo, TrackedFrame, clock_of_frames, read_track, read_track_info, track_model},
     units::{FaceUnit, NodeId, Px},
@@ -62,6 +62,8 @@ pub struct SourceMotion {
     pub lid_gaps: [f64; LID_PAIRS.len()],
     /// Head motion from the neutral frame to each frame, in the source's picture (px); the identity if unknown.
     pub head: Vec<Similarity>,
+    /// Yaw, pitch and roll of the head relative to the first frame for each frame, degrees; empty if unknown.
+    pub turns: Vec<[f64; 3]>,
     /// Frame numbers and node positions in the source's own pictures; empty except for tracks.
     pub frames: Vec<(u32, Vec<Point2<f64>>)>,
     /// Frames per second, if the source has them.
@@ -152,7 +154,8 @@ impl SourceMotion {
     ) -> Result<Self, CloneError> {
         let model: DynamicExpressionModel<Px> = track_model(frames)?;
         let normalizer = normalizer(face)?;
-        let upright = normalizer.upright(without_turns(face, frames, marks).as_ref().unwrap_or(&model))?;
+        let turns = turns(face, frames, marks);
+        let upright = normalizer.upright(turns.as_ref().and_then(|turns| turns.removed.as_ref()).unwrap_or(&model))?;
         let fapus = Fapus::measure(&face.tables.fapus, &upright[0])
             .map_err(|source| CloneError::Fapus { what: "the source's neutral face", source })?;
         let corners = EyeCorners::new(&face.tables, face.wireframe.node_count());
@@ -167,6 +170,7 @@ impl SourceMotion {
             fapus,
             lid_gaps: lid_gaps(&upright[0], &fapus, normalizer.canonical()),
             head,
+            turns: turns.map(|turns| turns.angles).unwrap_or_default(),
             frames: frames.iter().map(|f| (f.number, f.nodes.iter().map(|n| n.position).collect())).collect(),
             fps: None,
             times: None,
@@ -195,6 +199,7 @@ impl SourceMotion {
             offsets,
             fapus: canonical.fapus,
             lid_gaps: canonical_lid_gaps(canonical),
+            turns: Vec::new(),
             frames: Vec::new(),
             fps: None,
             times: None,
@@ -226,6 +231,7 @@ impl SourceMotion {
             offsets,
             fapus: canonical.fapus,
             lid_gaps: canonical_lid_gaps(canonical),
+            turns: Vec::new(),
             frames: Vec::new(),
             fps: Some(sequence.fps),
             times: None,

@@ -400,7 +400,7 @@ mod tests {
         let start = neutral(&Similarity::identity());
         let mut offsets = vec![Vector2::zeros(); 113];
         ways.iter().for_each(|&(node, way)| offsets[node] = way);
-        let moment = Moment { offsets, head: Similarity::identity(), nearest: 0 };
+        let moment = Moment { offsets, head: Similarity::identity(), turn: None, nearest: 0 };
         let nodes = upright().nodes_at(&motion, &moment, Rescale::None, 1.0, false, &bench);
         (start, nodes)
     }

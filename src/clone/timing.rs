@@ -102,6 +102,8 @@ pub struct Moment {
     pub offsets: Vec<Vector2<f64>>,
     /// Head motion.
     pub head: Similarity,
+    /// Yaw, pitch and roll of the head relative to the source's first frame, degrees, if known.
+    pub turn: Option<[f64; 3]>,
     /// Index of the source frame nearest in time.
     pub nearest: usize,
 }
@@ -185,6 +187,7 @@ impl SourceMotion {
         let moments: Vec<Moment> = (0..=last).map(|k| course.at(self.place(k as f64 / last as f64))).collect();
         Ok(Self {
             head: moments.iter().map(|moment| moment.head).collect(),
+            turns: moments.iter().filter_map(|moment| moment.turn).collect(),
             frames: moments.iter().filter_map(|moment| self.frames.get(moment.nearest).cloned()).collect(),
             offsets: moments.into_iter().map(|moment| moment.offsets).collect(),
             fps: Some(fps),
@@ -279,7 +282,8 @@ impl Course<'_> {
         let i = (place.floor() as usize).min(last.saturating_sub(1));
         let t = place - i as f64;
         if (place - nearest as f64).abs() < 1e-9 || last == 0 {
-            return Moment { offsets: motion.offsets[nearest].clone(), head: motion.head[nearest], nearest };
+            let turn = motion.turns.get(nearest).copied();
+            return Moment { offsets: motion.offsets[nearest].clone(), head: motion.head[nearest], turn, nearest };
         }
         let offsets = (0..motion.offsets[i].len()).map(|n| self.offset(n, place)).collect();
         let (p, q) = (motion.head[i], motion.head[i + 1]);
@@ -289,7 +293,9 @@ impl Course<'_> {
             angle: mix(p.angle, q.angle),
             translation: p.translation.lerp(&q.translation, t),
         };
-        Moment { offsets, head, nearest }
+        let turn = motion.turns.get(i).zip(motion.turns.get(i + 1));
+        let turn = turn.map(|(from, to)| std::array::from_fn(|k| mix(from[k], to[k])));
+        Moment { offsets, head, turn, nearest }
     }
 }
 

@@ -93,9 +93,52 @@ impl fmt::Display for FapMask {
 }
 
 impl FapSequence {
-    /// Gives every frame the same mask. FAPs outside the mask are masked out. A low-level FAP of the mask that a frame does not
-    /// set becomes 0, as readers interpret an unset FAP. FAPs 1 and 2 have no such value: they stay unset.
+    /// Gives a value to every low-level FAP that some frames set and others do not; returns the number of new values.
+    ///
+    /// MPEG-4 leaves a FAP out of a frame to have the decoder interpolate it; 0 would be the neutral face. Between two frames that
+    /// set it the value is linear in time. Before the first and after the last of them it is held. A FAP that no frame sets stays
+    /// unset, and so do FAPs 1 and 2, which are codes.
+    ///
+    /// ```
+    /// use grimace::fap::{FapFrame, FapSequence};
+    ///
+    /// let (jaw, mut frames) = ("3".parse()?, vec![FapFrame::default(); 4]);
+    /// frames[0].set_value(jaw, Some(50.0));
+    /// frames[2].set_value(jaw, Some(150.0));
+    /// let mut sequence = FapSequence { version: "2.1".to_owned(), name: "jaw".to_owned(), fps: 25.0, frames };
+    /// assert_eq!(sequence.fill_gaps(), 2);
+    /// let values: Vec<_> = sequence.frames.iter().map(|frame| frame.value(jaw)).collect();
+    /// assert_eq!(values, [50.0, 100.0, 150.0, 150.0].map(Some));
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn fill_gaps(&mut self) -> usize {
+        let mut filled = 0;
+        for fap in FapNumber::low_level() {
+            // The last frame that sets the FAP.
+            let mut before: Option<(usize, f64)> = None;
+            for index in 0..self.frames.len() {
+                let Some(value) = self.frames[index].value(fap) else { continue };
+                let (start, from) = before.map_or((0, value), |(last, from)| (last + 1, from));
+                let steps = (index + 1 - start) as f64;
+                for (step, frame) in (1..).zip(&mut self.frames[start..index]) {
+                    frame.set_value(fap, Some(from + (value - from) * f64::from(step) / steps));
+                }
+                filled += index - start;
+                before = Some((index, value));
+            }
+            if let Some((last, value)) = before {
+                self.frames[last + 1..].iter_mut().for_each(|frame| frame.set_value(fap, Some(value)));
+                filled += self.frames.len() - (last + 1);
+            }
+        }
+        filled
+    }
+
+    /// Gives every frame the same mask. FAPs outside the mask are masked out. A low-level FAP of the mask that only some frames
+    /// set is interpolated in the others ([`fill_gaps`](Self::fill_gaps)); one that no frame sets becomes 0. FAPs 1 and 2 have no
+    /// such value: they stay unset.
     pub fn apply_mask(&mut self, mask: &FapMask) {
+        self.fill_gaps();
         let set = self.set_faps();
         for fap in FapNumber::all() {
             let keep = match mask {
@@ -136,7 +179,28 @@ mod tests {
     }
 
     #[test]
-    fn masks_become_equal_and_unset_becomes_zero() {
+    fn frames_that_leave_a_fap_out_are_interpolated() {
+        // A smile of 0, 50, nothing, 150, 200; a jaw that only the frames 2 and 5 of 6 set; nothing in the last frame.
+        let mut frames = vec![FapFrame::default(); 6];
+        for (frame, value) in [(0, 0.0), (1, 50.0), (3, 150.0), (4, 200.0)] {
+            frames[frame].set_value(fap(12), Some(value));
+        }
+        frames[1].set_value(fap(3), Some(-30.0));
+        frames[4].set_value(fap(3), Some(60.0));
+        frames[1].set_fields(fap(1), Some(vec![1, 0, 63, 0]));
+        let mut sequence = FapSequence { version: "2.1".into(), name: "x".into(), fps: 25.0, frames };
+        let set = sequence.set_faps();
+        assert_eq!(sequence.fill_gaps(), 2 + 4);
+        let values = |number: u8| sequence.frames.iter().map(|frame| frame.value(fap(number)).unwrap()).collect::<Vec<_>>();
+        assert_eq!(values(12), [0.0, 50.0, 100.0, 150.0, 200.0, 200.0]);
+        assert_eq!(values(3), [-30.0, -30.0, 0.0, 30.0, 60.0, 60.0]);
+        assert_eq!(sequence.set_faps(), set);
+        assert_eq!(sequence.frames.iter().filter(|frame| frame.is_set(fap(1))).count(), 1);
+        assert_eq!(sequence.fill_gaps(), 0);
+    }
+
+    #[test]
+    fn masks_become_equal_and_what_no_frame_sets_becomes_zero() {
         let mut frames = vec![FapFrame::default(), FapFrame::default()];
         frames[1].set_value(fap(5), Some(4.0));
         frames[1].set_value(fap(6), Some(1.0));
@@ -147,7 +211,8 @@ mod tests {
             masked.apply_mask(&text.parse().unwrap());
             masked
         };
-        assert_eq!(masked("set").frames[0].value(fap(5)), Some(0.0));
+        assert_eq!(masked("set").frames[0].value(fap(5)), Some(4.0));
+        assert_eq!(masked("5,7").frames[0].value(fap(7)), Some(0.0));
         assert_eq!(masked("set").set_faps(), [fap(1), fap(5), fap(6)]);
         assert_eq!(masked("5,7").set_faps(), [fap(5), fap(7)]);
         assert_eq!(masked("5,7").frames[1].value(fap(5)), Some(4.0));

@@ -149,7 +149,11 @@ fn fap(row: &FapRow, bank: &Bank, camera: &Camera, rests: &[bool]) -> Option<Val
         Axis::Z => return None,
     };
     let offset = |fp: &FeaturePoint| if moves(fp) { way * unit } else { Vector3::zeros() };
-    let motion = FpMotion { offsets: bank.feature_points().iter().map(|p| Some(offset(&p.fp))).collect(), planar: true };
+    let motion = FpMotion {
+        offsets: bank.feature_points().iter().map(|p| Some(offset(&p.fp))).collect(),
+        planar: true,
+        ..FpMotion::default()
+    };
     let offsets = interpolate(bank, &motion).into_iter().zip(rests);
     let flat: Vec<f64> = offsets.map(|(d, &rests)| if rests { 0.0 } else { camera.displacement(d)[along] }).collect();
     Some(json!({ "number": row.number.get(), "axis": along, "offsets": pack::small(&flat) }))

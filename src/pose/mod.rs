@@ -35,4 +35,4 @@ pub use frontal::frontalized;
 pub use head::{HeadModel, NamedOffsets};
 pub use learn::{DenseFaces, IDENTITY_MODES, learn_head};
 pub use turned::{fit_turned, turned_share};
-pub(crate) use turns::without_turns;
+pub(crate) use turns::{turns, without_turns};

@@ -230,12 +230,7 @@ impl<'b> Synthesizer<'b> {
             None => self.joined_motion(&answer.weights),
         };
         let of_points = |goal: &Goal, is_in: &dyn Fn(usize) -> bool| {
-            let flat = |chosen: Vec<usize>| -> Vec<f64> {
-                chosen
-                    .iter()
-                    .flat_map(|&k| [points[k][0], points[k][1], if motion.planar { 0.0 } else { points[k][2] }])
-                    .collect()
-            };
+            let flat = |chosen: Vec<usize>| -> Vec<f64> { chosen.iter().flat_map(|&k| motion.seen(k, points[k])).collect() };
             let rest = flat(staying_points(motion, self.bank.feature_points().len(), is_in));
             let moved = flat(self.moving_points(motion, is_in));
             (goal.counting_rest(fitness(goal, &moved), &rest), goal.shown_by(&moved))
@@ -411,8 +406,7 @@ impl Synthesizer<'_> {
         let goal = self.whole_goal(&motion)?;
         let points = self.joined_motion(&answer.weights);
         let moved = self.moving_points(&motion, &|_| true);
-        let flat: Vec<f64> =
-            moved.iter().flat_map(|&k| [points[k][0], points[k][1], if motion.planar { 0.0 } else { points[k][2] }]).collect();
+        let flat: Vec<f64> = moved.iter().flat_map(|&k| motion.seen(k, points[k])).collect();
         Some(summed_length(&flat) / goal.length())
     }
 }
@@ -429,7 +423,7 @@ mod tests {
     fn halved(bound: f64) -> FrameAnswer {
         let bank = testing::bank().select(&[0, 1]).unwrap();
         let synthesizer = Synthesizer::new(&bank, SynthesisOptions::default()).unwrap();
-        let motion = FpMotion { offsets: vec![Some(2.0 * Vector3::x()); 3], planar: true };
+        let motion = FpMotion { offsets: vec![Some(2.0 * Vector3::x()); 3], planar: true, ..FpMotion::default() };
         let mut answer = synthesizer.solve(&motion, 0);
         (answer.weights, answer.region_bound) = (vec![vec![1.0, 1.0]], vec![Some(bound)]);
         synthesizer.measure(&mut answer, &motion);

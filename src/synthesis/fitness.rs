@@ -31,7 +31,7 @@ mod tests {
         let basis = FpBasis::new(&bank);
         // Three feature points: the first should move along x, the second not at all, the third along y.
         let offsets = vec![Some(Vector3::x()), Some(Vector3::zeros()), Some(2.0 * Vector3::y())];
-        let goal = Goal::new(&basis, &FpMotion { offsets, planar: false }, |_| true).unwrap();
+        let goal = Goal::new(&basis, &FpMotion { offsets, planar: false, ..FpMotion::default() }, |_| true).unwrap();
         assert_eq!(goal.moving(), 2);
         // 60 degrees and 0 degrees: (1/2 + 1) / 2.
         assert_relative_eq!(fitness(&goal, &[0.5, 0.75_f64.sqrt(), 0.0, 0.0, 7.0, 0.0]), 0.75, epsilon = 1e-12);
@@ -44,7 +44,7 @@ mod tests {
     fn in_the_plane_depth_does_not_count() {
         let basis = FpBasis::new(&testing::bank());
         let offsets = vec![Some(Vector3::new(1.0, 0.0, 5.0)), None, None];
-        let goal = Goal::new(&basis, &FpMotion { offsets, planar: true }, |_| true).unwrap();
+        let goal = Goal::new(&basis, &FpMotion { offsets, planar: true, ..FpMotion::default() }, |_| true).unwrap();
         assert_relative_eq!(goal.length(), 1.0);
         assert!(goal.moving_candidate(1).iter().skip(2).step_by(3).all(|&z| z == 0.0));
     }

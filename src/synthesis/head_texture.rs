@@ -116,7 +116,8 @@ impl HeadTexture {
             let residual = head_from_portrait.apply(&there) - on_head;
             Vector3::new(residual.x, -residual.y, 0.0)
         };
-        let residuals = FpMotion { offsets: shared.iter().map(|pair| pair.map(offset)).collect(), planar: true };
+        let residuals =
+            FpMotion { offsets: shared.iter().map(|pair| pair.map(offset)).collect(), planar: true, ..FpMotion::default() };
         let moved = interpolate(bank, &residuals);
         let scene = FaceScene::new(bank);
         let own = scene.colours().unwrap_or_else(|| vec![FaceScene::SKIN; bank.vertex_count()]);

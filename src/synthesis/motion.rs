@@ -5,7 +5,7 @@ mod read;
 
 use nalgebra::Vector3;
 
-use super::FpMotion;
+use super::{FpMotion, Solver};
 use crate::{
     fap::FapNumber,
     interpolation::{Curve, Even, FPS, FRAMES_BETWEEN, Moment},
@@ -128,7 +128,7 @@ impl Motion {
             }
             let point = |[x, y, z]: &[Curve; 3]| Some(Vector3::new(x.at(moment)?, y.at(moment)?, z.at(moment)?));
             let planar = self.frames[moment.key].planar || self.frames[moment.key + 1].planar;
-            FpMotion { offsets: curves.iter().map(point).collect(), planar }
+            FpMotion { offsets: curves.iter().map(point).collect(), planar, free_axes: self.frames[moment.key].free_axes.clone() }
         };
         moments.map(frame).collect()
     }
@@ -144,8 +144,18 @@ impl Motion {
         let least = share * reach.iter().copied().fold(0.0, f64::max);
         let still =
             |(offset, reach): (&Option<Vector3<f64>>, &f64)| offset.map(|v| if *reach < least { Vector3::zeros() } else { v });
-        let frame = |f: &FpMotion| FpMotion { offsets: f.offsets.iter().zip(&reach).map(still).collect(), planar: f.planar };
+        let frame = |f: &FpMotion| FpMotion { offsets: f.offsets.iter().zip(&reach).map(still).collect(), ..f.clone() };
         Self { frames: self.frames.iter().map(frame).collect(), ..self.clone() }
+    }
+
+    /// Returns the motion as a solver needs it: for radial basis functions, feature points that a FAP file leaves free rest, because
+    /// nothing else holds the rest of the surface.
+    pub fn for_solver(mut self, solver: Solver) -> Self {
+        if self.kind == MotionKind::Fap && solver == Solver::Rbf {
+            let offsets = self.frames.iter_mut().flat_map(|frame| &mut frame.offsets);
+            offsets.for_each(|offset| *offset = Some(offset.unwrap_or_else(Vector3::zeros)));
+        }
+        self
     }
 
     /// Holds the last frame for `hold` more frames, then plays the motion backwards to its first frame.
@@ -258,20 +268,37 @@ mod tests {
     }
 
     #[test]
-    fn feature_points_of_faps_that_a_file_never_sets_rest() {
+    fn feature_points_of_faps_that_a_file_never_sets_are_unknown() {
         let bank = candide_bank().unwrap();
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("brow.fap");
-        // Inner brows in both frames, the left middle brow only in the first frame.
+        // Inner brows in both frames, the left middle brow only in the first frame; the left inner corner of the lips.
         let mask = |set: &[u8]| (1..=68).map(|k| if set.contains(&k) { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
-        fs::write(&path, format!("2.1 brow 25 2\n{}\n0 0 0 0\n{}\n1 100 100\n", mask(&[31, 32, 33]), mask(&[31, 32]))).unwrap();
+        let [first, second] = [mask(&[12, 31, 32, 33]), mask(&[12, 31, 32])];
+        fs::write(&path, format!("2.1 brow 25 2\n{first}\n0 0 0 0 80\n{second}\n1 50 100 100\n")).unwrap();
         let motion = read_motion(&path, &bank, None).unwrap();
         let offset =
             |frame: usize, fp: &str| motion.frames[frame].offsets[bank.feature_point_index(fp.parse().unwrap()).unwrap()];
-        assert!(offset(1, "4.1").is_some_and(|v| v.y > 0.0));
-        // Lids, lips and chin do not move, nor does the middle brow in the frame that leaves it out.
-        assert!(["3.1", "8.3", "2.1", "4.3"].iter().all(|fp| offset(1, fp) == Some(Vector3::zeros())));
-        assert_eq!(offset(0, "4.3"), Some(Vector3::zeros()));
+        assert!(offset(1, "4.1").is_some_and(|v| v.y > 0.0) && offset(0, "4.1") == Some(Vector3::zeros()));
+        // Lids, chin and the other corner of the mouth are free; the middle brow is held in the frame that leaves it out.
+        assert!(["3.1", "8.4", "2.1", "4.4"].iter().all(|fp| offset(1, fp).is_none()));
+        assert!(offset(1, "4.3").is_some_and(|v| v.y > 0.0) && offset(1, "4.3") == offset(0, "4.3"));
+        // The outer contour of the lips follows the inner one.
+        assert!(offset(1, "8.3").is_some_and(|v| v.y > 0.0) && offset(1, "8.3") == offset(1, "2.4"));
+        let known = |motion: &Motion| motion.frames[1].offsets.iter().flatten().count();
+        assert_eq!((known(&motion), known(&motion.clone().for_solver(Solver::Refined))), (5, 5));
+        assert_eq!(known(&motion.for_solver(Solver::Rbf)), bank.feature_points().len());
+    }
+
+    #[test]
+    fn a_file_that_sets_nothing_that_the_bank_has_rests() {
+        let bank = candide_bank().unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("nod.fap");
+        let mask = (1..=68).map(|k| if k == 48 { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
+        fs::write(&path, format!("2.1 nod 25 2\n{mask}\n0 0\n{mask}\n1 9000\n")).unwrap();
+        let motion = read_motion(&path, &bank, None).unwrap();
+        assert!(motion.is_still() && motion.not_shown == ["48".parse().unwrap()]);
     }
 
     #[test]

@@ -174,7 +174,7 @@ mod tests {
     fn goal(x: f64, y: f64, z: f64) -> Goal {
         let basis = FpBasis::new(&testing::bank());
         let offsets = vec![Some(Vector3::new(x, y, z)); 3];
-        Goal::new(&basis, &FpMotion { offsets, planar: false }, |_| true).unwrap()
+        Goal::new(&basis, &FpMotion { offsets, planar: false, ..FpMotion::default() }, |_| true).unwrap()
     }
 
     #[test]
@@ -207,7 +207,8 @@ mod tests {
     fn a_single_member_and_a_target_opposite_to_it_are_answered() {
         let bank = testing::bank().select(&[0]).unwrap();
         let offsets = vec![Some(-Vector3::x()); 3];
-        let goal = Goal::new(&FpBasis::new(&bank), &FpMotion { offsets, planar: false }, |_| true).unwrap();
+        let goal =
+            Goal::new(&FpBasis::new(&bank), &FpMotion { offsets, planar: false, ..FpMotion::default() }, |_| true).unwrap();
         let run = evolve(&goal, &GaOptions::default(), 0, 0, 0);
         assert_eq!((run.fitness, &run.weights[..]), (-1.0, &[1.0][..]));
         assert_eq!(run.history.len(), 1);

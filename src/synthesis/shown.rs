@@ -1,8 +1,10 @@
 //! Detects motion that a bank cannot show: frames in which nothing moves, and motion limited by points that should rest.
 
+use nalgebra::Vector3;
+
 use super::{
-    FpMotion, FrameAnswer, Solver, Synthesizer,
-    target::{REST_REACH, staying_points},
+    FpMotion, FrameAnswer, RegionScheme, Regions, Solver, Synthesizer,
+    target::{FREE_REACH, REST_REACH, free_points, staying_points},
 };
 use crate::units::FeaturePoint;
 
@@ -20,11 +22,17 @@ pub(crate) struct Unshown {
 /// Fraction of the target's length from which a motion counts as fully shown.
 const SHOWN: f64 = 0.9;
 
-/// Motion that a bank shows only in part, because it would also move points that should rest.
+/// Fraction of the largest motion from which a frame counts for [`HeldBack`]: what little moves in other frames is rounding, or hardly
+/// seen.
+const SEEN: f64 = 0.2;
+
+/// Motion that a bank shows only in part, because it would also move points that should rest, or others too far.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct HeldBack {
-    /// The point that should rest and moves most.
+    /// The point that holds the motion back.
     pub point: FeaturePoint,
+    /// Whether it should rest. Otherwise it is free, and its motion limited to one and a half times that of the point that should move farthest.
+    pub rests: bool,
     /// Frame index, from 0.
     pub frame: usize,
     /// Its motion, in the bank's unit.
@@ -51,32 +59,75 @@ impl Synthesizer<'_> {
         (frames > 0).then(|| Unshown { regions: regions.into_iter().map(|r| names[r]).collect(), frames, moving })
     }
 
+    /// Whether a motion is on one side of the face.
+    pub(crate) fn is_one_sided(&self, motions: &[FpMotion]) -> bool {
+        self.is_on_one_side(motions.iter().map(|m| m.offsets.iter().map(|o| o.map_or(0.0, |v| v.norm())).collect()))
+    }
+
+    /// Whether a motion on one side of the face is answered on both sides.
+    pub(crate) fn answers_both_sides(&self, answers: &[FrameAnswer], motions: &[FpMotion]) -> bool {
+        let lengths = |points: Vec<[f64; 3]>| points.iter().map(|[x, y, z]| x.hypot(*y).hypot(*z)).collect();
+        let shown = self.point_motions(answers, motions).into_iter().map(lengths);
+        self.is_one_sided(motions) && !self.is_on_one_side(shown)
+    }
+
+    /// Whether feature points of one side go less than a third as far as those of the other, summed over frames of their lengths.
+    fn is_on_one_side(&self, lengths: impl Iterator<Item = Vec<f64>>) -> bool {
+        const BOTH: f64 = 1.0 / 3.0;
+        let Ok(sides) = Regions::new(self.bank(), RegionScheme::Halves, self.options().overlap) else { return false };
+        let [mut right, mut left] = [0.0; 2];
+        for frame in lengths {
+            for (k, length) in frame.into_iter().enumerate() {
+                right += length * sides.point_shares(0).get(k).copied().unwrap_or_default();
+                left += length * sides.point_shares(1).get(k).copied().unwrap_or_default();
+            }
+        }
+        right.min(left) < BOTH * right.max(left)
+    }
+
     /// Finds motion limited by points that should rest, and returns the frame with the longest target motion among those
-    /// affected. `motions` are as given, not emphasized.
+    /// affected. Frames with less than a fifth of the largest motion do not count. `motions` are as given, not emphasized.
     pub(crate) fn held_back(&self, answers: &[FrameAnswer], motions: &[FpMotion]) -> Option<HeldBack> {
         if self.options().solver == Solver::Rbf {
             return None;
         }
         let count = self.bank().feature_points().len();
         let mut held: Option<HeldBack> = None;
-        for (frame, (answer, motion)) in answers.iter().zip(motions).enumerate() {
+        // Of the motions as given: the emphasis is the same in all frames.
+        let farthest = |motion: &FpMotion| {
+            let length = |v: &Vector3<f64>| if motion.planar { v.xy().norm() } else { v.norm() };
+            motion.offsets.iter().flatten().map(length).fold(0.0, f64::max)
+        };
+        let least = SEEN * motions.iter().map(farthest).fold(0.0, f64::max);
+        for (frame, (answer, motion)) in answers.iter().zip(motions).enumerate().filter(|(_, (_, m))| farthest(m) >= least) {
             let motion = motion.emphasized(self.options().emphasis);
             let points = self.joined_motion(&answer.weights);
-            let length = |[x, y, z]: [f64; 3]| x.hypot(y).hypot(if motion.planar { 0.0 } else { z });
+            let size = |[x, y, z]: [f64; 3]| x.hypot(y).hypot(z);
+            let length = |point: usize, vector: [f64; 3]| size(motion.seen(point, vector));
             let moving: Vec<(usize, f64)> = self
                 .moving_points(&motion, &|_| true)
                 .into_iter()
-                .filter_map(|point| Some((point, length(motion.offsets[point]?.into()))))
+                .filter_map(|point| Some((point, length(point, motion.offsets[point]?.into()))))
                 .collect();
             let asked = moving.iter().map(|m| m.1).fold(0.0, f64::max);
             let all: f64 = moving.iter().map(|m| m.1).sum();
-            let length_share = moving.iter().map(|m| length(points[m.0])).sum::<f64>() / all;
-            let rest = staying_points(&motion, count, &|_| true).into_iter().map(|point| (point, length(points[point])));
-            let (Some((point, moved)), Some(shown)) = (rest.max_by(|a, b| a.1.total_cmp(&b.1)), answer.shown) else { continue };
+            let length_share = moving.iter().map(|m| length(m.0, points[m.0])).sum::<f64>() / all;
+            // The point that is nearest to how far it may go.
+            let rest = staying_points(&motion, count, &|_| true).into_iter().map(|point| (point, true));
+            let free = free_points(&motion, count, &|_| true).into_iter().map(|point| (point, false));
+            let reach = |rests: bool| if rests { REST_REACH } else { FREE_REACH };
+            let used = rest.chain(free).map(|(point, rests)| {
+                let vector = if rests { motion.seen(point, points[point]) } else { motion.free(point, points[point]) };
+                (point, rests, size(vector) / reach(rests))
+            });
+            let (Some((point, rests, used)), Some(shown)) = (used.max_by(|a, b| a.2.total_cmp(&b.2)), answer.shown) else {
+                continue;
+            };
             // The motion of the point if the motion were scaled to the target's length.
-            let would_tear = moved > 0.99 * REST_REACH * asked * length_share;
+            let would_tear = used > 0.99 * asked * length_share;
             if length_share < SHOWN && would_tear && held.as_ref().is_none_or(|h| asked > h.asked) {
-                held = Some(HeldBack { point: self.bank().feature_points()[point].fp, frame, moved, asked, shown });
+                let (point, moved) = (self.bank().feature_points()[point].fp, used * reach(rests));
+                held = Some(HeldBack { point, rests, frame, moved, asked, shown });
             }
         }
         held
@@ -85,17 +136,15 @@ impl Synthesizer<'_> {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::Vector3;
-
     use super::*;
-    use crate::synthesis::{Bank, BankInfo, RegionScheme, SynthesisOptions, testing};
+    use crate::synthesis::{Bank, BankInfo, SynthesisOptions, testing};
 
     /// Answers of the bank's first two members, right and up, to one motion of all three feature points.
     fn answered(offset: Vector3<f64>, solver: Solver, smoothing_frames: f64) -> (Vec<FrameAnswer>, Option<Unshown>) {
         let bank = testing::bank().select(&[0, 1]).unwrap();
         let options = SynthesisOptions { solver, smoothing_frames, bound_starts: 0, ..SynthesisOptions::default() };
         let synthesizer = Synthesizer::new(&bank, options).unwrap();
-        let motion = |share: f64| FpMotion { offsets: vec![Some(offset * share); 3], planar: true };
+        let motion = |share: f64| FpMotion { offsets: vec![Some(offset * share); 3], planar: true, ..FpMotion::default() };
         let answers = synthesizer.animate(&[motion(0.0), motion(0.5), motion(1.0)], || {});
         let unshown = synthesizer.unshown(&answers);
         (answers, unshown)
@@ -126,10 +175,52 @@ mod tests {
         let options = SynthesisOptions { regions: RegionScheme::Halves, bound_starts: 0, ..SynthesisOptions::default() };
         let synthesizer = Synthesizer::new(&bank, options).unwrap();
         let offsets = vec![Some(-Vector3::x()), Some(Vector3::x()), Some(Vector3::x())];
-        let answers = synthesizer.animate(&[FpMotion { offsets, planar: true }], || {});
+        let answers = synthesizer.animate(&[FpMotion { offsets, planar: true, ..FpMotion::default() }], || {});
         assert_eq!(synthesizer.unshown(&answers), Some(Unshown { regions: vec!["right"], frames: 1, moving: 1 }));
         assert_eq!(answers[0].weights[0], [0.0]);
         assert!((answers[0].weights[1][0] - 1.0).abs() < 1e-9, "{:?}", answers[0].weights);
+    }
+
+    #[test]
+    fn frames_that_hardly_move_hold_nothing_back() {
+        // `both` moves the corner of the mouth up and, half as far again, a point that should rest; `one` the corner alone.
+        let mesh = testing::bank().mesh().clone();
+        let (zero, up) = ([0.0; 3], [0.0, 1.0, 0.0]);
+        let displacements = [[up, zero, [0.0, 1.5, 0.0], zero], [up, zero, zero, zero]].concat();
+        let points = testing::bank().feature_points().to_vec();
+        let names = ["both", "one"].map(str::to_owned).to_vec();
+        let bank = Bank::new(mesh, names, displacements, points, BankInfo::default()).unwrap();
+        let synthesizer = Synthesizer::new(&bank, SynthesisOptions { bound_starts: 0, ..SynthesisOptions::default() }).unwrap();
+        let motion = |y: f64| FpMotion {
+            offsets: vec![Some(Vector3::y() * y), Some(Vector3::zeros()), Some(Vector3::zeros())],
+            planar: true,
+            ..FpMotion::default()
+        };
+        let motions = [motion(0.1), motion(1.0)];
+        // A frame shown by `both`, as far as the resting point allows, and one shown by `one` in full.
+        let answer = |motion: &FpMotion, weights: [f64; 2]| {
+            let mut answer = synthesizer.solve(motion, 0);
+            answer.weights = vec![weights.to_vec()];
+            answer.shown = Some(weights.iter().sum::<f64>() / motion.total_length());
+            answer
+        };
+        let held = |small: [f64; 2], large: [f64; 2]| {
+            synthesizer.held_back(&[answer(&motions[0], small), answer(&motions[1], large)], &motions)
+        };
+        assert_eq!(held([0.033, 0.0], [0.0, 1.0]), None);
+        let found = held([0.0, 0.1], [0.33, 0.0]).unwrap();
+        assert!(found.frame == 1 && found.rests && (found.shown - 0.33).abs() < 1e-9, "{found:?}");
+        // A side that moves less than a third as far as the other is at rest beside it: the points are on the left, the right and the left.
+        let side = |left: f64, right: f64| FpMotion {
+            offsets: [right, left, 0.0].map(|y| Some(Vector3::y() * y)).to_vec(),
+            planar: true,
+            ..FpMotion::default()
+        };
+        assert!(synthesizer.is_one_sided(&[side(1.0, 0.2)]) && !synthesizer.is_one_sided(&[side(1.0, 0.5)]));
+        // `one` moves the right alone; the bank has nothing for the left.
+        let right = side(0.0, 1.0);
+        assert!(!synthesizer.answers_both_sides(&[answer(&right, [0.0, 1.0])], &[right.clone()]));
+        assert!(synthesizer.answers_both_sides(&[answer(&right, [1.0, 0.0])], &[right]));
     }
 
     #[test]
@@ -145,7 +236,7 @@ mod tests {
         let bank = Bank::new(mesh, names, displacements, points, BankInfo::default()).unwrap();
         let synthesizer = Synthesizer::new(&bank, SynthesisOptions { bound_starts: 0, ..SynthesisOptions::default() }).unwrap();
         let offsets = vec![Some(-Vector3::y()), Some(Vector3::y()), Some(Vector3::zeros())];
-        let answer = &synthesizer.animate(&[FpMotion { offsets, planar: true }], || {})[0];
+        let answer = &synthesizer.animate(&[FpMotion { offsets, planar: true, ..FpMotion::default() }], || {})[0];
         let weights = &answer.weights[0];
         assert!(weights[0] > 1.0, "{weights:?}");
         assert!(answer.fitness.is_some_and(|fitness| fitness > 0.5), "{answer:?}");

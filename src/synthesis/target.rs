@@ -22,24 +22,46 @@ use super::{Bank, fitness::fitness};
 /// assert_eq!((motion.total_length(), motion.emphasized(1.5).total_length()), (3.0, 4.5));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct FpMotion {
     /// Offset from neutral of each of the bank's F feature points, in the bank's order and unit; `None` if unknown.
     pub offsets: Vec<Option<Vector3<f64>>>,
     /// Whether z is unknown: candidate and target are then compared in the x-y plane.
     pub planar: bool,
+    /// For each feature point whether its x and its y are free: unknown, and drawn to rest weakly. So are those that a FAP file could
+    /// set and does not, such as the x of a corner of the mouth that it only raises. Empty if nothing is free.
+    pub free_axes: Vec<[bool; 2]>,
 }
 
 impl FpMotion {
     /// Returns the motion of all feature points in a surface given by V displacements of the bank's mesh.
     pub fn of_surface(bank: &Bank, displacements: &[[f32; 3]]) -> Self {
         let offset = |vertex: u32| Vector3::from(displacements[vertex as usize].map(f64::from));
-        Self { offsets: bank.feature_points().iter().map(|p| Some(offset(p.vertex))).collect(), planar: false }
+        Self { offsets: bank.feature_points().iter().map(|p| Some(offset(p.vertex))).collect(), ..Self::default() }
     }
 
     /// Returns the motion times the emphasis level c [ZL, section 5].
     pub fn emphasized(&self, c: f64) -> Self {
-        Self { offsets: self.offsets.iter().map(|o| o.map(|v| v * c)).collect(), planar: self.planar }
+        Self { offsets: self.offsets.iter().map(|o| o.map(|v| v * c)).collect(), ..self.clone() }
+    }
+
+    /// Whether x, y and z of a feature point are known.
+    pub(super) fn known_axes(&self, point: usize) -> [bool; 3] {
+        let [x, y] = self.free_axes.get(point).copied().unwrap_or_default();
+        let is_known = self.offsets.get(point).is_some_and(Option::is_some);
+        [is_known && !x, is_known && !y, is_known && !self.planar]
+    }
+
+    /// The free components of a vector at a feature point.
+    pub(super) fn free(&self, point: usize, [x, y, _]: [f64; 3]) -> [f64; 3] {
+        let free = self.free_axes.get(point).copied().unwrap_or_default();
+        [if free[0] { x } else { 0.0 }, if free[1] { y } else { 0.0 }, 0.0]
+    }
+
+    /// A vector at a feature point without the components that are unknown there.
+    pub(super) fn seen(&self, point: usize, vector: [f64; 3]) -> [f64; 3] {
+        let known = self.known_axes(point);
+        std::array::from_fn(|axis| if known[axis] { vector[axis] } else { 0.0 })
     }
 
     /// Summed length of all motion, the bank's unit.
@@ -54,6 +76,8 @@ pub struct FpBasis {
     points: usize,
     /// Flat array, M x F x 3.
     motions: Vec<f64>,
+    /// Part of the face of every feature point.
+    parts: Vec<u8>,
 }
 
 impl FpBasis {
@@ -65,7 +89,7 @@ impl FpBasis {
             let displacements = bank.displacements(member);
             motions.extend(points.iter().flat_map(|p| displacements[p.vertex as usize].map(f64::from)));
         }
-        Self { points: points.len(), motions }
+        Self { points: points.len(), motions, parts: points.iter().map(|p| part_of(p.fp.group)).collect() }
     }
 
     /// Number of members M.
@@ -88,6 +112,22 @@ pub const REST_REACH: f64 = 0.5;
 /// Motion of such a point, in the same fraction, below which the fitness is not reduced.
 const REST_FREE: f64 = 0.25;
 
+/// Largest motion of a free point, in the same fraction: nothing goes much farther than what should go farthest.
+pub const FREE_REACH: f64 = 1.5;
+/// Weights of such a point, relative to one that should rest: in a part of the face in which something moves, and elsewhere. It is
+/// drawn to rest where lengths count (least squares, the pull of the refinement); fitness and share do not count it. A stretching
+/// mouth may take the chin along, but a brow does not open the mouth.
+const FREE_NEAR: f64 = 0.05;
+const FREE_FAR: f64 = 2.0;
+/// Ridge on the weights of members where all points are free, as a fraction of the members' mean squared motion: of mixtures that
+/// differ only in what is free, the one of few strong members is taken, not one whose members cancel.
+const FREE_RIDGE: f64 = 0.02;
+
+/// Part of the face of a group of feature points: chin, cheeks, lips and nose move together.
+fn part_of(group: u8) -> u8 {
+    if matches!(group, 2 | 5 | 8 | 9) { 2 } else { group }
+}
+
 /// Fitness below which an answer shows nothing of the target. Its directions are then on average less than half a degree from a
 /// right angle to the target, which rounding produces for a motion along x when members move along y.
 const LEAST_FITNESS: f64 = 0.01;
@@ -97,16 +137,20 @@ type PointTarget = (usize, [f64; 3]);
 
 /// Splits the feature points of `0..points` for which `is_in` holds into moving and resting ones.
 fn split_points(motion: &FpMotion, points: usize, is_in: &dyn Fn(usize) -> bool) -> (Vec<PointTarget>, Vec<PointTarget>) {
-    let flat = |v: Vector3<f64>| if motion.planar { [v.x, v.y, 0.0] } else { [v.x, v.y, v.z] };
-    let longest = motion.offsets.iter().flatten().map(|&v| norm(&flat(v))).fold(0.0, f64::max);
-    let known =
-        (0..points.min(motion.offsets.len())).filter(|&k| is_in(k)).filter_map(|k| motion.offsets[k].map(|v| (k, flat(v))));
+    let flat = |k: usize| motion.offsets[k].map(|v| (k, motion.seen(k, v.into())));
+    let longest = (0..motion.offsets.len()).filter_map(flat).map(|(_, v)| norm(&v)).fold(0.0, f64::max);
+    let known = (0..points.min(motion.offsets.len())).filter(|&k| is_in(k)).filter_map(flat);
     known.partition(|(_, v)| norm(v) > longest * STILL_SHARE)
 }
 
 /// Indices of the moving feature points, in the order of a goal over those for which `is_in` holds.
 pub(super) fn moving_points(motion: &FpMotion, points: usize, is_in: &dyn Fn(usize) -> bool) -> Vec<usize> {
     split_points(motion, points, is_in).0.into_iter().map(|p| p.0).collect()
+}
+
+/// Indices of the feature points that are free along an axis.
+pub(super) fn free_points(motion: &FpMotion, points: usize, is_in: &dyn Fn(usize) -> bool) -> Vec<usize> {
+    (0..points).filter(|&k| is_in(k) && motion.free_axes.get(k).is_some_and(|free| free.contains(&true))).collect()
 }
 
 /// Indices of the feature points that should rest, in the order of such a goal.
@@ -130,6 +174,10 @@ pub struct Goal {
     length: f64,
     /// Members x (moving and staying feature points).
     candidates: Vec<f64>,
+    /// Members x free feature points, times their weights.
+    free: Vec<f64>,
+    /// Weights of the free feature points.
+    free_weights: Vec<f64>,
 }
 
 impl Goal {
@@ -141,17 +189,22 @@ impl Goal {
         }
         let members = basis.member_count();
         let points: Vec<usize> = moving.iter().chain(&staying).map(|p| p.0).collect();
-        let mut candidates = Vec::with_capacity(3 * members * points.len());
-        for member in 0..members {
-            for &point in &points {
-                let [x, y, z] = basis.motion(member, point);
-                candidates.extend([x, y, if motion.planar { 0.0 } else { z }]);
-            }
-        }
+        let motions = |points: &[usize], part: &dyn Fn(usize, [f64; 3]) -> [f64; 3]| -> Vec<f64> {
+            let of = |member: usize| points.iter().flat_map(move |&point| part(point, basis.motion(member, point)));
+            (0..members).flat_map(of).collect()
+        };
+        let candidates = motions(&points, &|point, v| motion.seen(point, v));
+        let free_points = free_points(motion, basis.points, &is_in);
+        let weight = |point: usize| {
+            let is_near = moving.iter().any(|(moving, _)| basis.parts[*moving] == basis.parts[point]);
+            if is_near { FREE_NEAR } else { FREE_FAR }
+        };
+        let free_weights = free_points.iter().map(|&point| weight(point)).collect();
+        let free = motions(&free_points, &|point, v| motion.free(point, v).map(|c| c * weight(point)));
         let directions = moving.iter().flat_map(|(_, v)| v.map(|c| c / norm(v))).collect();
         let length = moving.iter().map(|(_, v)| norm(v)).sum();
         let target = moving.iter().map(|p| p.1).chain(staying.iter().map(|_| [0.0; 3])).flatten().collect();
-        Some(Self { members, moving: moving.len(), target, directions, length, candidates })
+        Some(Self { members, moving: moving.len(), target, directions, length, candidates, free, free_weights })
     }
 
     /// Number of members M.
@@ -184,6 +237,28 @@ impl Goal {
         &self.candidates[member * size..(member + 1) * size]
     }
 
+    /// Motion of the free feature points in one member, weighted for least squares.
+    pub(super) fn free_candidate(&self, member: usize) -> &[f64] {
+        let size = self.free.len() / self.members.max(1);
+        &self.free[member * size..(member + 1) * size]
+    }
+
+    /// Ridge on the weights for the share of free feature points, as a fraction of the members' mean squared motion.
+    pub(super) fn free_ridge(&self) -> f64 {
+        let free = self.free_weights.len() as f64;
+        FREE_RIDGE * free / (free + (self.target.len() / 3) as f64)
+    }
+
+    /// Scales weights so that all known points come closest to their targets.
+    pub(super) fn fit_closest(&self, weights: &mut [f64]) {
+        let (motion, rest) = (self.motion(weights), self.rest_motion(weights));
+        let square: f64 = motion.iter().chain(&rest).map(|v| v * v).sum();
+        if square > 0.0 {
+            let factor = (self.along(&motion) / square).max(0.0);
+            weights.iter_mut().for_each(|w| *w *= factor);
+        }
+    }
+
     /// Motion of the moving feature points in a member.
     pub fn moving_candidate(&self, member: usize) -> &[f64] {
         &self.candidate(member)[..3 * self.moving]
@@ -206,6 +281,16 @@ impl Goal {
             sum.iter_mut().zip(&self.candidate(member)[from..]).for_each(|(s, c)| *s += weight * c);
         }
         sum
+    }
+
+    /// The longest motion, in a weighted sum of members, of a free feature point, the bank's unit.
+    fn longest_free(&self, weights: &[f64]) -> f64 {
+        let mut sum = vec![0.0; self.free.len() / self.members.max(1)];
+        for (member, &weight) in weights.iter().enumerate().filter(|(_, w)| **w != 0.0) {
+            sum.iter_mut().zip(self.free_candidate(member)).for_each(|(s, c)| *s += weight * c);
+        }
+        let lengths = sum.as_chunks::<3>().0.iter().zip(&self.free_weights).map(|(v, weight)| norm(v) / weight);
+        lengths.fold(0.0, f64::max)
     }
 
     /// The longest target motion, the bank's unit.
@@ -260,9 +345,10 @@ impl Goal {
     /// Scales weights so that the summed length of their motion is the target's [ZL, section 3]; weights without motion are
     /// unchanged.
     ///
-    /// If a point that should rest would then move by more than [`REST_REACH`] of the longest target motion, the scale is the one
-    /// at which all points come closest to their targets, with that point limited to [`REST_REACH`]. Otherwise the face would be
-    /// distorted by motion that the bank cannot show in isolation. Returns whether this limit applied.
+    /// If a point that should rest would then move by more than [`REST_REACH`] of the longest target motion, or a free point
+    /// by more than [`FREE_REACH`] of it, the scale is the one at which all points come closest to their targets, with that
+    /// point limited so. Otherwise the face would be distorted by motion that the bank cannot show in isolation. Returns whether
+    /// this limit applied.
     pub fn fit_length(&self, weights: &mut [f64]) -> bool {
         let motion = self.motion(weights);
         let length = summed_length(&motion);
@@ -270,10 +356,11 @@ impl Goal {
         if length > 0.0 {
             let mut factor = self.length / length;
             let rest = self.rest_motion(weights);
-            let (farthest, reach) = (longest(&rest) * factor, REST_REACH * self.longest());
-            is_held = farthest > reach;
+            // How many times farther than allowed a point would go.
+            let excess = (longest(&rest) / REST_REACH).max(self.longest_free(weights) / FREE_REACH) * factor / self.longest();
+            is_held = excess > 1.0;
             if is_held {
-                let most = factor * reach / farthest;
+                let most = factor / excess;
                 let square: f64 = motion.iter().chain(&rest).map(|v| v * v).sum();
                 let closest = self.along(&motion) / square;
                 factor = if closest > 0.0 { closest.min(most) } else { most };

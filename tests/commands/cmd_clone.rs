@@ -244,6 +244,21 @@ fn lids_move_by_the_values_of_a_fap_file_on_any_face() {
     clone(&work, "--source out/fap/tracks/S001_005.fap -o fap").exit(0);
     let (track, fap) = (values("track/clone.fap"), values("fap/clone.fap"));
     assert!(track.iter().zip(&fap).take(4).all(|(a, b)| (a - b).abs() < 20.0), "{track:?} {fap:?}");
+    // With --head, the turns of the head are those of the track's own FAP file, from its first frame on.
+    clone(&work, "--source out/tracks/S001_005.csv --head -o head").exit(0);
+    let head = |name: &str| -> Vec<[Option<f64>; 3]> {
+        let sequence = read_fap(&work.path(name)).unwrap().sequence;
+        sequence.frames.iter().map(|f| [48, 49, 50].map(|fap| f.value(FapNumber::try_from(fap).unwrap()))).collect()
+    };
+    let (cloned, tracked) = (head("head/clone.fap"), head("out/fap/tracks/S001_005.fap"));
+    assert_eq!(cloned.len(), tracked.len());
+    for (cloned, tracked_now) in cloned.iter().zip(&tracked) {
+        for axis in 0..3 {
+            let turn = tracked_now[axis].unwrap() - tracked[0][axis].unwrap();
+            assert!((cloned[axis].unwrap() - turn).abs() <= 2.0, "{cloned:?} {tracked_now:?} {:?}", tracked[0]);
+        }
+    }
+    assert_eq!(head("track/clone.fap")[1], [None; 3]);
 }
 
 #[test]
@@ -255,6 +270,17 @@ fn only_faps_that_the_file_sets_are_reported_as_clamped() {
     let info: serde_json::Value = serde_json::from_str(&work.read("jaw/clone.json")).unwrap();
     let cut: Vec<_> = info["faps_cut"].as_array().unwrap().iter().map(|cut| cut["fap"].as_u64().unwrap()).collect();
     assert_eq!(cut, [3], "{info}");
+    let changed = info["faps_changed"].as_array().unwrap();
+    assert!(changed.iter().all(|changed| changed["fap"] == 3), "{info}");
+}
+
+#[test]
+fn sources_of_one_name_are_told_apart() {
+    let work = work();
+    let jaw = fap_file(&[3], "200");
+    work.write("a/jaw.fap", jaw.clone()).write("b/jaw.fap", jaw);
+    clone(&work, "--source a/jaw.fap b/jaw.fap -o batch").exit(0).prints(&["2 of 2 clones written to batch"]);
+    assert!(work.path("batch/target_jaw-a/clone.json").exists() && work.path("batch/target_jaw-b/clone.json").exists());
 }
 
 #[test]

@@ -239,16 +239,23 @@ fn convert_keeps_the_duration_or_the_frames_at_another_rate() {
 }
 
 #[test]
-fn an_unset_fap_is_the_same_at_another_rate() {
+fn a_fap_that_a_frame_leaves_out_is_interpolated_at_any_rate() {
     let work = Work::new();
-    // The second of three frames sets no FAP: readers treat that as 0.
+    // The second of three frames sets no FAP.
     let (some, none) = (mask(&[4]), mask(&[]));
-    work.write("gap.fap", format!("2.1 joy 25 3\n{some}\n0 90\n{none}\n1\n{some}\n2 90\n"));
-    work.grimace("fap convert gap.fap --fps 50 -o once.fap").exit(0);
+    work.write("gap.fap", format!("2.1 joy 25 3\n{some}\n0 90\n{none}\n1\n{some}\n2 30\n"));
+    // The file itself is shown as it is.
+    let info = json(&work, "fap info gap.fap --json");
+    assert_eq!(info["files"][0]["faps"][0]["min"], 30.0, "{info}");
+    work.grimace("fap check gap.fap").exit(0).prints(&["mask-varies"]);
+    work.grimace("fap convert gap.fap --fps 50 -o once.fap")
+        .exit(0)
+        .says(&["interpolated 1 value in frames that leave a FAP out"]);
     work.grimace("fap convert gap.fap -o filled.fap").exit(0);
+    assert_eq!(work.read("filled.fap"), format!("2.1 joy 25 3\n{some}\n0 90\n{some}\n1 60\n{some}\n2 30\n"));
     work.grimace("fap convert filled.fap --fps 50 -o twice.fap").exit(0);
     assert_eq!(work.read("once.fap"), work.read("twice.fap"));
-    assert!(work.read("once.fap").contains("\n1 34\n"), "{}", work.read("once.fap"));
+    assert!(work.read("once.fap").contains("\n1 75\n"), "{}", work.read("once.fap"));
     // `-` means standard output.
     assert_eq!(work.grimace("fap convert gap.fap --fps 50 -o -").exit(0).stdout, work.read("once.fap"));
     assert!(!work.path("-").exists());

@@ -9,9 +9,13 @@ fn data(html: &str) -> serde_json::Value {
     serde_json::from_str(&html[start..start + length]).unwrap()
 }
 
+/// Returns the mask of a FAP file with these FAPs set.
+fn mask(set: &[usize]) -> String {
+    (1..=68).map(|k| if set.contains(&k) { "1" } else { "0" }).collect::<Vec<_>>().join(" ")
+}
+
 /// Returns a FAP file that opens the jaw in three frames.
 fn jaw() -> String {
-    let mask = |set: &[usize]| (1..=68).map(|k| if set.contains(&k) { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
     let frames: String = [0, 200, 400].iter().enumerate().map(|(k, v)| format!("{}\n{k} {v}\n", mask(&[3]))).collect();
     format!("2.1 jaw 25 3\n{frames}")
 }
@@ -28,7 +32,7 @@ fn a_page_plays_tracks_and_fap_files_on_the_shipped_face_and_on_portraits() {
     assert_eq!((motion(0)["label"].as_str(), motion(0)["kind"].as_str()), (Some("S001 005"), Some("track")));
     assert_eq!((motion(1)["frames"].as_u64(), motion(1)["kind"].as_str()), (Some(3), Some("fap")));
     // A track is named by its subject and emotion, not by its file name; two tracks of one sequence are named by their files.
-    assert!(html.contains("<title>S001 005 to jaw"), "{}", &html[..html.find("</title>").unwrap()]);
+    assert!(html.contains("<title>S001 005 and jaw"), "{}", &html[..html.find("</title>").unwrap()]);
     for (name, extension) in ["smile", "grin"].iter().flat_map(|name| [(name, "csv"), (name, "json")]) {
         work.write(&format!("{name}.{extension}"), work.read(&format!("S001_005.{extension}")));
     }
@@ -115,6 +119,20 @@ fn inputs_that_cannot_be_played_are_reported() {
         .exit(1)
         .says(&["notes.txt: this is neither a track or model (.csv) nor a FAP file (.fap)"]);
     work.grimace("play bad.fap -o a.html").exit(1).says(&["bad.fap"]);
+    // One of several: the others are played.
+    let nod = jaw().replace(&mask(&[3]), &mask(&[48]));
+    work.write("a/jaw.fap", jaw()).write("b/jaw.fap", jaw()).write("nod.fap", nod);
+    work.grimace("play a/jaw.fap bad.fap b/jaw.fap nod.fap --bank candide -o some.html")
+        .exit(3)
+        .prints(&["2 motions on 1 face: some.html"])
+        .says(&["failed: bad.fap", "failed: nod.fap: none of its FAPs (48) can be shown"]);
+    let html = work.read("some.html");
+    let page = data(&html);
+    let labels: Vec<_> = page["motions"].as_array().unwrap().iter().map(|motion| motion["label"].clone()).collect();
+    assert_eq!((labels, page["faces"][0]["motions"].as_array().unwrap().len()), (vec!["jaw (a)".into(), "jaw (b)".into()], 2));
+    assert!(html.contains("<title>jaw (a) and jaw (b)"));
+    work.grimace("play bad.fap nod.fap -o none.html").exit(1).says(&["no motion can be played", "bad.fap", "nod.fap"]);
+    assert!(!work.path("none.html").exists());
     work.grimace("play missing.csv -o a.html").exit(1).says(&["missing.csv"]);
     work.grimace("play -o a.html").exit(2);
     work.grimace("play --help").exit(0).prints(&["Examples:", "grimace play results/representatives"]);

@@ -95,7 +95,18 @@ fn only_its_own_files_are_overwritten_and_removed() {
     work.grimace(&format!("{command} -m b.csv --force")).exit(0);
     work.write("file", "").grimace("synthesize -b candide -m a.csv -o file --force").exit(1).says(&["file: this is a file"]);
     work.write("c/a.csv", work.read("b.csv"));
-    work.grimace(&format!("{command}2 -m a.csv c/a.csv")).exit(1).says(&["a.csv and c/a.csv: both animations would be called a"]);
+    // Motions of one name get what tells them apart, and one that cannot be read does not stop the others.
+    work.write("bad.fap", "nonsense");
+    work.grimace(&format!("{command}2 -m a.csv bad.fap c/a.csv")).exit(3).says(&["failed: bad.fap"]);
+    assert!(work.path("out2/a/synthesis.json").exists() && work.path("out2/a-c/synthesis.json").exists());
+    let (document, _, _) = gltf::import(work.path("out2/animation.glb")).unwrap();
+    assert_eq!(document.animations().map(|one| one.name().unwrap().to_owned()).collect::<Vec<_>>(), ["a", "a-c"]);
+    work.grimace(&format!("{command}3 -m bad.fap gone.fap")).exit(1).says(&[
+        "no motion can be synthesized",
+        "bad.fap",
+        "gone.fap",
+    ]);
+    assert!(!work.path("out3").exists());
 }
 
 #[test]
@@ -302,19 +313,32 @@ fn tracks_and_fap_files_are_motions_too() {
 }
 
 #[test]
-fn faps_that_a_file_does_not_set_rest() {
+fn faps_that_a_file_does_not_set_are_free() {
     let work = Work::new();
-    // Only the upper lids: as if all other FAPs were 0.
-    let mask = (1..=68).map(|k| if k == 19 || k == 20 { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
-    work.write("lids.fap", format!("2.1 blink 25 3\n{mask}\n0 0 0\n{mask}\n1 450 450\n{mask}\n2 900 900\n"));
-    work.grimace("fap convert lids.fap --mask all -o all.fap").exit(0);
-    for name in ["lids", "all"] {
-        work.grimace(&format!("synthesize -b head -m {name}.fap -o {name} --bound-starts 0 --format glb")).exit(0);
-    }
-    assert_eq!(work.read("lids/weights.csv"), work.read("all/weights.csv"));
+    // Only the upper lids: nothing else sets in.
+    let mask = |set: &[usize]| (1..=68).map(|k| if set.contains(&k) { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
+    let lids = mask(&[19, 20]);
+    work.write("lids.fap", format!("2.1 blink 25 3\n{lids}\n0 0 0\n{lids}\n1 450 450\n{lids}\n2 900 900\n"));
+    // Only the inner corners of the lips, alike.
+    let smile = mask(&[12, 13]);
+    work.write("smile.fap", format!("2.1 smile 25 3\n{smile}\n0 0 0\n{smile}\n1 200 200\n{smile}\n2 400 400\n"));
+    work.grimace("fap convert smile.fap --mask all -o all.fap").exit(0);
+    let ran = ["lids", "smile", "all"]
+        .map(|name| work.grimace(&format!("synthesize -b head -m {name}.fap -o {name} --bound-starts 0 --format glb")).exit(0));
     let rows = work.rows("lids/weights.csv");
     let weight = |member: &str| rows[2][member].parse::<f64>().unwrap();
     assert!(weight("jawOpen") < 0.05 && weight("surprise") < 0.05 && weight("mouthSmile") < 0.05, "{:?}", rows[2]);
+    // The smile is shown, and nothing that has no part in it. With all other FAPs at 0 hardly any of it can be.
+    let shown = ["smile", "all"].map(|name| report(&work, name)["shown"].as_f64().unwrap());
+    assert!(shown[0] > 0.8 && shown[1] < 0.5, "{shown:?}");
+    let [_, smile, all] = ran;
+    assert!(!smile.stderr.contains("warning"), "{}", smile.stderr);
+    // The motion is the same on both sides: regions would not help.
+    assert!(
+        all.stderr.contains("the bank also moves points that should rest") && !all.stderr.contains("--regions"),
+        "{}",
+        all.stderr
+    );
 }
 
 /// Returns the mask of a FAP file with these FAPs set.
@@ -323,11 +347,14 @@ fn mask(faps: &[usize]) -> String {
 }
 
 #[test]
-fn faps_that_only_some_frames_set_are_0_in_the_others() {
+fn faps_that_only_some_frames_set_are_interpolated_in_the_others() {
     let work = Work::new();
     let (none, smile) = (mask(&[]), mask(&[53, 54, 59, 60]));
-    work.write("some.fap", format!("2.1 some 25 3\n{none}\n0\n{smile}\n1 100 100 80 80\n{smile}\n2 200 200 160 160\n"));
-    work.write("all.fap", format!("2.1 all 25 3\n{smile}\n0 0 0 0 0\n{smile}\n1 100 100 80 80\n{smile}\n2 200 200 160 160\n"));
+    // The second frame lies between two that set the smile, the last one after them.
+    let (rest, half, full) = ("0 0 0 0", "100 100 80 80", "200 200 160 160");
+    work.write("some.fap", format!("2.1 some 25 4\n{smile}\n0 {rest}\n{none}\n1\n{smile}\n2 {full}\n{none}\n3\n"));
+    let all = format!("2.1 all 25 4\n{smile}\n0 {rest}\n{smile}\n1 {half}\n{smile}\n2 {full}\n{smile}\n3 {full}\n");
+    work.write("all.fap", all);
     for name in ["some", "all"] {
         work.grimace(&format!("synthesize -b candide -m {name}.fap -o {name} --bound-starts 0 --between 3 --format glb")).exit(0);
         let portrait = root().join("fixtures/portraits/P01.jpg");
@@ -341,7 +368,7 @@ fn faps_that_only_some_frames_set_are_0_in_the_others() {
     assert_eq!(values("some"), values("all"));
     // Inserted frames add no time: the motion has its own rate.
     let report = report(&work, "some");
-    assert_eq!((report["frames"].clone(), report["motion"]["fps"].clone()), (9.into(), 100.0.into()), "{report}");
+    assert_eq!((report["frames"].clone(), report["motion"]["fps"].clone()), (13.into(), 100.0.into()), "{report}");
 }
 
 #[test]

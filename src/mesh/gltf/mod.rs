@@ -3,6 +3,7 @@
 //! The names of morph targets are in `extras.targetNames` of the mesh, the convention of Blender, three.js and other programs.
 
 mod read;
+mod seam;
 mod write;
 
 pub use read::{buffer_files, read_gltf};
@@ -118,6 +119,44 @@ mod tests {
         assert_eq!(at, places);
         let read = read(&bytes).unwrap();
         assert_eq!((read.mesh, read.targets), (mesh, vec![moves.to_vec()]));
+    }
+
+    #[test]
+    fn a_seam_copies_vertices_with_their_normals_colours_and_targets() {
+        // A triangle at the back of a prism, whose seam goes through it: turns of -150 and 150 degrees.
+        let (x, z) = (0.5, -0.75_f32.sqrt());
+        let positions = vec![[-x, 0.0, z], [x, 0.0, z], [0.0, 1.0, z], [-1.0, 0.0, 0.75_f32.sqrt()], [1.0, 0.0, 0.75_f32.sqrt()]];
+        let mesh = TriangleMesh::new(positions, vec![[1, 0, 2], [3, 4, 2]]).unwrap();
+        let moves = [vec![[0.1, 0.0, 0.0], [0.2, 0.0, 0.0], [0.3, 0.0, 0.0], [0.0; 3], [0.0; 3]], vec![[0.0, 0.1, 0.0]; 5]];
+        let targets = [
+            GltfTarget { name: "some".to_owned(), vertices: Some(vec![0, 1, 2]) },
+            GltfTarget { name: "all".to_owned(), vertices: None },
+        ];
+        let paint = [[10; 3], [20; 3], [30; 3], [40; 3], [50; 3]];
+        let look = GltfLook { paint: Some(&paint), ..GltfLook::default() };
+        let mut bytes = Vec::new();
+        write_glb(&mut bytes, (&mesh, &look), &targets, &|k| Cow::Borrowed(&moves[k][..]), &[], None).unwrap();
+        let (document, buffers, _) = gltf::import_slice(&bytes).unwrap();
+        let primitive = document.meshes().next().unwrap().primitives().next().unwrap();
+        let reader = primitive.reader(|b| Some(&buffers[b.index()]));
+        let corners: Vec<u32> = reader.read_indices().unwrap().into_u32().collect();
+        let places: Vec<[f32; 2]> = reader.read_tex_coords(0).unwrap().into_f32().collect();
+        let at: Vec<[f32; 3]> = reader.read_positions().unwrap().collect();
+        let normals: Vec<[f32; 3]> = reader.read_normals().unwrap().collect();
+        let colours: Vec<[f32; 4]> = reader.read_colors(0).unwrap().into_rgba_f32().collect();
+        let morphs: Vec<Vec<[f32; 3]>> = reader.read_morph_targets().map(|(p, _, _)| p.unwrap().collect()).collect();
+        assert!(at.len() > 5 && [places.len(), normals.len(), colours.len(), morphs[0].len(), morphs[1].len()] == [at.len(); 5]);
+        for triangle in corners.chunks(3) {
+            let u: Vec<f32> = triangle.iter().map(|&v| places[v as usize][0]).collect();
+            let span = u.iter().copied().fold(f32::MIN, f32::max) - u.iter().copied().fold(f32::MAX, f32::min);
+            assert!(span <= 0.5 + 1e-4, "{u:?}");
+        }
+        // Every copy is at the place of its vertex and moves with it.
+        for copy in 5..at.len() {
+            let vertex = (0..5).find(|&v| at[v] == at[copy]).unwrap();
+            assert_eq!((normals[copy], colours[copy]), (normals[vertex], colours[vertex]));
+            assert!(morphs.iter().all(|moves| moves[copy] == moves[vertex]));
+        }
     }
 
     /// Returns the file with its JSON changed.

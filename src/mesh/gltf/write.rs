@@ -17,6 +17,7 @@ use gltf::json::{
     validation::{Checked, USize64},
 };
 
+use super::seam::Seam;
 use crate::mesh::{TriangleMesh, add, colour::linear, sub, vertex_normals};
 
 /// A morph target to be written.
@@ -84,8 +85,8 @@ const CHUNK_BIN: u32 = 0x004E_4942;
 /// Writes a mesh, its morph targets (positions and normals) and animations of their weights as binary glTF.
 ///
 /// `metres` is the length of the mesh's unit in metres, the unit of glTF; `None` if unknown. Texture coordinates are those of the
-/// look's texture, or an unwrapping of the neutral mesh around its upright axis with the seam at the back. Materials share the
-/// vertices and the targets.
+/// look's texture, or an unwrapping of the neutral mesh around its upright axis with the seam at the back. Along the seam, vertices
+/// have copies behind the mesh's own, whose u is above 1; textures repeat. Materials share the vertices and the targets.
 ///
 /// `displacements(k)` returns the displacements of every vertex in target k. It is called twice for each target, and the results
 /// are not kept: apart from the mesh, one target at a time is in memory. Without targets no animation is written, because glTF
@@ -104,7 +105,16 @@ pub fn write_glb<'a>(
     let animations = if targets.is_empty() { &[] } else { animations };
     let whole = [GltfSurface { name: "skin", triangles: mesh.triangles().to_vec(), roughness: ROUGHNESS, textured: true }];
     let surfaces = if look.surfaces.is_empty() { &whole[..] } else { &look.surfaces };
-    let (root, bin_length) = document((mesh, look, surfaces), targets, displacements, animations, metres)?;
+    let seam = match &look.texture {
+        Some(texture) => Seam::new(surfaces, texture.places, false),
+        None => Seam::new(surfaces, &unwrapped(mesh), true),
+    };
+    let cut = |target: &GltfTarget| GltfTarget {
+        name: target.name.clone(),
+        vertices: target.vertices.as_ref().map(|vertices| seam.with_copies(vertices, mesh.vertex_count())),
+    };
+    let targets = &targets.iter().map(cut).collect::<Vec<_>>()[..];
+    let (root, bin_length) = document((mesh, look, &seam), targets, displacements, animations, metres)?;
     let mut text = json::serialize::to_vec(&root).map_err(io::Error::from)?;
     text.resize(text.len().next_multiple_of(4), b' ');
     let total = 12 + 8 + text.len() as u64 + 8 + bin_length;
@@ -119,24 +129,24 @@ pub fn write_glb<'a>(
     }
     // The same order as the views in `document`.
     let normals = vertex_normals(mesh.positions(), mesh.triangles());
-    write_vectors(out, mesh.positions())?;
-    write_vectors(out, &normals)?;
-    let places = look.texture.as_ref().map_or_else(|| Cow::Owned(unwrapped(mesh)), |texture| Cow::Borrowed(texture.places));
-    for number in places.as_flattened() {
+    write_vectors(out, &seam.all(mesh.positions()))?;
+    write_vectors(out, &seam.all(&normals))?;
+    for number in seam.places.as_flattened() {
         out.write_all(&number.to_le_bytes())?;
     }
-    for colour in look.paint.unwrap_or_default() {
+    for colour in look.paint.map(|paint| seam.all(paint)).unwrap_or_default() {
         let [red, green, blue] = colour.map(|c| (f32::from(u16::MAX) * linear(c)).round() as u16);
         for word in [red, green, blue, u16::MAX] {
             out.write_all(&word.to_le_bytes())?;
         }
     }
-    for triangle in surfaces.iter().flat_map(|surface| &surface.triangles) {
+    for triangle in seam.surfaces.iter().flat_map(|surface| &surface.triangles) {
         write_words(out, triangle)?;
     }
     for (k, target) in targets.iter().enumerate() {
         let moves = displacements(k);
-        let turns = normal_changes(mesh, &normals, &moves);
+        let turns = seam.all(&normal_changes(mesh, &normals, &moves));
+        let moves = seam.all(&moves);
         match &target.vertices {
             None => {
                 write_vectors(out, &moves)?;
@@ -295,13 +305,13 @@ impl Builder {
 }
 
 fn document<'a>(
-    (mesh, look, surfaces): (&TriangleMesh, &GltfLook<'_>, &[GltfSurface]),
+    (mesh, look, seam): (&TriangleMesh, &GltfLook<'_>, &Seam),
     targets: &[GltfTarget],
     displacements: &dyn Fn(usize) -> Cow<'a, [[f32; 3]]>,
     animations: &[GltfAnimation],
     metres: Option<f64>,
 ) -> io::Result<(Root, u64)> {
-    let count = mesh.vertex_count();
+    let count = seam.places.len();
     let generator = Some(format!("grimace {}", env!("CARGO_PKG_VERSION")));
     let copyright = Some(look.copyright.to_owned()).filter(|text| !text.is_empty());
     let asset = Asset { copyright, generator, version: "2.0".to_owned(), ..Asset::default() };
@@ -322,7 +332,7 @@ fn document<'a>(
         let view = builder.view(12 * surface.triangles.len() as u64, Some(buffer::Target::ElementArrayBuffer));
         builder.accessor(Some(view), 3 * surface.triangles.len(), ComponentType::U32, Type::Scalar)
     };
-    let indices: Vec<Index<Accessor>> = surfaces.iter().map(corners).collect();
+    let indices: Vec<Index<Accessor>> = seam.surfaces.iter().map(corners).collect();
     let mut morphs = Vec::with_capacity(targets.len());
     for (k, target) in targets.iter().enumerate() {
         let bounds = Some(bounds(&displacements(k)));
@@ -369,7 +379,7 @@ fn document<'a>(
             extras: None,
         }
     };
-    let primitives: Vec<Primitive> = surfaces.iter().zip(indices).map(primitive).collect();
+    let primitives: Vec<Primitive> = seam.surfaces.iter().zip(indices).map(primitive).collect();
     let names: Vec<&str> = targets.iter().map(|t| t.name.as_str()).collect();
     let extras = serde_json::value::to_raw_value(&serde_json::json!({ "targetNames": names })).map_err(io::Error::from)?;
     let mesh = root.push(Mesh {

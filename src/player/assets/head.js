@@ -26,6 +26,10 @@ class Head {
     normalsOf(eye);
     return eye;
   }
+  /** Whether a single FAP moves the head: angles, such as those of the gaze, do not. */
+  moves(fap) {
+    return this.faps.has(fap.number);
+  }
   /** Moves the head by motions with a position in time and a gain, and by FAPs with a value. */
   move(parts) {
     const { rest, moved, members } = this;

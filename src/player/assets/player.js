@@ -6,6 +6,10 @@ function node(tag, attributes = {}, ...children) {
   e.append(...children);
   return e;
 }
+function fapTitle(fap) {
+  return `FAP ${fap.number}, ${fap.name}, in ${fap.unit}`;
+}
+
 function vectorNode(tag, attributes = {}) {
   const e = document.createElementNS("http://www.w3.org/2000/svg", tag);
   for (const [name, value] of Object.entries(attributes)) e.setAttribute(name, value);
@@ -184,8 +188,8 @@ class FacePlayer {
       };
       input.addEventListener("input", () => set(Number(input.value)));
       input.addEventListener("dblclick", () => { input.value = 0; set(0); });
-      this.fapInputs.push({ input, clear: () => { input.value = 0; output.textContent = "0"; } });
-      rows.get(fap.part).push(node("label", { class: "gp-fap", title: `FAP ${fap.number}, ${fap.name}, in ${fap.unit}` }, node("span", {}, fap.words), input, output));
+      this.fapInputs.push({ fap, input, clear: () => { input.value = 0; output.textContent = "0"; } });
+      rows.get(fap.part).push(node("label", { class: "gp-fap", title: fapTitle(fap) }, node("span", {}, fap.words), input, output));
     }
     this.reset = button("Reset all to 0", () => {
       this.extra.clear();
@@ -197,8 +201,17 @@ class FacePlayer {
     const section = node("section", { class: "gp-part gp-faps" }, node("h3", {}, "Single FAPs"), node("p", { class: "gp-note" }, "These are added to the motion, in the units of each face. Set the strength to 0 to see them alone."), ...parts, this.reset);
     return section;
   }
+  /** Disables the sliders of FAPs that move none of the faces shown: a dense head has no gaze. */
+  syncSliders() {
+    for (const { fap, input } of this.fapInputs) {
+      const moves = this.seen.some((view) => view.rig.moves(fap));
+      input.disabled = !moves;
+      input.closest("label").title = moves ? fapTitle(fap) : `${fapTitle(fap)}: this face does not move with it`;
+    }
+  }
   /** Sets the menus to what is shown. */
   sync() {
+    this.syncSliders();
     for (const view of this.views) {
       view.motions.value = this.shelf.motions.indexOf(view.motion);
       view.faces.value = this.shelf.rigs.indexOf(view.rig);
@@ -219,6 +232,7 @@ class FacePlayer {
     this.compare.checked = on;
     this.views[1].figure.hidden = !on;
     this.stages.classList.toggle("gp-two", on);
+    this.syncSliders();
     this.draw();
   }
   setGain(gain) {

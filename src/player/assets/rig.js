@@ -22,6 +22,10 @@ class Rig {
     this.lidSkins = entry.openings.map(({ lid }) => lid && new LidSkin(lid, this));
     this.hollows = entry.openings.map(({ hollow }, k) => hollow && new Hollow(hollow, this.lidSkins[k], this));
   }
+  /** Whether a single FAP moves the face: all that the page offers do. */
+  moves() {
+    return true;
+  }
   level(p, k) {
     return p[2 * k] * this.down[0] + p[2 * k + 1] * this.down[1];
   }

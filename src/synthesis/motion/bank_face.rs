@@ -105,7 +105,11 @@ impl<'b> BankFace<'b> {
             let sum: Vector2<f64> = known.iter().sum();
             (!known.is_empty()).then(|| (sum / known.len() as f64).push(0.0))
         };
-        FpMotion { offsets: self.bank.feature_points().iter().map(|p| of_point(p.fp)).collect(), planar: true }
+        FpMotion {
+            offsets: self.bank.feature_points().iter().map(|p| of_point(p.fp)).collect(),
+            planar: true,
+            ..FpMotion::default()
+        }
     }
 }
 

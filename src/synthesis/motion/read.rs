@@ -9,7 +9,7 @@ use super::{
     bank_face::{BankFace, face_size, implausible},
 };
 use crate::{
-    fap::{FapCatalog, FapMask, FapNumber, offsets_from_frame, read_fap},
+    fap::{FapCatalog, FapFrame, FapNumber, offsets_from_frame, read_fap},
     input::CsvFile,
     interpolation::{MOST_EVEN, too_many_between},
     normalize::{NormalizeOptions, Normalizer, check_face_units},
@@ -19,7 +19,7 @@ use crate::{
     synthesis::{Bank, FpMotion, SynthesisError},
     text::excerpt,
     track::{TrackInfo, clock_of_frames, read_track, read_track_info, track_model},
-    units::FeaturePoint,
+    units::{FeaturePoint, NodeId},
     wireframe::LidUnits,
 };
 
@@ -98,7 +98,7 @@ fn read_points(file: &CsvFile, bank: &Bank) -> Result<Motion, SynthesisError> {
             let named = || format!("feature point {point}");
             size.check(number, named, offset, "its place in the neutral mesh").map_err(implausible(file.path()))?;
         }
-        let motion = frames.entry(number).or_insert_with(|| FpMotion { offsets: vec![None; count], planar: false });
+        let motion = frames.entry(number).or_insert_with(|| FpMotion { offsets: vec![None; count], ..FpMotion::default() });
         match bank.feature_point_index(point) {
             None if !ignored.contains(&point) => ignored.push(point),
             None => {}
@@ -141,7 +141,7 @@ fn filled(frames: BTreeMap<u32, FpMotion>, of: impl FnOnce(Vec<FpMotion>) -> Mot
         let between = |k: u32| {
             let share = f64::from(k) / f64::from(step);
             let offset = |(a, b): (&Option<Vector3<f64>>, &Option<Vector3<f64>>)| Some((*a)?.lerp(&(*b)?, share));
-            FpMotion { offsets: pair[0].offsets.iter().zip(&pair[1].offsets).map(offset).collect(), planar: pair[0].planar }
+            FpMotion { offsets: pair[0].offsets.iter().zip(&pair[1].offsets).map(offset).collect(), ..pair[0].clone() }
         };
         all.push(pair[0].clone());
         all.extend((1..step).map(between));
@@ -191,28 +191,45 @@ fn read_track_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, Synthes
 
 /// Reads the motion of a FAP file.
 ///
-/// FAPs that no frame sets are 0. FAPs are offsets from neutral; if their feature points were free, a mixture could close the
-/// eyes or open the mouth to match a brow. \[ZL\] also give the motion of all 56 feature points, zero or not. A FAP that only
-/// some frames set is 0 in the others, because files leave out what is at rest. Only points that no frontal FAP drives are
-/// unknown.
+/// A FAP that only some frames set is interpolated in the others (`FapSequence::fill_gaps`). Of the inner and the outer contour
+/// of the lips, one that the file never sets follows the other, as MPEG-4's decoders do it. Feature points of which the file sets no
+/// FAP are free, and so is one axis of a point of which it sets the other: whoever raises two corners of a mouth does not hold the
+/// rest of it still.
 fn read_fap_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, SynthesisError> {
     let mut sequence = read_fap(path)?.sequence;
-    let set = sequence.set_faps();
+    sequence.fill_gaps();
     let catalog = FapCatalog::mpeg4();
     let is_shown = |fap: FapNumber| {
         let row = catalog.row(fap);
         row.shows_from_front() && row.nodes.iter().any(|&node| face.has(node))
     };
-    sequence.apply_mask(&FapMask::Set);
     let not_shown = sequence.moving_faps().into_iter().filter(|&fap| !is_shown(fap)).collect();
-    for fap in FapNumber::low_level().filter(|fap| !set.contains(fap)) {
-        sequence.frames.iter_mut().for_each(|frame| frame.set_value(fap, Some(0.0)));
+    let set = sequence.set_faps();
+    for (from, to) in catalog.lip_twins().iter().flat_map(|&(inner, outer)| [(inner, outer), (outer, inner)]) {
+        if set.contains(&from) && !set.contains(&to) {
+            sequence.frames.iter_mut().for_each(|frame| frame.set_value(to, frame.value(from)));
+        }
     }
+    // Where nothing is set that the bank has, the face rests. What a frontal view does not measure rests, too.
+    let is_free = |fap: FapNumber| catalog.row(fap).frontal.is_measured() && set.iter().any(|&fap| is_shown(fap));
+    let mut free = FapFrame::default();
+    let set_now = sequence.set_faps();
+    for fap in FapNumber::low_level().filter(|fap| !set_now.contains(fap)) {
+        if is_free(fap) {
+            free.set_value(fap, Some(0.0));
+        } else {
+            sequence.frames.iter_mut().for_each(|frame| frame.set_value(fap, Some(0.0)));
+        }
+    }
+    let free = offsets_from_frame(&free, &face.canonical.fapus, catalog)?;
+    let free = face.frame(|node| {
+        let axis = |unset: Option<f64>| f64::from(u8::from(unset.is_some()));
+        free.get(&node).map(|unset| Vector2::new(axis(unset.x), axis(unset.y)))
+    });
+    let free_axes: Vec<[bool; 2]> = free.offsets.iter().map(|o| o.map_or([false; 2], |v| [v.x > 0.0, v.y > 0.0])).collect();
+    let frame_of =
+        |offset: &dyn Fn(NodeId) -> Option<Vector2<f64>>| FpMotion { free_axes: free_axes.clone(), ..face.frame(offset) };
     let mut frames = Vec::with_capacity(sequence.frames.len());
-    if sequence.frames.len() == 1 {
-        // A single pose is reached from the neutral face, as in `clone` and `play`.
-        frames.push(face.frame(|_| Some(Vector2::zeros())));
-    }
     for (number, frame) in (0..).zip(&sequence.frames) {
         let offsets = offsets_from_frame(frame, &face.canonical.fapus, catalog)?;
         let (size, from) = (FaceSize::CANONICAL, "its place in the neutral face");
@@ -220,8 +237,13 @@ fn read_fap_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, Synthesis
             let offset = Vector2::new(offset.x.unwrap_or(0.0), offset.y.unwrap_or(0.0));
             size.check(number, || format!("node {node}"), offset, from).map_err(implausible(path))?;
         }
-        // An axis that no FAP drives does not move.
-        frames.push(face.frame(|node| offsets.get(&node).map(|o| Vector2::new(o.x.unwrap_or(0.0), o.y.unwrap_or(0.0)))));
+        // An axis that no FAP of a point drives does not move.
+        let of_node = |node| offsets.get(&node).map(|o| Vector2::new(o.x.unwrap_or(0.0), o.y.unwrap_or(0.0)));
+        if sequence.frames.len() == 1 {
+            // A single pose is reached from the neutral face, as in `clone` and `play`.
+            frames.push(frame_of(&|node| of_node(node).map(|_| Vector2::zeros())));
+        }
+        frames.push(frame_of(&of_node));
     }
     let fps = Some(sequence.fps);
     Ok(Motion { kind: MotionKind::Fap, frames, fps, ignored: Vec::new(), not_shown, scale: Some(face.scale), uneven: None })

@@ -35,7 +35,7 @@ pub enum Solver {
     /// Radial basis functions over the feature points, without the bank.
     Rbf,
     /// Non-negative least squares: weights that bring the feature points closest to the target, including lengths and points at
-    /// rest.
+    /// rest. Points with unknown motion are drawn to rest weakly.
     Nnls,
     /// The genetic algorithm as published.
     Ga,
@@ -93,13 +93,22 @@ pub fn best_member(goal: &Goal) -> Solution {
 /// Solves by non-negative least squares over moving and resting feature points.
 pub fn least_squares(goal: &Goal) -> Solution {
     let (gram, right) = normal_equations(goal);
-    let weights = nonnegative::minimize(&gram, &right, &[]);
+    let mut weights = nonnegative::minimize(&gram, &right, &[]);
+    if goal.free_ridge() > 0.0 {
+        // The ridge shortens the motion.
+        goal.fit_closest(&mut weights);
+    }
     Solution { fitness: fitness(goal, &goal.motion(&weights)), weights, runs: Vec::new() }
 }
 
 fn normal_equations(goal: &Goal) -> (DMatrix<f64>, DVector<f64>) {
     let matrix = DMatrix::from_fn(goal.target().len(), goal.member_count(), |row, m| goal.candidate(m)[row]);
-    (matrix.tr_mul(&matrix), matrix.tr_mul(&DVector::from_column_slice(goal.target())))
+    // Points with unknown motion have the target 0, and nothing to add to the right side.
+    let free = DMatrix::from_fn(goal.free_candidate(0).len(), goal.member_count(), |row, m| goal.free_candidate(m)[row]);
+    let mut gram = matrix.tr_mul(&matrix) + free.tr_mul(&free);
+    let ridge = goal.free_ridge() * gram.trace() / goal.member_count() as f64;
+    (0..goal.member_count()).for_each(|k| gram[(k, k)] += ridge);
+    (gram, matrix.tr_mul(&DVector::from_column_slice(goal.target())))
 }
 
 /// Runs the genetic algorithm and returns the best of its runs.

@@ -62,7 +62,7 @@ mod tests {
     fn feature_points_move_as_requested() {
         let bank = testing::bank();
         let offsets = vec![Some(Vector3::new(1.0, 0.0, 0.0)), Some(Vector3::new(0.0, 2.0, 0.0)), Some(Vector3::zeros())];
-        let surface = interpolate(&bank, &FpMotion { offsets: offsets.clone(), planar: false });
+        let surface = interpolate(&bank, &FpMotion { offsets: offsets.clone(), planar: false, ..FpMotion::default() });
         for (point, offset) in bank.feature_points().iter().zip(offsets) {
             let found = Vector3::from(surface[point.vertex as usize].map(f64::from));
             assert!((found - offset.unwrap()).norm() < 1e-5);
@@ -72,7 +72,7 @@ mod tests {
     #[test]
     fn nothing_known_moves_nothing() {
         let bank = testing::bank();
-        let surface = interpolate(&bank, &FpMotion { offsets: vec![None; 3], planar: true });
+        let surface = interpolate(&bank, &FpMotion { offsets: vec![None; 3], planar: true, ..FpMotion::default() });
         assert!(surface.iter().all(|d| *d == [0.0; 3]));
     }
 }

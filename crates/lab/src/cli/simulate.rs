@@ -177,7 +177,8 @@ impl PhotographArgs {
         }
         let wireframe = Wireframe::candide3();
         let motion = |path: &PathBuf| {
-            let faps = read_fap(path)?.sequence;
+            let mut faps = read_fap(path)?.sequence;
+            faps.fill_gaps();
             anyhow::ensure!(!faps.frames.is_empty(), "{}: it has no frames", path.display());
             let unknown = faps_without_unit(&wireframe, &faps);
             if !unknown.is_empty() {

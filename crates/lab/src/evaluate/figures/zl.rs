@@ -213,7 +213,7 @@ fn asymmetric_plate(
             if is_left { left.offsets[k] } else { right.offsets[k] }
         };
         let offsets = bank.feature_points().iter().enumerate().map(of_point).collect();
-        let motion = FpMotion { offsets, planar: false };
+        let motion = FpMotion { offsets, planar: false, ..FpMotion::default() };
         let answer = synthesizer.solve(&motion, 0);
         row.push((scene.draw(&synthesizer.surface(&answer, &motion), view), format!("{} | {}", a.name, b.name)));
     }

@@ -1,0 +1,44 @@
+//! What `clone` says about FAPs that are not shown as requested.
+
+use grimace::{clone::CutFap, output::listed};
+
+/// Number of changed FAPs that are printed.
+const CHANGED_PRINTED: usize = 8;
+
+/// Message about FAPs that are not shown as requested, if there are any.
+pub fn not_as_asked_said(cut: &[CutFap], changed: &[CutFap]) -> Option<String> {
+    let reduced = |c: &CutFap| format!("{} ({} of {})", c.fap, c.shown, c.asked);
+    let other = |c: &CutFap| format!("{} (asked {}, shown {} in frame {})", c.fap, c.asked, c.shown, c.frame);
+    let mut parts = Vec::new();
+    if !cut.is_empty() {
+        parts.push(format!("reduced FAP {}", cut.iter().map(reduced).collect::<Vec<_>>().join(", ")));
+    }
+    if !changed.is_empty() {
+        let list = listed(&changed.iter().map(other).collect::<Vec<_>>(), CHANGED_PRINTED);
+        parts.push(format!("stronger or the other way: FAP {list}"));
+    }
+    (!parts.is_empty()).then(|| {
+        format!(
+            "{}, because the skin would fold over, or lips or lids would lose their shape or pass through each other",
+            parts.join("; ")
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reduced_and_changed_faps_have_both_values() {
+        let cut = [CutFap { fap: 10, frame: 25, asked: 31.0, shown: -5.0 }];
+        let changed = [CutFap { fap: 52, frame: 24, asked: -13.0, shown: 19.0 }];
+        let because = ", because the skin would fold over, or lips or lids would lose their shape or pass through each other";
+        let said = |cut: &[CutFap], changed: &[CutFap]| not_as_asked_said(cut, changed).map(|said| said.replace(because, ""));
+        assert_eq!(said(&[], &[]), None);
+        assert_eq!(said(&cut, &[]).unwrap(), "reduced FAP 10 (-5 of 31)");
+        let other = "stronger or the other way: FAP 52 (asked -13, shown 19 in frame 24)";
+        assert_eq!(said(&[], &changed).unwrap(), other);
+        assert_eq!(said(&cut, &changed).unwrap(), format!("reduced FAP 10 (-5 of 31); {other}"));
+    }
+}
