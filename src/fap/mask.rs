@@ -96,8 +96,8 @@ impl FapSequence {
     /// Gives a value to every low-level FAP that some frames set and others do not; returns the number of new values.
     ///
     /// MPEG-4 leaves a FAP out of a frame to have the decoder interpolate it; 0 would be the neutral face. Between two frames that
-    /// set it the value is linear in time. Before the first and after the last of them it is held. A FAP that no frame sets stays
-    /// unset, and so do FAPs 1 and 2, which are codes.
+    /// set it the value is linear in time. After the last of them it is held; before the first it is 0, with which a decoder starts. A
+    /// FAP that no frame sets stays unset, and so do FAPs 1 and 2, which are codes.
     ///
     /// ```
     /// use grimace::fap::{FapFrame, FapSequence};
@@ -118,10 +118,10 @@ impl FapSequence {
             let mut before: Option<(usize, f64)> = None;
             for index in 0..self.frames.len() {
                 let Some(value) = self.frames[index].value(fap) else { continue };
-                let (start, from) = before.map_or((0, value), |(last, from)| (last + 1, from));
+                let (start, from, rise) = before.map_or((0, 0.0, 0.0), |(last, from)| (last + 1, from, value - from));
                 let steps = (index + 1 - start) as f64;
                 for (step, frame) in (1..).zip(&mut self.frames[start..index]) {
-                    frame.set_value(fap, Some(from + (value - from) * f64::from(step) / steps));
+                    frame.set_value(fap, Some(from + rise * f64::from(step) / steps));
                 }
                 filled += index - start;
                 before = Some((index, value));
@@ -193,7 +193,7 @@ mod tests {
         assert_eq!(sequence.fill_gaps(), 2 + 4);
         let values = |number: u8| sequence.frames.iter().map(|frame| frame.value(fap(number)).unwrap()).collect::<Vec<_>>();
         assert_eq!(values(12), [0.0, 50.0, 100.0, 150.0, 200.0, 200.0]);
-        assert_eq!(values(3), [-30.0, -30.0, 0.0, 30.0, 60.0, 60.0]);
+        assert_eq!(values(3), [0.0, -30.0, 0.0, 30.0, 60.0, 60.0]);
         assert_eq!(sequence.set_faps(), set);
         assert_eq!(sequence.frames.iter().filter(|frame| frame.is_set(fap(1))).count(), 1);
         assert_eq!(sequence.fill_gaps(), 0);
@@ -211,7 +211,7 @@ mod tests {
             masked.apply_mask(&text.parse().unwrap());
             masked
         };
-        assert_eq!(masked("set").frames[0].value(fap(5)), Some(4.0));
+        assert_eq!(masked("set").frames[0].value(fap(5)), Some(0.0));
         assert_eq!(masked("5,7").frames[0].value(fap(7)), Some(0.0));
         assert_eq!(masked("set").set_faps(), [fap(1), fap(5), fap(6)]);
         assert_eq!(masked("5,7").set_faps(), [fap(5), fap(7)]);
