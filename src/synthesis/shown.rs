@@ -219,7 +219,7 @@ mod tests {
         assert!(synthesizer.is_one_sided(&[side(1.0, 0.2)]) && !synthesizer.is_one_sided(&[side(1.0, 0.5)]));
         // `one` moves the right alone; the bank has nothing for the left.
         let right = side(0.0, 1.0);
-        assert!(!synthesizer.answers_both_sides(&[answer(&right, [0.0, 1.0])], &[right.clone()]));
+        assert!(!synthesizer.answers_both_sides(&[answer(&right, [0.0, 1.0])], std::slice::from_ref(&right)));
         assert!(synthesizer.answers_both_sides(&[answer(&right, [1.0, 0.0])], &[right]));
     }
 

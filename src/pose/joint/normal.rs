@@ -1,7 +1,8 @@
 //! Normal equations of a joint step. They have a block for the own offset of every node; the blocks are coupled only through the other
 //! unknowns, and are eliminated: the Schur complement of bundle adjustment.
 //!
-//! B. Triggs, P. McLauchlan, R. Hartley, A. Fitzgibbon: *Bundle adjustment: a modern synthesis*, Vision Algorithms, LNCS 1883, 2000, 6.1.
+//! B. Triggs, P. `McLauchlan`, R. Hartley, A. Fitzgibbon: *Bundle adjustment: a modern synthesis*, Vision Algorithms, LNCS 1883, 2000,
+//! section 6.1.
 
 use nalgebra::{Cholesky, DMatrix, Dyn, Matrix3, Matrix3x6, Vector3};
 
@@ -137,9 +138,10 @@ impl Normal {
             add_mixture(right.as_mut_slice(), (-pull).into(), rows);
         }
         let others = self.others.solve(&right);
-        let own = |((pull, rows), root): ((&Vector3<f64>, [&[f64]; 3]), &Matrix3<f64>)| {
-            root.transpose() * (pull - Vector3::from(dots(rows, others.as_slice())))
-        };
-        Step { own: pulls.iter().zip(self.coupling.threes()).zip(&self.roots).map(own).collect(), others }
+        let own = pulls.iter().zip(self.coupling.threes()).zip(&self.roots).map(|((pull, rows), root)| {
+            let coupled = Vector3::from(dots(rows, others.as_slice()));
+            root.transpose() * (pull - coupled)
+        });
+        Step { own: own.collect(), others }
     }
 }
