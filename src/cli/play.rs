@@ -211,6 +211,8 @@ fn labels(paths: &[&Path], motions: &[&SourceMotion]) -> Result<Vec<String>, Tra
     let is_alone = |id: &&SequenceId| ids.iter().flatten().filter(|other| other == id).count() == 1;
     let name = |(id, motion): (&Option<SequenceId>, &&SourceMotion)| match id.as_ref().filter(is_alone) {
         Some(SequenceId { subject, sequence }) => format!("{subject} {sequence}"),
+        // The name of a track's file has both, too.
+        None if motion.kind == SourceKind::Track => motion.name.replace('_', " "),
         None => motion.name.clone(),
     };
     Ok(distinct(&ids.iter().zip(motions).map(name).collect::<Vec<_>>(), paths, LABELS))

@@ -258,6 +258,11 @@ impl<'b> Synthesizer<'b> {
         moving_points(motion, self.bank.feature_points().len(), is_in)
     }
 
+    /// Largest motion of a free point, as a fraction of the longest target motion, beside these moving points.
+    pub(super) fn free_reach(&self, point: usize, moving: &[usize]) -> f64 {
+        self.basis.free_reach(point, moving)
+    }
+
     /// Motion of the feature points in the joined surface.
     pub(super) fn joined_motion(&self, weights: &[Vec<f64>]) -> Vec<[f64; 3]> {
         let points = self.bank.feature_points().len();

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::{
     FpMotion, FrameAnswer, RegionScheme, Regions, Solver, Synthesizer,
-    target::{FREE_REACH, REST_REACH, free_points, staying_points},
+    target::{REST_REACH, free_points, staying_points},
 };
 use crate::units::FeaturePoint;
 
@@ -31,7 +31,7 @@ const SEEN: f64 = 0.2;
 pub(crate) struct HeldBack {
     /// The point that holds the motion back.
     pub point: FeaturePoint,
-    /// Whether it should rest. Otherwise it is free, and its motion limited to one and a half times that of the point that should move farthest.
+    /// Whether it should rest. Otherwise it is free, and its motion limited to about that of the point that should move farthest.
     pub rests: bool,
     /// Frame index, from 0.
     pub frame: usize,
@@ -115,10 +115,11 @@ impl Synthesizer<'_> {
             // The point that is nearest to how far it may go.
             let rest = staying_points(&motion, count, &|_| true).into_iter().map(|point| (point, true));
             let free = free_points(&motion, count, &|_| true).into_iter().map(|point| (point, false));
-            let reach = |rests: bool| if rests { REST_REACH } else { FREE_REACH };
+            let near: Vec<usize> = moving.iter().map(|m| m.0).collect();
+            let reach = |point: usize, rests: bool| if rests { REST_REACH } else { self.free_reach(point, &near) };
             let used = rest.chain(free).map(|(point, rests)| {
                 let vector = if rests { motion.seen(point, points[point]) } else { motion.free(point, points[point]) };
-                (point, rests, size(vector) / reach(rests))
+                (point, rests, size(vector) / reach(point, rests))
             });
             let (Some((point, rests, used)), Some(shown)) = (used.max_by(|a, b| a.2.total_cmp(&b.2)), answer.shown) else {
                 continue;
@@ -126,7 +127,7 @@ impl Synthesizer<'_> {
             // The motion of the point if the motion were scaled to the target's length.
             let would_tear = used > 0.99 * asked * length_share;
             if length_share < SHOWN && would_tear && held.as_ref().is_none_or(|h| asked > h.asked) {
-                let (point, moved) = (self.bank().feature_points()[point].fp, used * reach(rests));
+                let (point, moved) = (self.bank().feature_points()[point].fp, used * reach(point, rests));
                 held = Some(HeldBack { point, rests, frame, moved, asked, shown });
             }
         }
@@ -220,7 +221,7 @@ mod tests {
         // `one` moves the right alone; the bank has nothing for the left.
         let right = side(0.0, 1.0);
         assert!(!synthesizer.answers_both_sides(&[answer(&right, [0.0, 1.0])], std::slice::from_ref(&right)));
-        assert!(synthesizer.answers_both_sides(&[answer(&right, [1.0, 0.0])], &[right]));
+        assert!(synthesizer.answers_both_sides(&[answer(&right, [1.0, 0.0])], std::slice::from_ref(&right)));
     }
 
     #[test]

@@ -76,8 +76,8 @@ pub struct FpBasis {
     points: usize,
     /// Flat array, M x F x 3.
     motions: Vec<f64>,
-    /// Part of the face of every feature point.
-    parts: Vec<u8>,
+    /// Group of every feature point.
+    groups: Vec<u8>,
 }
 
 impl FpBasis {
@@ -89,12 +89,22 @@ impl FpBasis {
             let displacements = bank.displacements(member);
             motions.extend(points.iter().flat_map(|p| displacements[p.vertex as usize].map(f64::from)));
         }
-        Self { points: points.len(), motions, parts: points.iter().map(|p| part_of(p.fp.group)).collect() }
+        Self { points: points.len(), motions, groups: points.iter().map(|p| p.fp.group).collect() }
     }
 
     /// Number of members M.
     pub fn member_count(&self) -> usize {
         self.motions.len() / (3 * self.points.max(1))
+    }
+
+    /// Whether a feature point is near one of those that move.
+    fn is_near(&self, point: usize, moving: &[usize]) -> bool {
+        moving.iter().any(|&moving| takes_along(self.groups[moving], self.groups[point]))
+    }
+
+    /// Largest motion of a free point, as a fraction of the longest target motion.
+    pub(super) fn free_reach(&self, point: usize, moving: &[usize]) -> f64 {
+        if self.is_near(point, moving) { FREE_REACH } else { REST_REACH }
     }
 
     /// Motion of one feature point in one member.
@@ -112,20 +122,22 @@ pub const REST_REACH: f64 = 0.5;
 /// Motion of such a point, in the same fraction, below which the fitness is not reduced.
 const REST_FREE: f64 = 0.25;
 
-/// Largest motion of a free point, in the same fraction: nothing goes much farther than what should go farthest.
-pub const FREE_REACH: f64 = 1.5;
-/// Weights of such a point, relative to one that should rest: in a part of the face in which something moves, and elsewhere. It is
-/// drawn to rest where lengths count (least squares, the pull of the refinement); fitness and share do not count it. A stretching
-/// mouth may take the chin along, but a brow does not open the mouth.
+/// Largest motion of a free point near what moves, in the same fraction: nothing goes farther than what should go farthest. A point of
+/// the other side may go as far, with some room for the asymmetry of a bank. Elsewhere free points may go as far as those that rest.
+const FREE_REACH: f64 = 1.05;
+/// Weights of free points, relative to those that should rest: near what moves, and elsewhere. They are drawn to rest where lengths
+/// count (least squares, the pull of the refinement); fitness and share do not count them. A stretching mouth may take the chin along,
+/// but a brow does not open the mouth.
 const FREE_NEAR: f64 = 0.05;
 const FREE_FAR: f64 = 2.0;
 /// Ridge on the weights of members where all points are free, as a fraction of the members' mean squared motion: of mixtures that
 /// differ only in what is free, the one of few strong members is taken, not one whose members cancel.
 const FREE_RIDGE: f64 = 0.02;
 
-/// Part of the face of a group of feature points: chin, cheeks, lips and nose move together.
-fn part_of(group: u8) -> u8 {
-    if matches!(group, 2 | 5 | 8 | 9) { 2 } else { group }
+/// Whether feature points of a group may take those of another group along: chin and lips are one part, and move cheeks and nose.
+fn takes_along(group: u8, other: u8) -> bool {
+    let is_mouth = |group: u8| matches!(group, 2 | 8);
+    group == other || is_mouth(group) && (is_mouth(other) || matches!(other, 5 | 9))
 }
 
 /// Fitness below which an answer shows nothing of the target. Its directions are then on average less than half a degree from a
@@ -176,8 +188,8 @@ pub struct Goal {
     candidates: Vec<f64>,
     /// Members x free feature points, times their weights.
     free: Vec<f64>,
-    /// Weights of the free feature points.
-    free_weights: Vec<f64>,
+    /// Largest motions of the free feature points, as a fraction of the longest target motion, times their weights.
+    free_limits: Vec<f64>,
 }
 
 impl Goal {
@@ -195,16 +207,15 @@ impl Goal {
         };
         let candidates = motions(&points, &|point, v| motion.seen(point, v));
         let free_points = free_points(motion, basis.points, &is_in);
-        let weight = |point: usize| {
-            let is_near = moving.iter().any(|(moving, _)| basis.parts[*moving] == basis.parts[point]);
-            if is_near { FREE_NEAR } else { FREE_FAR }
-        };
-        let free_weights = free_points.iter().map(|&point| weight(point)).collect();
+        let moving_points: Vec<usize> = moving.iter().map(|p| p.0).collect();
+        let weight = |point: usize| if basis.is_near(point, &moving_points) { FREE_NEAR } else { FREE_FAR };
+        let limit = |&point: &usize| weight(point) * basis.free_reach(point, &moving_points);
+        let free_limits = free_points.iter().map(limit).collect();
         let free = motions(&free_points, &|point, v| motion.free(point, v).map(|c| c * weight(point)));
         let directions = moving.iter().flat_map(|(_, v)| v.map(|c| c / norm(v))).collect();
         let length = moving.iter().map(|(_, v)| norm(v)).sum();
         let target = moving.iter().map(|p| p.1).chain(staying.iter().map(|_| [0.0; 3])).flatten().collect();
-        Some(Self { members, moving: moving.len(), target, directions, length, candidates, free, free_weights })
+        Some(Self { members, moving: moving.len(), target, directions, length, candidates, free, free_limits })
     }
 
     /// Number of members M.
@@ -245,14 +256,14 @@ impl Goal {
 
     /// Ridge on the weights for the share of free feature points, as a fraction of the members' mean squared motion.
     pub(super) fn free_ridge(&self) -> f64 {
-        let free = self.free_weights.len() as f64;
+        let free = self.free_limits.len() as f64;
         FREE_RIDGE * free / (free + (self.target.len() / 3) as f64)
     }
 
-    /// Scales weights so that all known points come closest to their targets.
+    /// Scales weights so that all points come closest to their targets, free ones with their weights.
     pub(super) fn fit_closest(&self, weights: &mut [f64]) {
         let (motion, rest) = (self.motion(weights), self.rest_motion(weights));
-        let square: f64 = motion.iter().chain(&rest).map(|v| v * v).sum();
+        let square: f64 = motion.iter().chain(&rest).chain(&self.free_motion(weights)).map(|v| v * v).sum();
         if square > 0.0 {
             let factor = (self.along(&motion) / square).max(0.0);
             weights.iter_mut().for_each(|w| *w *= factor);
@@ -283,14 +294,21 @@ impl Goal {
         sum
     }
 
-    /// The longest motion, in a weighted sum of members, of a free feature point, the bank's unit.
-    fn longest_free(&self, weights: &[f64]) -> f64 {
+    /// The motion of a free feature point in a weighted sum of members, over its largest one as a fraction of the longest target motion;
+    /// that of the point for which this is largest. The bank's unit.
+    fn farthest_free(&self, weights: &[f64]) -> f64 {
+        let motion = self.free_motion(weights);
+        let lengths = motion.as_chunks::<3>().0.iter().zip(&self.free_limits).map(|(v, limit)| norm(v) / limit);
+        lengths.fold(0.0, f64::max)
+    }
+
+    /// Motion of the free feature points in a weighted sum of members, times their weights.
+    fn free_motion(&self, weights: &[f64]) -> Vec<f64> {
         let mut sum = vec![0.0; self.free.len() / self.members.max(1)];
         for (member, &weight) in weights.iter().enumerate().filter(|(_, w)| **w != 0.0) {
             sum.iter_mut().zip(self.free_candidate(member)).for_each(|(s, c)| *s += weight * c);
         }
-        let lengths = sum.as_chunks::<3>().0.iter().zip(&self.free_weights).map(|(v, weight)| norm(v) / weight);
-        lengths.fold(0.0, f64::max)
+        sum
     }
 
     /// The longest target motion, the bank's unit.
@@ -357,11 +375,11 @@ impl Goal {
             let mut factor = self.length / length;
             let rest = self.rest_motion(weights);
             // How many times farther than allowed a point would go.
-            let excess = (longest(&rest) / REST_REACH).max(self.longest_free(weights) / FREE_REACH) * factor / self.longest();
+            let excess = (longest(&rest) / REST_REACH).max(self.farthest_free(weights)) * factor / self.longest();
             is_held = excess > 1.0;
             if is_held {
                 let most = factor / excess;
-                let square: f64 = motion.iter().chain(&rest).map(|v| v * v).sum();
+                let square: f64 = motion.iter().chain(&rest).chain(&self.free_motion(weights)).map(|v| v * v).sum();
                 let closest = self.along(&motion) / square;
                 factor = if closest > 0.0 { closest.min(most) } else { most };
             }

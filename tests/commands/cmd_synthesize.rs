@@ -227,7 +227,12 @@ fn a_head_wears_a_portrait_in_gltf_and_pictures() {
     assert_ne!(work.bytes("plain/turntable.png"), work.bytes("worn/turntable.png"));
     assert_eq!(report(&work, "worn")["portrait"]["correspondences"]["file"], "marks.csv");
     // The output can be the source of a bank. Each vertex appears once, although three materials use it.
-    let vertices = report(&work, "worn")["bank"]["vertices"].as_u64().unwrap();
+    // Copies along the seam of the texture follow those of the bank.
+    let (document, _, _) = read("worn");
+    let primitive = document.meshes().next().unwrap().primitives().next().unwrap();
+    let vertices = primitive.get(&gltf::Semantic::Positions).unwrap().count() as u64;
+    let of_bank = report(&work, "worn")["bank"]["vertices"].as_u64().unwrap();
+    assert!((of_bank..of_bank + 50).contains(&vertices), "{vertices} of {of_bank}");
     let points = |last: u64| format!("fp,vertex\n8.3,10\n8.4,20\n3.11,{last}\n");
     work.write("points.csv", points(vertices - 1)).write("beyond.csv", points(vertices));
     work.grimace("bank build worn/animation.glb --feature-points points.csv -o again.bank").exit(0);
@@ -380,7 +385,7 @@ fn key_frames_of_feature_points_have_frames_between() {
 }
 
 #[test]
-fn resting_points_are_not_moved_to_fit_a_few_others() {
+fn free_points_are_not_moved_far_to_fit_a_few_others() {
     let work = Work::new();
     // Only the wings of the nose, which no member of the bank moves much.
     let mask = (1..=68).map(|k| if k == 61 || k == 62 { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
@@ -388,7 +393,7 @@ fn resting_points_are_not_moved_to_fit_a_few_others() {
     for solver in ["refined", "ga"] {
         work.grimace(&format!("synthesize -b head -m flare.fap -o {solver} --bound-starts 0 --format npy --solver {solver}"))
             .exit(0)
-            .says(&["flare.fap: the bank also moves points that should rest", "% of the motion is shown"]);
+            .says(&["flare.fap: the bank also moves other points", "% of the motion is shown"]);
         // Without this limit the surface moved by 3 cm, and by 6 cm with the genetic algorithm alone; the wings of the nose
         // should move by 0.9 cm.
         let bytes = work.bytes(&format!("{solver}/surface.npy"));
