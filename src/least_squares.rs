@@ -54,12 +54,12 @@ impl Rows {
         add_mixture(self.add(), shares, rows);
     }
 
-    /// Adds `A'B` to the lower triangle of `to`. A are these rows, B are `others`, equally many and equally long.
-    pub fn add_products(&self, others: &Self, to: &mut DMatrix<f64>) {
+    /// Adds `A'A` to the lower triangle of `to`, where A are these rows.
+    pub fn add_squares(&self, to: &mut DMatrix<f64>) {
         let count = self.cells.len() / self.blocks.max(1);
-        let (ours, theirs) = (self.by_block(), others.by_block());
+        let blocks = self.by_block();
         for (i, j) in (0..self.blocks).flat_map(|i| (0..=i).map(move |j| (i, j))) {
-            let (a, b) = (&ours[i * count..][..count], &theirs[j * count..][..count]);
+            let (a, b) = (&blocks[i * count..][..count], &blocks[j * count..][..count]);
             let sums = widest(
                 #[inline(always)]
                 || products(a, b),
@@ -100,19 +100,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn products_are_those_of_the_matrices() {
+    fn squares_are_those_of_the_matrix() {
         // Five columns: more than one block and not two whole ones.
         let value = |r: usize, c: usize| ((3 * r + 7 * c) % 11) as f64 - 4.0;
-        let (mut a, mut b) = (Rows::new(5), Rows::new(5));
+        let mut rows = Rows::new(5);
         for r in 0..3 {
-            for (rows, from) in [(&mut a, r), (&mut b, r + 3)] {
-                rows.add().iter_mut().enumerate().for_each(|(c, cell)| *cell = value(from, c));
-            }
+            rows.add().iter_mut().enumerate().for_each(|(c, cell)| *cell = value(r, c));
         }
         let mut found = DMatrix::identity(5, 5);
-        a.add_products(&b, &mut found);
-        let [a, b] = [0, 3].map(|from| DMatrix::from_fn(3, 5, |r, c| value(r + from, c)));
-        let expected = a.transpose() * b + DMatrix::identity(5, 5);
+        rows.add_squares(&mut found);
+        let a = DMatrix::from_fn(3, 5, value);
+        let expected = a.transpose() * a + DMatrix::identity(5, 5);
         assert_eq!(found.lower_triangle(), expected.lower_triangle());
         assert_eq!(found.upper_triangle() - DMatrix::from_diagonal(&found.diagonal()), DMatrix::zeros(5, 5));
     }

@@ -150,11 +150,13 @@ impl Dataset {
 
     fn open_as(path: &Path, labels: Labels) -> Result<Self, DatasetError> {
         if path.is_file() {
-            let not_dataset = |kind, command| DatasetError::NotDataset { path: path.to_owned(), kind, command };
-            return match () {
-                () if frames::is_video(path) => Err(not_dataset("video", "segment")),
-                () if frames::has_picture_name(path) => Err(not_dataset("picture", "locate")),
-                () => manifest::open(path, labels),
+            let not_dataset = |kind, command| Err(DatasetError::NotDataset { path: path.to_owned(), kind, command });
+            return if frames::is_video(path) {
+                not_dataset("video", "segment")
+            } else if frames::has_picture_name(path) {
+                not_dataset("picture", "locate")
+            } else {
+                manifest::open(path, labels)
             };
         }
         if !path.is_dir() {

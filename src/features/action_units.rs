@@ -304,7 +304,7 @@ impl ActionUnits {
                 }
             }
         }
-        rows.add_products(&rows, &mut normal);
+        rows.add_squares(&mut normal);
         normal.fill_upper_triangle_with_lower_triangle();
         // The weights of nodes that also move together: `W - W B (I + B' W B)^-1 B' W`.
         if let Some(factor) = between.cholesky() {

@@ -14,7 +14,7 @@ pub(super) const POSE: usize = 6;
 /// Number of first steps that each compute a new matrix.
 const FIRST: usize = 2;
 /// Number of later steps that share a matrix.
-const SERVES: usize = 8;
+pub(super) const SERVES: usize = 8;
 
 /// One observed node.
 #[derive(Clone, Copy, Debug)]
@@ -109,6 +109,53 @@ pub(super) fn dots([x, y, z]: [&[f64]; 3], with: &[f64]) -> [f64; 3] {
     sums
 }
 
+/// Derivatives of the image position of one observed node.
+pub(super) struct Slopes {
+    /// From the explained to the observed position, px.
+    pub residual: Vector2<f64>,
+    /// Robust weight over the variance, 1/px^2.
+    pub weight: f64,
+    /// By the node's position in face axes.
+    pub by_point: Matrix2x3<f64>,
+    /// By the changes of [`HeadPose::moved`].
+    pub by_pose: SMatrix<f64, 2, POSE>,
+}
+
+impl Slopes {
+    /// Returns the slopes of a node at a place in camera axes.
+    pub fn new(pose: &HeadPose, turned: &Vector3<f64>, seen: &Seen) -> Self {
+        let residual: Vector2<f64> = seen.at - pose.image_of(turned);
+        let deviation = seen.deviation * pose.scale;
+        Self {
+            residual,
+            weight: robust(residual.norm() / deviation) / (deviation * deviation),
+            by_point: pose.slope(turned) * pose.rotation.matrix(),
+            by_pose: pose.pose_slope(turned),
+        }
+    }
+
+    /// Adds the residual to the right side of a pose and, behind it, of the directions in which the node moves; returns that of its place.
+    pub fn pull(&self, right: &mut [f64], along: [&[f64]; 3]) -> Vector3<f64> {
+        let pull = self.residual * self.weight;
+        let (pose, shape) = right.split_at_mut(POSE);
+        let by_pose = self.by_pose.transpose() * pull;
+        pose.iter_mut().zip(by_pose.iter()).for_each(|(right, value)| *right += value);
+        let by_point: Vector3<f64> = self.by_point.transpose() * pull;
+        add_mixture(shape, by_point.into(), along);
+        by_point
+    }
+
+    /// Writes the row of x or y, over the standard deviation: a pose and, behind it, the directions. Returns the slopes by the place.
+    pub fn write_row(&self, axis: usize, row: &mut [f64], along: [&[f64]; 3]) -> [f64; 3] {
+        let root = self.weight.sqrt();
+        let (pose, shape) = row.split_at_mut(POSE);
+        pose.iter_mut().zip(self.by_pose.row(axis).iter()).for_each(|(cell, value)| *cell = value * root);
+        let by_point = [0, 1, 2].map(|k| self.by_point[(axis, k)] * root);
+        add_mixture(shape, by_point, along);
+        by_point
+    }
+}
+
 /// Least-squares problem of one step: a row for x and one for y of every node, and the normal equations.
 struct System {
     /// Rows of the Jacobian over the standard deviations.
@@ -133,26 +180,9 @@ impl System {
         }
     }
 
-    /// Adds a node's residual to the right side; all slopes are those of its image position.
-    fn pull(&mut self, by_pose: &SMatrix<f64, 2, POSE>, by_point: &Matrix2x3<f64>, along: [&[f64]; 3], residual: Vector2<f64>) {
-        let (pose, shape) = self.right.as_mut_slice().split_at_mut(POSE);
-        let by_pose = by_pose.transpose() * residual;
-        pose.iter_mut().zip(by_pose.iter()).for_each(|(right, value)| *right += value);
-        add_mixture(shape, (by_point.transpose() * residual).into(), along);
-    }
-
-    /// Adds a node's two rows: slopes over the standard deviation.
-    fn observe(&mut self, by_pose: &SMatrix<f64, 2, POSE>, by_point: &Matrix2x3<f64>, along: [&[f64]; 3]) {
-        for axis in 0..2 {
-            let (pose, shape) = self.rows.add().split_at_mut(POSE);
-            pose.iter_mut().zip(by_pose.row(axis).iter()).for_each(|(cell, value)| *cell = *value);
-            add_mixture(shape, [0, 1, 2].map(|k| by_point[(axis, k)]), along);
-        }
-    }
-
     fn step(&mut self, matrix: &mut Matrix) -> Option<DVector<f64>> {
         if matrix.is_due() {
-            self.rows.add_products(&self.rows, &mut self.normal);
+            self.rows.add_squares(&mut self.normal);
             // Only the lower triangle is read.
             matrix.factor = Some(self.normal.clone().cholesky()?);
         }
@@ -200,15 +230,12 @@ pub(super) fn solve(
             let along = directions.of(s.node);
             let moved = Vector3::from(dots(along, solved.coefficients.as_slice()));
             let turned = pose.turned(&(base[s.node] + moved));
-            let residual: Vector2<f64> = s.at - pose.image_of(&turned);
-            let deviation = s.deviation * pose.scale;
-            let weight = robust(residual.norm() / deviation) / (deviation * deviation);
-            let by_point = pose.slope(&turned) * pose.rotation.matrix();
-            let by_pose = pose.pose_slope(&turned);
-            system.pull(&by_pose, &by_point, along, residual * weight);
+            let slopes = Slopes::new(&pose, &turned, s);
+            slopes.pull(system.right.as_mut_slice(), along);
             if matrix.is_due() {
-                let root = weight.sqrt();
-                system.observe(&(by_pose * root), &(by_point * root), along);
+                (0..2).for_each(|axis| {
+                    slopes.write_row(axis, system.rows.add(), along);
+                });
             }
         }
         let step = system.step(matrix)?;

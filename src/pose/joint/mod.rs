@@ -8,13 +8,13 @@ mod normal;
 #[cfg(test)]
 mod tests;
 
-use nalgebra::{DVector, Matrix2x3, Point2, SMatrix, Vector2, Vector3};
+use nalgebra::{DVector, Vector2, Vector3};
 
 use self::normal::{Assembly, Normal};
 use super::{
     CAMERA_DISTANCE, HEAD_ES, HeadModel,
     observe::Own,
-    solve::{Directions, LARGEST_TURN, POSE, Seen, Solved, dots, robust, robust_square},
+    solve::{Directions, LARGEST_TURN, POSE, SERVES, Seen, Slopes, Solved, dots, robust_square},
 };
 use crate::least_squares::add_mixture;
 
@@ -33,8 +33,6 @@ const POSE_UNIT: f64 = 0.01;
 const DISTANCE_UNIT: f64 = 0.1;
 /// A step after one larger than this has normal equations of its own.
 const LARGE: f64 = 1.0;
-/// Number of steps that share normal equations.
-const SERVES: usize = 8;
 /// Number of times that a step is halved when it increases the sum.
 const HALVINGS: usize = 8;
 /// Increase of the sum, as a share, that a step may have: the weights, which belong to the place where it starts, change it this little.
@@ -83,16 +81,6 @@ pub(super) struct Problem<'a> {
     pub expression: &'a Directions,
     /// Priors of the person's own offsets, by node.
     pub own: &'a [Own],
-}
-
-/// Derivatives of one observation.
-struct Slopes {
-    residual: Vector2<f64>,
-    weight: f64,
-    /// Image position by the node's position in face axes.
-    by_point: Matrix2x3<f64>,
-    by_pose: SMatrix<f64, 2, POSE>,
-    by_log_distance: Vector2<f64>,
 }
 
 /// Direction of descent: the negative derivatives of half the robust sum of squares.
@@ -175,14 +163,15 @@ impl Problem<'_> {
         }
     }
 
-    /// Returns a node with the expression of a view, in camera axes, and its image position.
-    fn place(&self, shape: &[Vector3<f64>], view: &Solved, node: usize) -> (Vector3<f64>, Point2<f64>) {
-        let mut place = shape[node];
-        if !view.coefficients.is_empty() {
-            place += Vector3::from(dots(self.expression.of(node), view.coefficients.as_slice()));
-        }
-        let turned = view.pose.turned(&place);
-        (turned, view.pose.image_of(&turned))
+    /// Returns the directions in which a view's expression moves a node; none in the neutral frame.
+    fn along(&self, view: usize, node: usize) -> [&[f64]; 3] {
+        if view > 0 { self.expression.of(node) } else { [&[]; 3] }
+    }
+
+    /// Returns a node with the expression of a view, in camera axes.
+    fn place(&self, shape: &[Vector3<f64>], view: &Solved, node: usize) -> Vector3<f64> {
+        let moved = Vector3::from(dots(self.expression.of(node), view.coefficients.as_slice()));
+        view.pose.turned(&(shape[node] + moved))
     }
 
     /// Returns half the robust sum of squares of the residuals and priors. Standard deviations are in px of the sizes of `sized`: a head
@@ -191,7 +180,7 @@ impl Problem<'_> {
         let shape = self.shape(&unknowns.head);
         let mut sum = LOG_DISTANCE_DEVIATION.powi(-2) * unknowns.log_distance().powi(2);
         for ((view, sized), seen) in unknowns.views.iter().zip(&sized.views).zip(seen) {
-            let residual = |s: &Seen| (s.at - self.place(&shape, view, s.node).1).norm();
+            let residual = |s: &Seen| (s.at - view.pose.image_of(&self.place(&shape, view, s.node))).norm();
             sum += seen.iter().map(|s| robust_square(residual(s) / (s.deviation * sized.pose.scale))).sum::<f64>();
             sum += view.coefficients.norm_squared();
         }
@@ -199,18 +188,10 @@ impl Problem<'_> {
         0.5 * (sum + unknowns.head.coefficients.norm_squared())
     }
 
-    fn slopes(&self, shape: &[Vector3<f64>], view: &Solved, seen: &Seen) -> Slopes {
-        let pose = &view.pose;
-        let (turned, at) = self.place(shape, view, seen.node);
-        let residual = seen.at - at;
-        let deviation = seen.deviation * pose.scale;
-        Slopes {
-            residual,
-            weight: robust(residual.norm() / deviation) / (deviation * deviation),
-            by_point: pose.slope(&turned) * pose.rotation.matrix(),
-            by_pose: pose.pose_slope(&turned),
-            by_log_distance: pose.distance_slope(&turned),
-        }
+    /// Returns the slopes of an observation, and that by the logarithm of the camera's distance.
+    fn slopes(&self, shape: &[Vector3<f64>], view: &Solved, seen: &Seen) -> (Slopes, Vector2<f64>) {
+        let turned = self.place(shape, view, seen.node);
+        (Slopes::new(&view.pose, &turned, seen), view.pose.distance_slope(&turned))
     }
 
     /// Returns the direction of descent; adds the second derivatives to `assembly`.
@@ -222,19 +203,11 @@ impl Problem<'_> {
         for (v, (view, seen)) in unknowns.views.iter().zip(seen).enumerate() {
             let first = self.column(v);
             for s in seen {
-                let slopes = self.slopes(&shape, view, s);
-                let pull = slopes.residual * slopes.weight;
-                let by_point: Vector3<f64> = slopes.by_point.transpose() * pull;
-                own[s.node] += by_point;
-                others[identities] += slopes.by_log_distance.dot(&pull);
-                let (pose, rest) = others.as_mut_slice()[first..].split_at_mut(POSE);
-                let by_pose = slopes.by_pose.transpose() * pull;
-                pose.iter_mut().zip(by_pose.iter()).for_each(|(to, value)| *to += value);
-                if v > 0 {
-                    add_mixture(&mut rest[..self.expression.count()], by_point.into(), self.expression.of(s.node));
-                }
+                let (slopes, by_log_distance) = self.slopes(&shape, view, s);
+                own[s.node] += slopes.pull(&mut others.as_mut_slice()[first..], self.along(v, s.node));
+                others[identities] += by_log_distance.dot(&(slopes.residual * slopes.weight));
                 if let Some(assembly) = &mut assembly {
-                    assembly.add(self, v, s.node, &slopes);
+                    assembly.add(self, v, s.node, (&slopes, by_log_distance));
                 }
             }
             if let Some(assembly) = &mut assembly {

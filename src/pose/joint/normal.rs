@@ -4,11 +4,11 @@
 //! B. Triggs, P. `McLauchlan`, R. Hartley, A. Fitzgibbon: *Bundle adjustment: a modern synthesis*, Vision Algorithms, LNCS 1883, 2000,
 //! section 6.1.
 
-use nalgebra::{Cholesky, DMatrix, Dyn, Matrix3, Matrix3x6, Vector3};
+use nalgebra::{Cholesky, DMatrix, Dyn, Matrix3, Matrix3x6, Vector2, Vector3};
 
 use super::{
-    super::solve::{POSE, dots},
-    Descent, LOG_DISTANCE_DEVIATION, Problem, Slopes, Step,
+    super::solve::{POSE, Slopes, dots},
+    Descent, LOG_DISTANCE_DEVIATION, Problem, Step,
 };
 use crate::least_squares::{Rows, add_mixture};
 
@@ -58,27 +58,21 @@ impl Assembly {
         Self { others, rows: Rows::new(problem.identity.count() + 1 + POSE), nodes: vec![node; problem.model.node_count()] }
     }
 
-    /// Adds an observation of the current view.
-    pub fn add(&mut self, problem: &Problem<'_>, view: usize, node: usize, slopes: &Slopes) {
-        let identities = problem.identity.count();
+    /// Adds an observation of the current view: its slopes, and that by the logarithm of the distance.
+    pub fn add(&mut self, problem: &Problem<'_>, view: usize, node: usize, (slopes, by_log_distance): (&Slopes, Vector2<f64>)) {
         let root = slopes.weight.sqrt();
         for axis in 0..2 {
-            let by_point = [0, 1, 2].map(|c| slopes.by_point[(axis, c)] * root);
-            let (identity, rest) = self.rows.add().split_at_mut(identities);
+            let (identity, rest) = self.rows.add().split_at_mut(problem.identity.count());
             let (distance, rest) = rest.split_at_mut(1);
-            let (pose, expression) = rest.split_at_mut(POSE);
+            let by_point = slopes.write_row(axis, rest, problem.along(view, node));
             add_mixture(identity, by_point, problem.identity.of(node));
-            distance[0] = slopes.by_log_distance[axis] * root;
-            pose.iter_mut().zip(slopes.by_pose.row(axis).iter()).for_each(|(cell, value)| *cell = value * root);
-            if view > 0 {
-                add_mixture(expression, by_point, problem.expression.of(node));
-            }
+            distance[0] = by_log_distance[axis] * root;
         }
         let weighted = slopes.by_point.transpose() * slopes.weight;
         let block = weighted * slopes.by_point;
         let sums = &mut self.nodes[node];
         sums.block += block;
-        sums.by_log_distance += weighted * slopes.by_log_distance;
+        sums.by_log_distance += weighted * by_log_distance;
         sums.views.push((view, block, weighted * slopes.by_pose));
     }
 
@@ -88,7 +82,7 @@ impl Assembly {
         let first = problem.column(view);
         let size = shared + problem.column(view + 1) - first;
         let mut sums = DMatrix::<f64>::zeros(size, size);
-        self.rows.add_products(&self.rows, &mut sums);
+        self.rows.add_squares(&mut sums);
         let column = |k: usize| if k < shared { k } else { first + k - shared };
         for (j, i) in (0..size).flat_map(|j| (j..size).map(move |i| (j, i))) {
             self.others[(column(i), column(j))] += sums[(i, j)];
@@ -114,15 +108,13 @@ impl Assembly {
                 for (v, by_point, by_pose) in &views {
                     let (pose, expression) = row[problem.column(*v)..problem.column(v + 1)].split_at_mut(POSE);
                     pose.iter_mut().zip(by_pose.row(axis).iter()).for_each(|(cell, value)| *cell = *value);
-                    if *v > 0 {
-                        add_mixture(expression, shares(by_point, axis), problem.expression.of(k));
-                    }
+                    add_mixture(expression, shares(by_point, axis), problem.along(*v, k));
                 }
             }
             roots.push(root);
         }
         let mut eliminated = DMatrix::<f64>::zeros(size, size);
-        coupling.add_products(&coupling, &mut eliminated);
+        coupling.add_squares(&mut eliminated);
         self.others -= eliminated;
         // Only the lower triangle is read.
         Some(Normal { roots, coupling, others: self.others.cholesky()? })

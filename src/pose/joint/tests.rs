@@ -1,4 +1,4 @@
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, Point2};
 
 use super::{
     super::{HeadPose, observe::own_offsets},
@@ -51,7 +51,9 @@ impl Scene {
         let problem = scene.problem();
         let shape = problem.shape(&scene.truth.head);
         let of = |view: &Solved| {
-            (0..count).map(|node| Seen { node, at: problem.place(&shape, view, node).1, deviation: 0.006 }).collect()
+            (0..count)
+                .map(|node| Seen { node, at: view.pose.image_of(&problem.place(&shape, view, node)), deviation: 0.006 })
+                .collect()
         };
         scene.seen = scene.truth.views.iter().map(of).collect();
         scene
@@ -87,12 +89,12 @@ fn a_step_solves_the_whole_system() {
     let shape = problem.shape(&at.head);
     for (v, seen) in scene.seen.iter().enumerate() {
         for s in seen {
-            let slopes = problem.slopes(&shape, &at.views[v], s);
+            let (slopes, by_log_distance) = problem.slopes(&shape, &at.views[v], s);
             let mut rows = DMatrix::<f64>::zeros(2, size);
             let by =
                 |directions: &Directions| slopes.by_point * nalgebra::Matrix3xX::from_row_slice(&directions.of(s.node).concat());
             rows.columns_mut(0, problem.identity.count()).copy_from(&by(problem.identity));
-            rows.set_column(problem.identity.count(), &slopes.by_log_distance);
+            rows.set_column(problem.identity.count(), &by_log_distance);
             rows.columns_mut(problem.column(v), POSE).copy_from(&slopes.by_pose);
             if v > 0 {
                 rows.columns_mut(problem.column(v) + POSE, problem.expression.count()).copy_from(&by(problem.expression));
