@@ -5,10 +5,10 @@ use serde_json::{Value, json};
 
 use super::{PlayerError, Shown, pack};
 use crate::{
-    fap::{FAP_UNITS_PER_FAPU, FapCatalog, FapMotion, FapRow},
+    fap::{FAP_UNITS_PER_FAPU, FapCatalog, FapMotion, FapNumber, FapRow},
     synthesis::{
-        Bank, DrawnEye, FaceScene, FpMotion, Motion, MotionKind, SMOOTHING_FRAMES, Solver, SynthesisOptions, Synthesizer,
-        Unshown, fapu_length, interpolate,
+        Bank, DrawnEye, FREE_FAR, FREE_NEAR, FREE_RIDGE, FaceScene, FpMotion, Motion, MotionKind, SMOOTHING_FRAMES, SingleFap,
+        SingleFaps, Solver, SynthesisError, SynthesisOptions, Synthesizer, Unshown, fapu_length, interpolate,
     },
     units::FeaturePoint,
     wireframe::Axis,
@@ -129,7 +129,30 @@ pub(super) fn payload(head: &Head, shown: &[Shown]) -> Result<Value, PlayerError
         "openings": scene.openings().iter().map(|walk| pack::whole(walk.iter().copied())).collect::<Vec<_>>(),
         "members": (0..bank.member_count()).map(member).collect::<Vec<_>>(),
         "motions": head.motions.iter().take(shown.len()).map(weights).collect::<Result<Vec<_>, _>>()?,
+        "mixture": mixture(bank, &camera).map_err(|e| failed(e.to_string()))?,
+        // For FAPs that no mixture shows.
         "faps": FapCatalog::mpeg4().rows().iter().filter_map(|row| fap(row, bank, &camera, &rests)).collect::<Vec<_>>(),
+    }))
+}
+
+/// What the page needs to mix the members for single FAPs. Offsets are in pixels of the picture.
+fn mixture(bank: &Bank, camera: &Camera) -> Result<Value, SynthesisError> {
+    let SingleFaps { drivable, faps } = SingleFaps::new(bank)?;
+    let offset = |&(point, [x, y]): &(usize, [f64; 2])| json!([point, x * camera.scale, -y * camera.scale]);
+    let of_fap = |fap: &SingleFap| {
+        json!({
+            "number": fap.number.get(),
+            "twin": fap.twin.map(FapNumber::get),
+            "points": fap.points.iter().map(offset).collect::<Vec<_>>(),
+            "near": fap.near,
+            "shows": fap.shows,
+        })
+    };
+    Ok(json!({
+        "points": pack::whole(bank.feature_points().iter().map(|p| p.vertex)),
+        "drivable": drivable.as_flattened(),
+        "free": { "near": FREE_NEAR, "far": FREE_FAR, "ridge": FREE_RIDGE },
+        "faps": faps.iter().map(of_fap).collect::<Vec<_>>(),
     }))
 }
 

@@ -30,12 +30,13 @@ pub const STYLE: &str = include_str!("assets/player.css");
 const PAGE_STYLE: &str = include_str!("assets/page.css");
 const PAGE_SCRIPT: &str = include_str!("assets/page.js");
 /// The parts of the player's script, in the order of their dependencies.
-const SCRIPTS: [&str; 10] = [
+const SCRIPTS: [&str; 11] = [
     include_str!("assets/motion.js"),
     include_str!("assets/rig.js"),
     include_str!("assets/lids.js"),
     include_str!("assets/brows.js"),
     include_str!("assets/folds.js"),
+    include_str!("assets/mixture.js"),
     include_str!("assets/head.js"),
     include_str!("assets/gl.js"),
     include_str!("assets/flat.js"),

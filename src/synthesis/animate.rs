@@ -154,6 +154,11 @@ impl<'b> Synthesizer<'b> {
         &self.options
     }
 
+    /// The feature points that motion of these may take along.
+    pub(crate) fn near_points(&self, moving: &[usize]) -> Vec<usize> {
+        self.basis.near_points(moving)
+    }
+
     /// The goal of a region; `None` when nothing in it should move. `motion` must already be emphasized.
     pub fn goal(&self, motion: &FpMotion, region: usize) -> Option<Goal> {
         Goal::new(&self.basis, motion, |point| self.regions.point_shares(region)[point] > 0.0)

@@ -64,6 +64,7 @@ pub use head_mesh::HeadMeshOrigin;
 pub use head_texture::HeadTexture;
 pub use mix::{mix, mix_bank, read_recipes, recipe_motions, write_recipes};
 pub use motion::{Motion, MotionKind, fapu_length, read_motion};
+pub(crate) use motion::{SingleFap, SingleFaps};
 pub use performance::{PerformanceOptions, Recipe, choose_members, choose_targets, perform};
 pub use regions::{OVERLAP, RegionScheme, Regions};
 pub(crate) use relief::Relief;
@@ -73,6 +74,7 @@ pub(crate) use shown::{HeldBack, Unshown};
 pub use solve::{Signs, Solution, Solver, interpolate};
 pub use source::source_files;
 pub use surface::surface_error;
+pub(crate) use target::{FREE_FAR, FREE_NEAR, FREE_RIDGE};
 pub use target::{FpBasis, FpMotion, Goal};
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 mod bank_face;
 mod read;
+mod single;
 
 use nalgebra::Vector3;
 
@@ -14,6 +15,7 @@ use crate::{
 
 pub use bank_face::fapu_length;
 pub use read::read_motion;
+pub(crate) use single::{SingleFap, SingleFaps};
 
 /// Kind of source that a motion was read from.
 ///

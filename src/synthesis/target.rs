@@ -102,6 +102,11 @@ impl FpBasis {
         moving.iter().any(|&moving| takes_along(self.groups[moving], self.groups[point]))
     }
 
+    /// The feature points near some that move.
+    pub(super) fn near_points(&self, moving: &[usize]) -> Vec<usize> {
+        (0..self.points).filter(|&point| self.is_near(point, moving)).collect()
+    }
+
     /// Largest motion of a free point, as a fraction of the longest target motion.
     pub(super) fn free_reach(&self, point: usize, moving: &[usize]) -> f64 {
         if self.is_near(point, moving) { FREE_REACH } else { REST_REACH }
@@ -128,11 +133,11 @@ const FREE_REACH: f64 = 1.05;
 /// Weights of free points, relative to those that should rest: near what moves, and elsewhere. They are drawn to rest where lengths
 /// count (least squares, the pull of the refinement); fitness and share do not count them. A stretching mouth may take the chin along,
 /// but a brow does not open the mouth.
-const FREE_NEAR: f64 = 0.05;
-const FREE_FAR: f64 = 2.0;
+pub(crate) const FREE_NEAR: f64 = 0.05;
+pub(crate) const FREE_FAR: f64 = 2.0;
 /// Ridge on the weights of members where all points are free, as a fraction of the members' mean squared motion: of mixtures that
 /// differ only in what is free, the one of few strong members is taken, not one whose members cancel.
-const FREE_RIDGE: f64 = 0.02;
+pub(crate) const FREE_RIDGE: f64 = 0.02;
 
 /// Whether feature points of a group may take those of another group along: chin and lips are one part, and move cheeks and nose.
 fn takes_along(group: u8, other: u8) -> bool {

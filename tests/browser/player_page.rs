@@ -433,3 +433,55 @@ fn a_dense_head_moves_by_motions_and_by_single_faps() {
         no_errors(&browser);
     }
 }
+
+/// Single FAPs on a dense head are the mixture of its members that `synthesize` finds for a file that sets only these.
+#[test]
+fn single_faps_of_a_dense_head_are_its_own_shapes() {
+    let browser = Browser::start();
+    let folder = browser.folder.path();
+    let run = |args: &[&str]| {
+        let run = Command::new(grimace()).current_dir(folder).args(args).output().unwrap();
+        assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+    };
+    // A brow, both lids, the inner corners of the mouth, the jaw, and a pair whose targets differ in size.
+    let sets: [&[(usize, i32)]; 5] = [
+        &[(31, 200)],
+        &[(19, 1024), (20, 1024)],
+        &[(12, 150), (13, 150), (6, 100), (7, 100)],
+        &[(3, 500)],
+        &[(35, 300), (36, 300), (61, 40)],
+    ];
+    for (k, set) in sets.iter().enumerate() {
+        let mask: Vec<&str> = (1..=68).map(|fap| if set.iter().any(|f| f.0 == fap) { "1" } else { "0" }).collect();
+        let mut set = set.to_vec();
+        set.sort_unstable();
+        let values: Vec<String> = set.iter().map(|f| f.1.to_string()).collect();
+        let file = format!("2.1 set{k} 25 1\n{}\n0 {}\n", mask.join(" "), values.join(" "));
+        std::fs::write(folder.join(format!("set{k}.fap")), file).unwrap();
+    }
+    let files: Vec<String> = (0..sets.len()).map(|k| format!("set{k}.fap")).collect();
+    let files: Vec<&str> = files.iter().map(String::as_str).collect();
+    run(&[&["play", "--bank", "head", "-o", "head.html"], &files[..]].concat());
+    let options = ["--bank", "head", "--solver", "nnls", "--smooth", "0", "--noise", "0", "--format", "npy", "-o", "out"];
+    run(&[&["synthesize", "--motion"], &files[..], &options].concat());
+    ready(&browser, &format!("file://{}", folder.join("head.html").display()));
+    for (k, set) in sets.iter().enumerate() {
+        let script = format!(
+            "const h = P.shelf.rigs.find((r) => r.mixture); const set = new Map({});
+             return [...set].every(([fap, v]) => h.mixture.shows(fap, v)) && [...h.mixture.weights(set)]",
+            json!(set)
+        );
+        let found: Vec<f64> = serde_json::from_value(browser.run(&script)).unwrap();
+        let table = std::fs::read_to_string(folder.join(format!("out/set{k}/weights.csv"))).unwrap();
+        let header: Vec<&str> = table.lines().next().unwrap().split(',').collect();
+        let last: Vec<&str> = table.lines().last().unwrap().split(',').collect();
+        let expected: Vec<f64> = last[header.len() - found.len()..].iter().map(|v| v.parse().unwrap()).collect();
+        let most = expected.iter().fold(0.0_f64, |most, v| most.max(*v));
+        assert!(most > 0.05, "set {k}: {expected:?}");
+        // The page has the members' motions in 16 bits.
+        for ((found, expected), name) in found.iter().zip(&expected).zip(&header[header.len() - found.len()..]) {
+            assert!((found - expected).abs() < 0.01 * most, "set {k}, {name}: {found}, expected {expected}");
+        }
+    }
+    no_errors(&browser);
+}

@@ -1,4 +1,5 @@
-// A dense head: a mixture of the members of its bank by the weights of a motion, plus single FAPs. It is drawn like a rig, but with depth.
+// A dense head: a mixture of the members of its bank by the weights of a motion and of single FAPs. A FAP that no mixture shows moves its
+// feature points, and the skin between is interpolated. A head is drawn like a rig, but with depth.
 
 class Head {
   constructor(entry) {
@@ -11,6 +12,7 @@ class Head {
     this.members = entry.members.map(scaled);
     this.motions = entry.motions.map(({ frames, weights }) => ({ frames, weights: scaled(weights) }));
     this.faps = new Map(entry.faps.map(({ number, axis, offsets: { scale, values } }) => [number, { axis, offsets: Float32Array.from(new Int8Array(bytesOf(values)), (v) => v * scale) }]));
+    this.mixture = new Mixture(entry.mixture, this.members);
     this.openings = entry.openings.map(wholes);
     this.eyes = entry.eyes.map((eye) => this.eye(eye));
   }
@@ -32,13 +34,14 @@ class Head {
   }
   /** Moves the head by motions with a position in time and a gain, and by FAPs with a value. */
   move(parts) {
-    const { rest, moved, members } = this;
-    const shares = new Float32Array(members.length);
+    const { rest, moved, members, mixture } = this;
+    const shares = new Float32Array(members.length), mixed = new Map();
     moved.set(rest);
     for (const { fap, source, place, gain } of parts) {
       if (fap) {
         const known = this.faps.get(fap.number);
-        if (known) for (let v = 0, k = known.axis; k < moved.length; v++, k += 3) moved[k] += gain * known.offsets[v];
+        if (mixture.shows(fap.number, gain)) mixed.set(fap.number, gain);
+        else if (known) for (let v = 0, k = known.axis; k < moved.length; v++, k += 3) moved[k] += gain * known.offsets[v];
         continue;
       }
       const { frames, weights } = this.motions[source.index];
@@ -49,6 +52,7 @@ class Head {
         shares[m] += gain * (from + t * (to - from));
       }
     }
+    mixture.weights(mixed).forEach((weight, m) => { shares[m] += weight; });
     members.forEach((member, m) => {
       const share = shares[m];
       if (Math.abs(share) > 1e-4) for (let k = 0; k < moved.length; k++) moved[k] += share * member[k];

@@ -9,7 +9,7 @@ use super::{
     bank_face::{BankFace, face_size, implausible},
 };
 use crate::{
-    fap::{FapCatalog, FapFrame, FapNumber, offsets_from_frame, read_fap},
+    fap::{FapCatalog, FapFrame, FapNumber, FapSequence, offsets_from_frame, read_fap},
     input::CsvFile,
     interpolation::{MOST_EVEN, too_many_between},
     normalize::{NormalizeOptions, Normalizer, check_face_units},
@@ -190,13 +190,17 @@ fn read_track_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, Synthes
 }
 
 /// Reads the motion of a FAP file.
+fn read_fap_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, SynthesisError> {
+    fap_motion(read_fap(path)?.sequence, face, path)
+}
+
+/// The motion of a FAP file's sequence; `path` is for errors.
 ///
 /// A FAP that only some frames set is interpolated in the others (`FapSequence::fill_gaps`). Of the inner and the outer contour
 /// of the lips, one that the file never sets follows the other, as MPEG-4's decoders do it. Feature points of which the file sets no
 /// FAP are free, and so is one axis of a point of which it sets the other: whoever raises two corners of a mouth does not hold the
 /// rest of it still.
-fn read_fap_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, SynthesisError> {
-    let mut sequence = read_fap(path)?.sequence;
+pub(super) fn fap_motion(mut sequence: FapSequence, face: &BankFace<'_>, path: &Path) -> Result<Motion, SynthesisError> {
     sequence.fill_gaps();
     let catalog = FapCatalog::mpeg4();
     let is_shown = |fap: FapNumber| {

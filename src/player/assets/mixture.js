@@ -1,0 +1,87 @@
+// Single FAPs on a dense head: the non-negative mixture of its members that comes closest to what they ask, as `synthesize` finds it for a
+// FAP file that sets only these (`solve/mod.rs`, `target.rs`).
+
+class Mixture {
+  constructor({ points, drivable, free, faps }, members) {
+    Object.assign(this, { drivable, free });
+    this.faps = new Map(faps.map((fap) => [fap.number, fap]));
+    const vertices = wholes(points);
+    // Motion of the feature points in every member: x and y of each.
+    this.basis = members.map((member) => Float64Array.from(drivable, (_, k) => member[3 * vertices[k >> 1] + (k & 1)]));
+    this.last = { asked: "", weights: new Float64Array(members.length) };
+  }
+  /** Whether a mixture shows a FAP alone with this value. */
+  shows(number, value) {
+    return this.faps.get(number)?.shows[value > 0 ? 1 : 0] ?? false;
+  }
+  /** Weights of the members for FAPs with a value, a map from number to value. */
+  weights(values) {
+    const asked = JSON.stringify([...values].sort((a, b) => a[0] - b[0]));
+    if (asked !== this.last.asked) this.last = { asked, weights: this.solve(values, this.last.weights) };
+    return this.last.weights;
+  }
+  /** What is asked: for each axis of a feature point its weight (0 where nothing is known of it) and its target. */
+  goal(values) {
+    const { drivable, free, faps } = this, axes = drivable.length;
+    const target = new Float64Array(axes), set = new Uint8Array(axes), near = new Set();
+    const all = new Map(values);
+    // Of the contours of the lips, one that is not set follows the other.
+    for (const [number, value] of values) {
+      const { twin } = faps.get(number);
+      if (faps.has(twin) && !values.has(twin)) all.set(twin, value);
+    }
+    for (const [number, value] of all) {
+      const fap = faps.get(number);
+      for (const [point, ...offset] of fap.points) {
+        offset.forEach((unit, axis) => {
+          if (!unit) return;
+          target[2 * point + axis] += value * unit;
+          set[2 * point + axis] = 1;
+        });
+      }
+      fap.near.forEach((point) => near.add(point));
+    }
+    const weights = new Float64Array(axes), freePoints = new Set(), knownPoints = new Set();
+    for (let k = 0; k < axes; k++) {
+      const point = k >> 1, isFree = drivable[k] && !set[k], isSet = set[2 * point] || set[2 * point + 1];
+      if (isFree) {
+        weights[k] = near.has(point) ? free.near : free.far;
+        freePoints.add(point);
+      } else if (isSet) weights[k] = 1;
+      if (isSet) knownPoints.add(point);
+    }
+    const ridge = (free.ridge * freePoints.size) / (freePoints.size + knownPoints.size);
+    return { target, weights, ridge };
+  }
+  solve(values, warm) {
+    const { basis } = this, n = basis.length, { target, weights, ridge } = this.goal(values);
+    if (!target.some((v) => v)) return new Float64Array(n);
+    const rows = basis.map((motion) => motion.map((v, k) => v * weights[k]));
+    const product = (a, b) => a.reduce((sum, v, k) => sum + v * b[k], 0);
+    const gram = rows.map((a, i) => rows.slice(0, i + 1).map((b) => product(a, b)));
+    const at = (i, j) => (j > i ? gram[j][i] : gram[i][j]);
+    const right = rows.map((a) => product(a, target));
+    const trace = gram.reduce((sum, row, i) => sum + row[i], 0);
+    const extra = Math.max(ridge, 1e-10) * (trace / n);
+    // Coordinate descent; the ridge makes the minimum one.
+    const z = Float64Array.from(warm), gradient = right.map((f, i) => f - z.reduce((sum, v, j) => sum + v * at(i, j), 0));
+    for (let sweep = 0, most = 1; sweep < 1000 && most > 1e-6; sweep++) {
+      most = 0;
+      for (let i = 0; i < n; i++) {
+        const step = Math.max((gradient[i] - extra * z[i]) / (at(i, i) + extra), -z[i]);
+        if (!(step !== 0)) continue;
+        z[i] += step;
+        most = Math.max(most, Math.abs(step) / (1 + z[i]));
+        for (let j = 0; j < n; j++) gradient[j] -= step * at(i, j);
+      }
+    }
+    if (ridge > 0) {
+      // The ridge shortens the motion.
+      const moved = new Float64Array(target.length);
+      rows.forEach((row, i) => row.forEach((v, k) => { moved[k] += z[i] * v; }));
+      const square = product(moved, moved), along = product(moved, target);
+      for (let i = 0; i < n && square > 0; i++) z[i] *= Math.max(along / square, 0);
+    }
+    return z;
+  }
+}
