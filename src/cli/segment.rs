@@ -14,9 +14,9 @@ use grimace::{
     dataset::{check_file_name, list_recording},
     output::{check_writable, count, listed},
     pipeline::{
-        EarlierSegments, GivenForAll, ManifestColumns, PipelineOptions, Recording, RecordingError, RecordingFiles, RecordingStep,
-        SegmentRow, UNLABELLED, Workbench, reuse_recording, segment_recording, segments_folder, write_recording,
-        write_recording_film, write_segments,
+        EarlierSegments, GivenForAll, ManifestColumns, PipelineOptions, Recording, RecordingError, RecordingFiles,
+        RecordingOutputs, RecordingStep, SegmentRow, UNLABELLED, Workbench, reuse_recording, segment_recording, segments_folder,
+        write_recording, write_recording_film, write_segments,
     },
     segment::SegmentOptions,
     sequence::check_video,
@@ -79,6 +79,9 @@ pub struct Args {
     /// Do not write pictures of the proposals
     #[arg(long)]
     no_faces: bool,
+    /// Also write STEM_openface.csv: a row for every frame of the recording, with the columns of OpenFace's files
+    #[arg(long)]
+    openface: bool,
     /// Number of threads; 0 uses one per processor
     #[arg(short = 'j', long, default_value_t = 0, value_parser = thread_count)]
     threads: usize,
@@ -356,7 +359,8 @@ fn one(
         "--overlay names one film, but there are {} recordings; name a folder",
         args.recordings.len()
     );
-    let reusable = reuse_recording(folder, recording, &options, bench, !args.no_faces)?;
+    let outputs = RecordingOutputs { pictures: !args.no_faces, openface: args.openface };
+    let reusable = reuse_recording(folder, recording, &options, bench, outputs)?;
     if let Some(film) = &film {
         args.general.check_free(film)?;
         check_video(film, recording.fps.unwrap_or(25.0), (64, 64))?;
@@ -370,7 +374,7 @@ fn one(
         // Existing results of the same recording are kept, with corrected marks.
         let files = match reusable {
             Some(files) => files,
-            None => write_recording(folder, (recording, &found), &options, bench, !args.no_faces, &tick)?,
+            None => write_recording(folder, (recording, &found), &options, bench, outputs, &tick)?,
         };
         if let Some(film) = &film
             && let Err(error) = write_recording_film(film, (recording, &found), bench, &tick)

@@ -31,6 +31,7 @@ pub use blendshapes::{COEFFICIENTS, ColumnsBeside, read_blendshapes};
 pub use course::{COURSE_POINTS, Course};
 pub use file::{ColumnNames, write_features};
 pub(crate) use file::{fap_column, measured, unit_column};
+pub(crate) use openface::{ABOUT as OPENFACE_UNITS, OpenFaceFace, OpenFaceRow, openface_csv};
 pub use warnings::{apex_warning, order_warning, pose_warning, turn_warning};
 
 /// Yaw or pitch, degrees, up to which a frame's values are reliable.

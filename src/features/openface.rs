@@ -1,15 +1,15 @@
 //! Columns in the format of `OpenFace`'s files.
 
-use nalgebra::{Matrix3, Rotation3};
+use nalgebra::{Matrix3, Point2, Rotation3};
 
-use super::{FrameFeatures, in_time};
-use crate::{output::nine_digits, pose::HeadPose, sequence::Clock};
+use super::{FrameFeatures, in_time, measured, unit_column};
+use crate::{dataset::LANDMARK_COUNT, pose::HeadPose, sequence::Clock};
 
 /// Action units in the files.
 pub(super) const UNITS: [u8; 17] = [1, 2, 4, 5, 6, 7, 9, 10, 12, 14, 15, 17, 20, 23, 25, 26, 45];
 
 /// Units of the columns, for the JSON beside the table.
-pub(super) const ABOUT: [(&str, &str); 6] = [
+pub(crate) const ABOUT: [(&str, &str); 6] = [
     ("timestamp", "s from the first row; 0 where the frame rate is not known"),
     ("confidence, success", "share of the nodes that were seen; 1 or 0"),
     (
@@ -33,34 +33,80 @@ fn angles([yaw, pitch, roll]: [f64; 3]) -> [f64; 3] {
     [(-m[(1, 2)]).atan2(m[(2, 2)]), m[(0, 2)].clamp(-1.0, 1.0).asin(), (-m[(0, 1)]).atan2(m[(0, 0)])]
 }
 
-/// Returns header and rows.
-pub(super) fn table(features: &[FrameFeatures], clock: &Clock) -> (Vec<String>, Vec<Vec<String>>) {
+/// A row of such a file.
+#[derive(Clone, Debug)]
+pub(crate) struct OpenFaceRow {
+    /// Frame number.
+    pub frame: u32,
+    /// Seconds from the first row, if known.
+    pub seconds: Option<f64>,
+    /// The face; `None` where none was found.
+    pub face: Option<OpenFaceFace>,
+}
+
+/// What a row says of a face.
+#[derive(Clone, Debug)]
+pub(crate) struct OpenFaceFace {
+    /// Share of the nodes that were seen, 0 to 1.
+    pub confidence: f64,
+    /// Whether the row may be used.
+    pub success: bool,
+    /// Yaw, pitch, roll, degrees.
+    pub pose: [f64; 3],
+    /// The landmarks, px.
+    pub landmarks: Vec<Option<Point2<f64>>>,
+    /// Number, intensity and presence of the action units.
+    pub units: Vec<(u8, f64, bool)>,
+}
+
+/// Returns header and records. `units` are the numbers of the action units; those that the format lacks are left out.
+pub(crate) fn openface_csv(rows: impl Iterator<Item = OpenFaceRow>, units: &[u8]) -> (Vec<String>, Vec<Vec<String>>) {
     let mut header: Vec<String> =
         ["frame", "face_id", "timestamp", "confidence", "success", "pose_Rx", "pose_Ry", "pose_Rz"].map(str::to_owned).into();
-    let landmarks = features.first().map_or(0, |f| f.landmarks.len());
-    header.extend((0..landmarks).map(|k| format!("x_{k}")));
-    header.extend((0..landmarks).map(|k| format!("y_{k}")));
-    // The selected action units: they are the same in all frames.
-    let is_there = |n: &u8| features.first().is_none_or(|f| f.action_units.iter().any(|unit| unit.number == *n));
-    let units: Vec<u8> = UNITS.into_iter().filter(is_there).collect();
-    header.extend(units.iter().map(|n| format!("AU{n:02}_r")));
-    header.extend(units.iter().map(|n| format!("AU{n:02}_c")));
-    let features = in_time(features);
-    let first = features.first().map_or(0, |f| f.frame);
-    let number = |value: f64| nine_digits((value * 1e4).round() / 1e4);
-    let rows = features.iter().map(|f| {
-        let seconds = clock.seconds(f.frame.saturating_sub(first)).unwrap_or(0.0);
-        let mut row = vec![f.frame.to_string(), "0".to_owned(), number(seconds), number(f.confidence)];
-        row.push(u8::from(f.reason.is_none()).to_string());
-        row.extend(angles(f.pose).map(number));
-        row.extend(f.landmarks.iter().map(|p| p.map(|p| number(p.x)).unwrap_or_default()));
-        row.extend(f.landmarks.iter().map(|p| p.map(|p| number(p.y)).unwrap_or_default()));
-        let unit = |n: u8| f.action_units.iter().find(|unit| unit.number == n);
-        row.extend(units.iter().map(|&n| unit(n).map(|u| number(u.value)).unwrap_or_default()));
-        row.extend(units.iter().map(|&n| unit(n).map(|u| u8::from(u.is_present()).to_string()).unwrap_or_default()));
+    header.extend((0..LANDMARK_COUNT).map(|k| format!("x_{k}")));
+    header.extend((0..LANDMARK_COUNT).map(|k| format!("y_{k}")));
+    let units: Vec<u8> = UNITS.into_iter().filter(|n| units.contains(n)).collect();
+    header.extend(units.iter().map(|&n| unit_column(n, "r")));
+    header.extend(units.iter().map(|&n| unit_column(n, "c")));
+    let rows = rows.map(|OpenFaceRow { frame, seconds, face }| {
+        let mut row = vec![frame.to_string(), "0".to_owned(), measured(seconds.unwrap_or(0.0))];
+        let Some(face) = face else {
+            row.extend(["0", "0"].map(str::to_owned));
+            row.resize(header.len(), String::new());
+            return row;
+        };
+        row.push(measured(face.confidence));
+        row.push(u8::from(face.success).to_string());
+        row.extend(angles(face.pose).map(measured));
+        let at = |k: usize| face.landmarks.get(k).copied().flatten();
+        row.extend((0..LANDMARK_COUNT).map(|k| at(k).map(|p| measured(p.x)).unwrap_or_default()));
+        row.extend((0..LANDMARK_COUNT).map(|k| at(k).map(|p| measured(p.y)).unwrap_or_default()));
+        let unit = |n: u8| face.units.iter().find(|unit| unit.0 == n);
+        row.extend(units.iter().map(|&n| unit(n).map(|u| measured(u.1)).unwrap_or_default()));
+        row.extend(units.iter().map(|&n| unit(n).map(|u| u8::from(u.2).to_string()).unwrap_or_default()));
         row
     });
-    (header, rows.collect())
+    let rows = rows.collect();
+    (header, rows)
+}
+
+/// Returns header and rows of the frames of a track.
+pub(super) fn table(features: &[FrameFeatures], clock: &Clock) -> (Vec<String>, Vec<Vec<String>>) {
+    // The selected action units: they are the same in all frames.
+    let units = features.first().map_or(UNITS.to_vec(), |f| f.action_units.iter().map(|unit| unit.number).collect());
+    let first = features.first().map_or(0, |f| f.frame);
+    let row = |f: &FrameFeatures| OpenFaceRow {
+        frame: f.frame,
+        seconds: clock.seconds(f.frame.saturating_sub(first)),
+        face: Some(OpenFaceFace {
+            confidence: f.confidence,
+            success: f.reason.is_none(),
+            pose: f.pose,
+            landmarks: f.landmarks.clone(),
+            units: f.action_units.iter().map(|unit| (unit.number, unit.value, unit.is_present())).collect(),
+        }),
+    };
+    openface_csv(in_time(features).into_iter().map(row), &units)
 }
 
 #[cfg(test)]

@@ -84,7 +84,7 @@ fn expressions_of_a_recording_become_sequences_for_run() {
     let gap = vec![Shot::Black(320); GAP as usize];
     let shots: Vec<Shot> = [expression("005"), gap, expression("007")].concat();
     record(&work, "talk", &shots);
-    let ran = work.grimace("segment talk -o segments.csv --subject P1 --emotion happiness");
+    let ran = work.grimace("segment talk -o segments.csv --subject P1 --emotion happiness --openface");
     ran.exit(0).prints(&["talk: 2 sequences proposed", "no face is found", "a face is found again"]);
     let rows = work.rows("segments.csv");
     assert_eq!(rows.len(), 2, "{rows:?}");
@@ -102,13 +102,27 @@ fn expressions_of_a_recording_become_sequences_for_run() {
     let frames = work.rows("segments/talk_frames.csv");
     assert!(frames.iter().any(|r| r["phase"] == "apex") && frames.iter().filter(|r| r["phase"] == "rest").count() > 40);
     assert!(!frames.iter().any(|r| (LENGTH + 4..=second - 4).contains(&number(r, "frame"))), "black frames have no row");
+    // With OpenFace's columns every frame of the recording has a row.
+    let table = work.rows("segments/talk_openface.csv");
+    assert_eq!(table.len() as i64, LENGTH + second);
+    for row in &table {
+        let Some(known) = frames.iter().find(|known| known["frame"] == row["frame"]) else {
+            assert!(row["success"] == "0" && row["confidence"] == "0" && row["x_30"].is_empty() && row["AU12_r"].is_empty());
+            continue;
+        };
+        let same = ["timestamp", "confidence", "success", "AU12_r"];
+        assert!(same.iter().all(|&column| row[column] == known[column]), "{row:?}, {known:?}");
+        // The tip of the nose lies in the picture, and landmark 9, the chin, below it.
+        let [nose, chin] = ["y_30", "y_8"].map(|column| number_of(row, column));
+        assert!(0.0 < nose && nose < chin && chin < 320.0, "{row:?}");
+    }
     // The output is a manifest.
     work.grimace("run segments.csv -o out").exit(0);
     assert!(work.path("out/tracks/P1_talk-01.csv").is_file() && work.path("out/fap/happiness.fap").is_file());
     // A recording that has not changed is kept; results are not overwritten.
     let before = work.files("segments");
     work.grimace("segment talk -o segments.csv --subject P1 --emotion happiness").exit(1).says(&["segments.csv", "--force"]);
-    work.grimace("segment talk -o segments.csv --subject P1 --emotion happiness --force").exit(0);
+    work.grimace("segment talk -o segments.csv --subject P1 --emotion happiness --openface --force").exit(0);
     assert_eq!(work.files("segments"), before);
 }
 

@@ -7,7 +7,7 @@ use std::{
 };
 
 use super::{
-    Recording, RecordingError, RecordingFiles, RecordingStep, Segment, reuse_recording, segment_recording,
+    Recording, RecordingError, RecordingFiles, RecordingOutputs, RecordingStep, Segment, reuse_recording, segment_recording,
     survey::{SHORTEST, USUAL_FPS, too_short},
     write_recording,
 };
@@ -136,13 +136,13 @@ fn segmented(
 ) -> Result<RecordingFiles, RecordingError> {
     let recording = recording_of(entry, bench)?;
     let options = SegmentOptions::default();
-    let shows = bench.options.shows(&entry.metadata);
-    if let Some(files) = reuse_recording(folder, &recording, &options, bench, shows)? {
+    let outputs = RecordingOutputs { pictures: bench.options.shows(&entry.metadata), openface: false };
+    if let Some(files) = reuse_recording(folder, &recording, &options, bench, outputs)? {
         return Ok(files);
     }
     let tick = |_: RecordingStep, _: usize, _: Option<usize>| !stop.load(Ordering::Relaxed);
     let found = segment_recording(&recording, bench, &options, &tick)?;
-    write_recording(folder, (&recording, &found), &options, bench, shows, &tick)
+    write_recording(folder, (&recording, &found), &options, bench, outputs, &tick)
 }
 
 /// The manifest entry of a sequence found in a recording.

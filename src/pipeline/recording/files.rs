@@ -6,12 +6,13 @@ use std::{
 };
 
 use image::RgbImage;
+use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
 use super::{Recording, RecordingError, RecordingFrame, RecordingStep, Segment, SegmentedRecording, Tick};
 use crate::{
     correspondence::write_correspondences,
-    features::{ACTION_UNITS, measured, unit_column},
+    features::{ACTION_UNITS, OPENFACE_UNITS, OpenFaceFace, OpenFaceRow, measured, openface_csv, unit_column},
     fit::MarkKind,
     input::record_at,
     output::{self, MADE_BY, OutputError, is_inside, nine_digits, write_records},
@@ -50,6 +51,15 @@ pub struct RecordingFiles {
     pub notes: Vec<String>,
     /// BLAKE3 of the other files.
     files: BTreeMap<String, String>,
+}
+
+/// What is written of a recording beside the table of its frames and the marks of its sequences.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RecordingOutputs {
+    /// Pictures of the sequences, which show the face.
+    pub pictures: bool,
+    /// `STEM_openface.csv`: a row for every frame, with the columns that readers of `OpenFace`'s files expect.
+    pub openface: bool,
 }
 
 /// Columns of a table of segments that are equal for all sequences of a recording.
@@ -121,9 +131,13 @@ impl RecordingFiles {
         self.segments.iter().any(|segment| name.strip_suffix(".csv") == Some(&segment.name))
     }
 
-    /// Whether the record can be reused: wanted pictures exist, and all files are unchanged except corrected marks.
-    fn is_whole(&self, folder: &Path, pictures: bool) -> bool {
-        let lacks_pictures = pictures && !self.segments.is_empty() && !self.files.keys().any(|name| Self::is_picture(name));
+    /// Whether the record can be reused: what is wanted exists, and all files are unchanged except corrected marks.
+    fn is_whole(&self, folder: &Path, (stem, outputs): (&str, RecordingOutputs)) -> bool {
+        if outputs.openface && !self.files.contains_key(&openface_name(stem)) {
+            return false;
+        }
+        let lacks_pictures =
+            outputs.pictures && !self.segments.is_empty() && !self.files.keys().any(|name| Self::is_picture(name));
         // Pictures cannot be made without replacing the marks, and corrected marks are more valuable.
         let marks = self.files.iter().filter(|(name, _)| self.is_marks(name));
         let is_corrected = marks.clone().any(|(name, hash)| since(folder, name, hash) == Since::Edited);
@@ -137,7 +151,7 @@ impl RecordingFiles {
 }
 
 /// Returns the earlier [`RecordingFiles`] if they have the same inputs and all files are unchanged, except marks that the user corrected,
-/// which stay. Without `pictures`, existing pictures are removed.
+/// which stay. Existing pictures that are not wanted are removed.
 ///
 /// # Errors
 /// [`RecordingError`] when the recording cannot be read or a picture cannot be removed.
@@ -146,14 +160,14 @@ pub fn reuse_recording(
     recording: &Recording,
     options: &SegmentOptions,
     bench: &Workbench,
-    pictures: bool,
+    outputs: RecordingOutputs,
 ) -> Result<Option<RecordingFiles>, RecordingError> {
     let Some(files) = record_of(folder, &recording.stem)? else { return Ok(None) };
     let inputs = recording_inputs_blake3(recording, options, bench)?;
-    if files.inputs_blake3 != inputs || !files.is_whole(folder, pictures) {
+    if files.inputs_blake3 != inputs || !files.is_whole(folder, (&recording.stem, outputs)) {
         return Ok(None);
     }
-    if pictures { Ok(Some(files)) } else { withdraw_pictures(folder, &recording.stem, files).map(Some) }
+    if outputs.pictures { Ok(Some(files)) } else { withdraw_pictures(folder, &recording.stem, files).map(Some) }
 }
 
 /// Removes the unchanged pictures of a recording from the folder and from its record, when its person may no longer be shown.
@@ -214,8 +228,8 @@ pub fn recording_inputs_blake3(
     Ok(inputs_of(recording, &content, options, bench))
 }
 
-/// Writes a segmented recording into a folder: `STEM_frames.csv`, then `STEM-01.csv` (marks) and `STEM-01.png` of every segment, and
-/// `STEM.json` last. Without `pictures`, no face is written.
+/// Writes a segmented recording into a folder: `STEM_frames.csv`, then `STEM-01.csv` (marks) of every segment, what `outputs` names, and
+/// `STEM.json` last.
 ///
 /// # Errors
 /// [`RecordingError`] when a file cannot be written or the recording cannot be read again.
@@ -224,7 +238,7 @@ pub fn write_recording(
     (recording, found): (&Recording, &SegmentedRecording),
     options: &SegmentOptions,
     bench: &Workbench,
-    pictures: bool,
+    outputs: RecordingOutputs,
     tick: Tick<'_>,
 ) -> Result<RecordingFiles, RecordingError> {
     let mut notes = found.notes.clone();
@@ -234,13 +248,18 @@ pub fn write_recording(
     let (header, rows) = frames_table(found);
     let hash = write_records(&folder.join(&table), header, rows)?;
     files.insert(table, hash.to_hex().to_string());
+    if outputs.openface {
+        let (header, rows) = openface_table(found);
+        let hash = write_records(&folder.join(openface_name(&found.stem)), header, rows)?;
+        files.insert(openface_name(&found.stem), hash.to_hex().to_string());
+    }
     for segment in &found.segments {
         let name = format!("{}.csv", segment.name);
         write_correspondences(&folder.join(&name), &segment.marks)?;
         let bytes = crate::input::read(&folder.join(&name)).map_err(OutputError::at(&folder.join(&name)))?;
         files.insert(name, blake3::hash(&bytes).to_hex().to_string());
     }
-    if pictures {
+    if outputs.pictures {
         for (name, picture) in segment_pictures(recording, found, bench, tick)? {
             let path = folder.join(&name);
             let bytes = png_bytes(&picture).map_err(|e| OutputError::at(&path)(std::io::Error::other(e)))?;
@@ -251,7 +270,7 @@ pub fn write_recording(
     let record = RecordingFiles {
         schema_version: SCHEMA,
         made_by: MADE_BY.to_owned(),
-        units: frames_units(),
+        units: units(outputs),
         inputs_blake3: inputs_of(recording, &found.content_blake3, options, bench),
         fps: found.fps,
         uneven: found.clock.times.is_some(),
@@ -262,6 +281,22 @@ pub fn write_recording(
     };
     output::write_json(&folder.join(format!("{}.json", found.stem)), &record)?;
     Ok(record)
+}
+
+/// Name of the table for readers of `OpenFace`'s files.
+fn openface_name(stem: &str) -> String {
+    format!("{stem}_openface.csv")
+}
+
+/// Units of the columns.
+fn units(outputs: RecordingOutputs) -> BTreeMap<String, String> {
+    let mut units = frames_units();
+    if outputs.openface {
+        let own = units.keys().flat_map(|key| key.split(", ")).map(str::to_owned).collect::<Vec<_>>();
+        let others = OPENFACE_UNITS.iter().filter(|(key, _)| key.split(", ").any(|name| !own.iter().any(|known| known == name)));
+        units.extend(others.map(|&(key, unit)| (key.to_owned(), unit.to_owned())));
+    }
+    units
 }
 
 fn frames_units() -> BTreeMap<String, String> {
@@ -324,6 +359,29 @@ fn frames_table(found: &SegmentedRecording) -> (Vec<String>, Vec<Vec<String>>) {
         row
     };
     (header.collect(), found.frames.iter().map(row).collect())
+}
+
+/// Header and rows of the table for readers of `OpenFace`'s files: a row for every frame of the recording, also without a face.
+fn openface_table(found: &SegmentedRecording) -> (Vec<String>, Vec<Vec<String>>) {
+    let numbers: Vec<u8> = ACTION_UNITS.iter().map(|unit| unit.number).collect();
+    let of_frame = |frame: &RecordingFrame| {
+        let (measured, shown) = (&frame.measured, &frame.shown);
+        let units = numbers.iter().zip(measured.units).zip(shown.present);
+        let landmarks = shown.landmarks.iter().map(|p| p.map(|[x, y]| Point2::new(f64::from(x), f64::from(y))));
+        OpenFaceFace {
+            confidence: f64::from(measured.confidence),
+            success: measured.reason.is_none(),
+            pose: measured.pose.map(f64::from),
+            landmarks: landmarks.collect(),
+            units: units.map(|((&number, value), present)| (number, f64::from(value), present)).collect(),
+        }
+    };
+    let mut seen = found.frames.iter().peekable();
+    let rows = found.numbers().map(|number| {
+        let face = seen.next_if(|frame| frame.measured.number == number).map(of_frame);
+        OpenFaceRow { frame: number, seconds: found.seconds(number), face }
+    });
+    openface_csv(rows, &numbers)
 }
 
 /// Pictures of every segment: neutral and apex frame side by side, with the wireframe.

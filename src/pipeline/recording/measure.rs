@@ -4,6 +4,7 @@ use nalgebra::Point2;
 
 use super::{RecordingError, RecordingStep, Tick, follow::Followed};
 use crate::{
+    features::{ACTION_UNITS, FrameFeatures, Intensity},
     fit::Correspondence,
     pipeline::Workbench,
     pose::{HeadFit, HeadPose},
@@ -21,6 +22,26 @@ const BLOCK: usize = 100;
 pub(super) struct Measured {
     pub frames: Vec<RecordedFrame>,
     pub poses: Vec<Option<HeadPose>>,
+    pub shown: Vec<Shown>,
+}
+
+/// What tables of other programs say of a frame beside its measurements.
+#[derive(Clone, Debug)]
+pub(super) struct Shown {
+    /// The 68 landmarks, px.
+    pub landmarks: Box<[Option<[f32; 2]>]>,
+    /// Presence of the action units, in the order of [`ACTION_UNITS`].
+    pub present: [bool; ACTION_UNITS.len()],
+}
+
+impl From<&FrameFeatures> for Shown {
+    fn from(row: &FrameFeatures) -> Self {
+        let present = |k: usize| row.action_units.get(k).is_some_and(Intensity::is_present);
+        Self {
+            landmarks: row.landmarks.iter().map(|p| p.map(|p| [p.x as f32, p.y as f32])).collect(),
+            present: std::array::from_fn(present),
+        }
+    }
 }
 
 /// Positions of the fitted frame's marks in another frame: each moves with its node.
@@ -47,7 +68,8 @@ pub(super) fn measure(
     let head_track: Vec<TrackedFrame> =
         std::iter::once(neutral).chain((0..spread).map(|k| k * count / spread).filter(|&k| k != neutral)).map(expanded).collect();
     let known: HeadFit = bench.fit_head(&head_track, &marks)?;
-    let mut out = Measured { frames: Vec::with_capacity(count), poses: Vec::with_capacity(count) };
+    let mut out =
+        Measured { frames: Vec::with_capacity(count), poses: Vec::with_capacity(count), shown: Vec::with_capacity(count) };
     let mut from: Option<HeadPose> = None;
     for start in (0..count).step_by(BLOCK) {
         let block: Vec<TrackedFrame> = std::iter::once(neutral).chain(start..(start + BLOCK).min(count)).map(expanded).collect();
@@ -55,6 +77,7 @@ pub(super) fn measure(
         let model = bench.frontal_model(&fit, &block)?;
         let rows = bench.features(&block, &fit, &model).map_err(|reason| RecordingError::Features { reason })?;
         out.frames.extend(rows.iter().skip(1).map(RecordedFrame::from));
+        out.shown.extend(rows.iter().skip(1).map(Shown::from));
         let poses = fit.poses.iter().zip(&fit.failures).skip(1);
         out.poses.extend(poses.map(|(pose, failure)| failure.is_none().then_some(*pose)));
         from = fit.poses.last().copied();

@@ -23,7 +23,7 @@ use serde::{Deserialize, Serialize};
 
 use self::{
     follow::{CompactFrame, Followed, Start, follow},
-    measure::{Measured, marks_in, measure},
+    measure::{Measured, Shown, marks_in, measure},
     survey::{Look, SHORTEST, Stretch, Survey, too_short},
 };
 use super::{FoundMarksError, Workbench, found::fitting_marks};
@@ -41,7 +41,9 @@ use crate::{
 };
 
 pub(super) use expand::{SEGMENTS_FOLDER, expand, failed, is_recording, recording_of, take_doubles, too_few_frames};
-pub use files::{ManifestColumns, RecordingFiles, SegmentRow, reuse_recording, write_recording, write_segments};
+pub use files::{
+    ManifestColumns, RecordingFiles, RecordingOutputs, SegmentRow, reuse_recording, write_recording, write_segments,
+};
 pub use film::write_recording_film;
 pub use kept::{EarlierSegments, GivenForAll, UNLABELLED};
 
@@ -108,6 +110,7 @@ pub struct RecordingFrame {
     pub activity: f64,
     pose: Option<HeadPose>,
     nodes: CompactFrame,
+    shown: Shown,
 }
 
 /// A recording segmented into sequences.
@@ -139,6 +142,11 @@ impl SegmentedRecording {
     /// Seconds from the first frame to the frame with a number; `None` if unknown.
     pub(super) fn seconds(&self, number: u32) -> Option<f64> {
         self.clock.seconds(*self.steps.get(&number)?)
+    }
+
+    /// Numbers of all its frames, ascending.
+    fn numbers(&self) -> impl Iterator<Item = u32> {
+        self.steps.keys().copied()
     }
 }
 
@@ -390,9 +398,9 @@ fn enter(
             });
         }
     }
-    let all = measured.frames.into_iter().zip(measured.poses).zip(followed.frames);
-    for (((measured, pose), nodes), (phase, activity)) in all.zip(phases.into_iter().zip(activity)) {
-        result.frames.push(RecordingFrame { measured, stretch, phase, activity, pose, nodes });
+    let all = measured.frames.into_iter().zip(measured.poses).zip(followed.frames).zip(measured.shown);
+    for ((((measured, pose), nodes), shown), (phase, activity)) in all.zip(phases.into_iter().zip(activity)) {
+        result.frames.push(RecordingFrame { measured, stretch, phase, activity, pose, nodes, shown });
     }
     Ok(segmentation.is_ok())
 }
