@@ -102,7 +102,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         }
     }
     let own = OwnFolder::open(&args.output, "features")?;
-    let results: Vec<anyhow::Result<()>> = files.par_iter().map(|path| one(path, args, &bench, &own)).collect();
+    let results: Vec<anyhow::Result<bool>> = files.par_iter().map(|path| one(path, args, &bench, &own)).collect();
     if results.iter().any(Result::is_ok) {
         own.end_beside_earlier()?;
     }
@@ -112,6 +112,14 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             failed += 1;
             eprintln!("failed: {}", about(path)(&super::chain(error)));
         }
+    }
+    let timeless = results.iter().filter(|result| matches!(result, Ok(false))).count();
+    if timeless > 0 && matches!(args.names, Names::Openface) {
+        eprintln!(
+            "note: {} {} no frame rate, so every timestamp is 0: give the column fps in the manifest of `run`, or --fps of `track`",
+            count(timeless, "track", "tracks"),
+            if timeless == 1 { "has" } else { "have" }
+        );
     }
     if !args.general.quiet {
         println!("{} written to {}", count(files.len() - failed, "table", "tables"), args.output.display());
@@ -135,7 +143,8 @@ fn target_of(id: &SequenceId, args: &Args) -> PathBuf {
     args.output.join(format!("{}.csv", id.to_string().replace(['/', '\\', '\0'], "-")))
 }
 
-fn one(path: &Path, args: &Args, bench: &Workbench, own: &OwnFolder) -> anyhow::Result<()> {
+/// Writes the table of a track. Returns whether the times of its frames are known.
+fn one(path: &Path, args: &Args, bench: &Workbench, own: &OwnFolder) -> anyhow::Result<bool> {
     let track = read_track(path)?;
     let info = read_track_info(path)?;
     let id = id_beside(info.as_ref(), path);
@@ -166,7 +175,10 @@ fn one(path: &Path, args: &Args, bench: &Workbench, own: &OwnFolder) -> anyhow::
     let beside = blendshapes.map(|path| read_blendshapes(&path)?.beside(&features)).transpose()?;
     own.begin()?;
     write_features(&target, &features, &clock, columns, beside.as_ref())?;
-    names.iter().try_for_each(|name| Ok(own.wrote(name)?))
+    for name in &names {
+        own.wrote(name)?;
+    }
+    Ok(clock.seconds(1).is_some())
 }
 
 /// The file of a track's blendshapes. In a folder it is the file with the name of the track; `None` if there is none.

@@ -8,7 +8,7 @@ use grimace::{
     output,
     pipeline::{PORTRAIT_NAME, PipelineOptions, Workbench, id_of, showcase_target},
     player::{PlayerFace, PlayerHead, Shown, page},
-    synthesis::{Bank, Motion, SynthesisError, read_motion},
+    synthesis::{Bank, EmbeddedBank, Motion, SynthesisError, read_motion},
     track::{TrackFileError, read_track_info},
     units::SequenceId,
 };
@@ -80,6 +80,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     args.general.check_free(&args.output)?;
     let bench = args.general.workbench(PipelineOptions { fit: args.fit.options(), ..PipelineOptions::default() })?;
     let dense = args.bank.as_deref().map(bank::open).transpose()?;
+    let shapes = args.bank.as_deref().and_then(EmbeddedBank::of_path).map(EmbeddedBank::shapes).transpose()?;
     let (read, failed) = read_motions(args, dense.as_ref(), &bench)?;
     let paths: Vec<&Path> = read.iter().map(|one| one.path).collect();
     let motions: Vec<&SourceMotion> = read.iter().map(|one| &one.motion).collect();
@@ -105,7 +106,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let mut heads = Vec::new();
     if let Some(dense) = &dense {
         let motions = read.iter().filter_map(|one| one.on_head.clone()).collect();
-        let head = PlayerHead { label: &name, bank: dense, motions };
+        let head = PlayerHead { label: &name, bank: dense, shapes: shapes.as_ref(), motions };
         for (path, unshown) in paths.iter().zip(head.unshown()?) {
             if let Some(unshown) = unshown {
                 eprintln!("warning: {}: on the head {name}, {}", path.display(), nothing_shown(&unshown));

@@ -178,7 +178,7 @@ impl Target {
     /// Distance by which the corners of the mouth are drawn away from those of a neutral face, in eye distances, if the photograph seems to
     /// show an expression already; `None` otherwise. `grey` is the photograph in grey.
     pub fn corners_drawn(&self, grey: &GrayImage) -> Option<f64> {
-        let [corners, _] = Locator::shipped().ok()?.mouth_estimates(grey, &known_nodes(self.fitted.model.nodes()))?;
+        let [corners, _] = Locator::shipped().ok()?.look(grey, &known_nodes(self.fitted.model.nodes()))?.mouth?;
         (corners > MOST_DRAWN).then_some(corners)
     }
 

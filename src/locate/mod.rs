@@ -160,6 +160,16 @@ impl LocatedFace {
     }
 }
 
+/// What one reading of a face near known places sees.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Look {
+    /// How far the corners of the mouth are from where a neutral face has them, and how far its lips are apart, over the eye distance; `None`
+    /// if the mouth is covered.
+    pub mouth: Option<[f64; mouth::ESTIMATES]>,
+    /// Parts that look covered.
+    pub covered: Vec<FacePart>,
+}
+
 /// Locates faces and their points.
 ///
 /// ```
@@ -308,17 +318,17 @@ impl Locator {
         (from.len() >= 2).then(|| Placement::fit(&from, &to))
     }
 
-    /// Estimates, near approximate positions of some points of a face, how far the corners of its mouth are from where a neutral face has
-    /// them and how far its lips are apart, over the eye distance; `None` if nothing there looks like a face, or its mouth is covered. The
-    /// mirror image is not read; the caller compares with another picture of the same person.
-    pub(crate) fn mouth_estimates(&self, image: &GrayImage, places: &[(NodeId, Point2<f64>)]) -> Option<[f64; mouth::ESTIMATES]> {
-        self.model.mouth.as_ref()?;
+    /// Looks at the face near approximate positions of some of its points; `None` if nothing there looks like a face. The mirror image is not
+    /// read; the caller compares with another picture of the same person.
+    pub(crate) fn look(&self, image: &GrayImage, places: &[(NodeId, Point2<f64>)]) -> Option<Look> {
         let (picture, start) = (Picture::new(image)?, self.placement_of(places)?);
         let start: Shape = self.model.mean.iter().map(|&p| start.apply(p)).collect();
         let reading = self.model.reading(picture.view(false), start);
         let covers = self.model.covers.as_ref();
-        let is_covered = covers.is_some_and(|c| c.covered(&c.seen([&reading.seen, &reading.seen])).contains(&FacePart::Mouth));
-        (reading.score >= LEAST_SCORE && !is_covered).then(|| reading.mouth.map(f64::from))
+        let covered = covers.map(|c| c.covered(&c.seen([&reading.seen, &reading.seen]))).unwrap_or_default();
+        let mouth = self.model.mouth.as_ref().filter(|_| !covered.contains(&FacePart::Mouth));
+        let mouth = mouth.map(|_| reading.mouth.map(f64::from));
+        (reading.score >= LEAST_SCORE).then_some(Look { mouth, covered })
     }
 
     /// Reads the points that move with the mouth from the places of all points, px; nodes only. `None` if there is nothing to read. The

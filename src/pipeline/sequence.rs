@@ -322,7 +322,8 @@ fn track_frames(
         SequenceFailure { stage, reason, fatal: fatal || is_interrupted }
     })?;
     let ends = track.frames.first().zip(track.frames.last());
-    let back = ends.and_then(|(first, last)| mouth_back_said(track.mouth_moved, first.number, last.number));
+    let back = ends.and_then(|(first, last)| mouth_back_said(track.ends.mouth_moved, first.number, last.number));
+    let hidden = ends.and_then(|(_, last)| track.ends.covered_said(last.number));
     let info = TrackInfo {
         schema_version: TRACK_SCHEMA,
         made_by: MADE_BY.to_owned(),
@@ -343,7 +344,8 @@ fn track_frames(
         summary: summarize(&track.frames, &bench.wireframe, &bench.tables)
             .with_marks_beside(beside)
             .with_covered(covered_said(&source.covered))
-            .with_mouth_back(back),
+            .with_mouth_back(back)
+            .with_covered_at_apex(hidden),
         inputs_blake3: String::new(),
         frames_blake3: None,
         csv_blake3: String::new(),

@@ -1,4 +1,4 @@
-//! The data of a dense head in the page: its mesh, the members of its bank, and the weights of each motion.
+//! The data of a dense head in the page: its mesh, the shapes that its bank is mixed of, and their weights in each motion.
 
 use nalgebra::Vector3;
 use serde_json::{Value, json};
@@ -18,6 +18,8 @@ use crate::{
 const SIZE: (u32, u32) = (480, 600);
 /// Fraction of the picture that the head fills.
 const FILLING: f64 = 0.92;
+/// Motion of a vertex in a shape that does not count, px.
+const LEAST_MOTION: f64 = 2e-3;
 /// Largest number of vertices: indices have 16 bits, and pages would get too large.
 const MOST_VERTICES: usize = 65_535;
 
@@ -28,11 +30,22 @@ pub struct Head<'a> {
     pub label: &'a str,
     /// Its bank of expression meshes.
     pub bank: &'a Bank,
+    /// The shapes that the bank's members are mixed of, if known. They serve single FAPs: a member may move both lids, a shape one.
+    pub shapes: Option<&'a Bank>,
     /// The page's motions, in the same order, as motions of the bank's feature points.
     pub motions: Vec<Motion>,
 }
 
 impl Head<'_> {
+    /// The bank whose members the page mixes, and the weights of those for each member of the head's bank, if they are not its own.
+    fn mixed(&self) -> (&Bank, Option<&[Vec<f64>]>) {
+        let composition = self.bank.info().composition.as_ref();
+        match (self.shapes, composition) {
+            (Some(shapes), Some(of)) if shapes.member_count() == of.shapes.len() => (shapes, Some(&of.weights)),
+            _ => (self.bank, None),
+        }
+    }
+
     /// The solver for the weights of a motion.
     fn synthesizer(&self, kind: MotionKind) -> Result<Synthesizer<'_>, PlayerError> {
         // Key frames are too few for smoothing in time.
@@ -96,13 +109,14 @@ pub(super) fn payload(head: &Head, shown: &[Shown]) -> Result<Value, PlayerError
     }
     let camera = Camera::new(bank);
     let scene = FaceScene::new(bank);
+    let (shapes, recipes) = head.mixed();
     let weights = |motion: &Motion| -> Result<Value, PlayerError> {
         let motion = motion.as_animated(Some(0), None);
         let answers = head.synthesizer(motion.kind)?.animate(&motion.frames, || {});
-        let flat: Vec<f64> = answers.iter().flat_map(|a| a.weights.first().cloned().unwrap_or_default()).collect();
+        let of_members = answers.iter().map(|a| a.weights.first().cloned().unwrap_or_default());
+        let flat: Vec<f64> = of_members.flat_map(|weights| of_shapes(weights, recipes)).collect();
         Ok(json!({ "frames": motion.frames.len(), "weights": pack::scaled(&flat) }))
     };
-    let member = |k: usize| pack::scaled(&bank.displacements(k).iter().flat_map(|&d| camera.displacement(d)).collect::<Vec<_>>());
     let rests: Vec<bool> = (0..bank.vertex_count())
         .map(|v| (0..bank.member_count()).all(|member| bank.displacements(member)[v] == [0.0; 3]))
         .collect();
@@ -127,15 +141,33 @@ pub(super) fn payload(head: &Head, shown: &[Shown]) -> Result<Value, PlayerError
         "colours": scene.colours().map(|colours| pack::bytes(colours.as_flattened())),
         "eyes": eyes.collect::<Vec<_>>(),
         "openings": scene.openings().iter().map(|walk| pack::whole(walk.iter().copied())).collect::<Vec<_>>(),
-        "members": (0..bank.member_count()).map(member).collect::<Vec<_>>(),
+        "shapes": (0..shapes.member_count()).map(|k| shape(shapes.displacements(k), &camera)).collect::<Vec<_>>(),
         "motions": head.motions.iter().take(shown.len()).map(weights).collect::<Result<Vec<_>, _>>()?,
-        "mixture": mixture(bank, &camera).map_err(|e| failed(e.to_string()))?,
+        "mixture": mixture(shapes, &camera).map_err(|e| failed(e.to_string()))?,
         // For FAPs that no mixture shows.
         "faps": FapCatalog::mpeg4().rows().iter().filter_map(|row| fap(row, bank, &camera, &rests)).collect::<Vec<_>>(),
     }))
 }
 
-/// What the page needs to mix the members for single FAPs. Offsets are in pixels of the picture.
+/// Weights of the shapes, from those of the members.
+fn of_shapes(members: Vec<f64>, recipes: Option<&[Vec<f64>]>) -> Vec<f64> {
+    let Some(recipes) = recipes else { return members };
+    let count = recipes.first().map_or(0, Vec::len);
+    let sum = |shape: usize| members.iter().zip(recipes).map(|(weight, recipe)| weight * recipe[shape]).sum();
+    (0..count).map(sum).collect()
+}
+
+/// A shape: the vertices that it moves, and how far.
+fn shape(displacements: &[[f32; 3]], camera: &Camera) -> Value {
+    let moved = displacements.iter().zip(0..).map(|(&d, v): (_, u32)| (v, camera.displacement(d)));
+    let moved: Vec<(u32, [f64; 3])> = moved.filter(|(_, d)| d.iter().any(|c| c.abs() > LEAST_MOTION)).collect();
+    json!({
+        "vertices": pack::whole(moved.iter().map(|(v, _)| *v)),
+        "offsets": pack::scaled(&moved.iter().flat_map(|(_, d)| *d).collect::<Vec<_>>()),
+    })
+}
+
+/// What the page needs to mix the shapes for single FAPs. Offsets are in pixels of the picture.
 fn mixture(bank: &Bank, camera: &Camera) -> Result<Value, SynthesisError> {
     let SingleFaps { drivable, faps } = SingleFaps::new(bank)?;
     let offset = |&(point, [x, y]): &(usize, [f64; 2])| json!([point, x * camera.scale, -y * camera.scale]);

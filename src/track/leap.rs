@@ -12,7 +12,7 @@ use std::cell::OnceCell;
 use image::GrayImage;
 use nalgebra::{Point2, Vector2};
 
-use super::{LossReason, NodeState, TrackError, TrackedFrame, backwards::mouth_moved, recover::NodeStep};
+use super::{LossReason, NodeState, TrackError, TrackedFrame, ends::Ends, recover::NodeStep};
 use crate::{
     fit::{DrivenNode, Pull, Springs},
     geometry::Similarity,
@@ -69,10 +69,10 @@ impl Leap {
         self.reading.get_or_init(located).as_ref()
     }
 
-    /// [`mouth_moved`] from the neutral frame to another one.
-    pub fn mouth_moved(&self, frame: &Frame, tracked: &TrackedFrame) -> Option<[f64; 2]> {
+    /// What is seen in the neutral frame and in another one.
+    pub fn ends(&self, frame: &Frame, tracked: &TrackedFrame) -> Ends {
         let nodes: Vec<Point2<f64>> = tracked.nodes.iter().map(|node| node.position).collect();
-        mouth_moved((self.image(), &self.nodes), (frame.image(), &nodes))
+        Ends::look((self.image(), &self.nodes), (frame.image(), &nodes))
     }
 
     /// Returns the predicted position of every node in a frame, px; `None` if the face cannot be located in both frames.

@@ -7,10 +7,10 @@
 //! again in the next frame (see `step`).
 
 mod align;
-mod backwards;
 mod clock;
 mod confidence;
 mod corrections;
+mod ends;
 mod file;
 mod in_picture;
 mod klt;
@@ -39,7 +39,6 @@ use crate::{
 };
 
 pub use align::{AlignOptions, Patch};
-pub(crate) use backwards::{backwards_said, mouth_back_said, mouth_moved};
 pub(crate) use clock::{MOST_FILLED, clock_of_frames, whole_steps};
 pub use confidence::{Confidence, Evidence, NodeFeatures, expect_errors, node_features};
 pub(crate) use corrections::CORRECTIONS_FOLDER;
@@ -47,6 +46,8 @@ pub use corrections::{
     SavedCorrections, TrackCorrections, corrections_in_track, corrections_path, far_corrections, fitting_corrections,
     read_corrections, write_corrections,
 };
+pub use ends::Ends;
+pub(crate) use ends::{backwards_said, mouth_back_said};
 pub use file::{
     TRACK_SCHEMA, TrackFileError, TrackHashes, TrackInfo, neutral_first, parse_track, parse_track_info, read_track,
     read_track_info, track_csv, track_units, write_track,
@@ -155,9 +156,8 @@ pub struct Track {
     pub size: ImageSize,
     /// Its frames, at least two.
     pub frames: Vec<TrackedFrame>,
-    /// By how much the mouth moved away from that of a neutral face, from the first to the last frame, as the locator reads it: the corners
-    /// of the mouth and the distance between the lips, over the eye distance. `None` if the locator was not used or saw no face there.
-    pub mouth_moved: Option<[f64; 2]>,
+    /// What the locator sees in the first and in the last frame; nothing if it was not used.
+    pub ends: Ends,
 }
 
 /// Why a sequence cannot be tracked.
@@ -470,8 +470,8 @@ pub fn track_with(
     match running.zip(last) {
         Some((running, last)) if out.len() >= 2 => {
             expect_errors(&mut out, wireframe, &plan.tables, Confidence::shipped());
-            let mouth_moved = running.leap.and_then(|leap| leap.mouth_moved(&last, &running.last));
-            Ok(Track { size: running.size, frames: out, mouth_moved })
+            let ends = running.leap.map(|leap| leap.ends(&last, &running.last)).unwrap_or_default();
+            Ok(Track { size: running.size, frames: out, ends })
         }
         _ => Err(TrackError::TooFewFrames { found: out.len() }),
     }

@@ -110,6 +110,9 @@ pub struct TrackSummary {
     /// The reason among `reasons` that says that the mouth of the neutral frame looks less neutral than that of the apex frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mouth_back: Option<String>,
+    /// The reason among `reasons` that lists the parts of the face that something covers in the apex frame.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub covered_at_apex: Option<String>,
 }
 
 impl TrackSummary {
@@ -140,12 +143,19 @@ impl TrackSummary {
         Self { mouth_back: mouth_back.clone(), ..self.with_reasons(mouth_back) }
     }
 
+    /// Adds parts that something covers in the apex frame as a reason to look again.
+    #[must_use]
+    pub(crate) fn with_covered_at_apex(self, covered: Option<String>) -> Self {
+        Self { covered_at_apex: covered.clone(), ..self.with_reasons(covered) }
+    }
+
     /// Copies the findings from the pictures out of `earlier`, a summary of the same track: the frames alone cannot give them.
     #[must_use]
     pub(crate) fn told_by_the_pictures_of(self, earlier: &Self) -> Self {
         self.with_marks_beside(earlier.beside.clone())
             .with_covered(earlier.covered.clone())
             .with_mouth_back(earlier.mouth_back.clone())
+            .with_covered_at_apex(earlier.covered_at_apex.clone())
     }
 
     /// Adds marks that lie beside the face as reasons to look again.
@@ -274,6 +284,7 @@ pub fn summarize(frames: &[TrackedFrame], wireframe: &Wireframe, tables: &Tables
         beside: Vec::new(),
         covered: None,
         mouth_back: None,
+        covered_at_apex: None,
     };
     judge(&mut summary, frames, wireframe, tables);
     summary
@@ -453,11 +464,12 @@ mod tests {
         let covered = "the mouth is covered".to_owned();
         let back = "back to neutral".to_owned();
         let earlier = again().with_marks_beside(vec!["the chin".to_owned()]).with_covered(Some(covered.clone()));
-        let earlier = earlier.with_mouth_back(Some(back.clone()));
+        let hand = "a hand".to_owned();
+        let earlier = earlier.with_mouth_back(Some(back.clone())).with_covered_at_apex(Some(hand.clone()));
         let told = again().told_by_the_pictures_of(&earlier);
         assert_eq!(told, earlier);
         assert_eq!((told.verdict, told.covered), (Verdict::LookAgain, Some(covered.clone())));
-        assert!(told.reasons.ends_with(&["the chin".to_owned(), covered, back]), "{:?}", told.reasons);
+        assert!(told.reasons.ends_with(&["the chin".to_owned(), covered, back, hand]), "{:?}", told.reasons);
         assert_eq!(again().told_by_the_pictures_of(&again()), again());
     }
 

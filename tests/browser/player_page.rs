@@ -434,7 +434,7 @@ fn a_dense_head_moves_by_motions_and_by_single_faps() {
     }
 }
 
-/// Single FAPs on a dense head are the mixture of its members that `synthesize` finds for a file that sets only these.
+/// Single FAPs on a dense head are the mixture of its shapes that `synthesize` finds for a file that sets only these.
 #[test]
 fn single_faps_of_a_dense_head_are_its_own_shapes() {
     let browser = Browser::start();
@@ -462,7 +462,9 @@ fn single_faps_of_a_dense_head_are_its_own_shapes() {
     let files: Vec<String> = (0..sets.len()).map(|k| format!("set{k}.fap")).collect();
     let files: Vec<&str> = files.iter().map(String::as_str).collect();
     run(&[&["play", "--bank", "head", "-o", "head.html"], &files[..]].concat());
-    let options = ["--bank", "head", "--solver", "nnls", "--smooth", "0", "--noise", "0", "--format", "npy", "-o", "out"];
+    let shapes = grimace::synthesis::EmbeddedBank::Head.shapes().unwrap();
+    shapes.write(&folder.join("shapes.bank")).unwrap();
+    let options = ["--bank", "shapes.bank", "--solver", "nnls", "--smooth", "0", "--noise", "0", "--format", "npy", "-o", "out"];
     run(&[&["synthesize", "--motion"], &files[..], &options].concat());
     ready(&browser, &format!("file://{}", folder.join("head.html").display()));
     for (k, set) in sets.iter().enumerate() {

@@ -16,8 +16,8 @@ use crate::{
     dataset::{CorrespondenceSource, FailedEntry, FrameSource, LandmarkSelection, SequenceEntry, unread_beside},
     sequence::{ImageSize, SequenceError, SequenceReader, read_first_frame},
     track::{
-        TrackSummary, TrackedFrame, Verdict, missing_said, mouth_back_said, mouth_moved, neutral_nodes, read_corrections,
-        summarize, two_pictures_said,
+        Ends, TrackSummary, TrackedFrame, Verdict, missing_said, mouth_back_said, neutral_nodes, read_corrections, summarize,
+        two_pictures_said,
     },
     units::SequenceId,
 };
@@ -217,8 +217,10 @@ impl CheckedSequence {
             summary.reasons.extend(missing_said(files.iter().map(|file| file.number)));
             if let Some(last) = ends.last().filter(|_| bench.options.track.locates()) {
                 let nodes = fitted.model.nodes();
-                let moved = mouth_moved((first.image(), nodes), (last.image(), nodes));
-                summary = summary.with_mouth_back(mouth_back_said(moved, first.number(), last.number()));
+                let ends = Ends::look((first.image(), nodes), (last.image(), nodes));
+                summary = summary
+                    .with_mouth_back(mouth_back_said(ends.mouth_moved, first.number(), last.number()))
+                    .with_covered_at_apex(ends.covered_said(last.number()));
             }
         }
         let two = match &source.frames {

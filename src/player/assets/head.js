@@ -1,4 +1,4 @@
-// A dense head: a mixture of the members of its bank by the weights of a motion and of single FAPs. A FAP that no mixture shows moves its
+// A dense head: a mixture of its shapes by the weights of a motion and of single FAPs. A FAP that no mixture shows moves its
 // feature points, and the skin between is interpolated. A head is drawn like a rig, but with depth.
 
 class Head {
@@ -9,10 +9,10 @@ class Head {
     this.normals = new Float32Array(this.rest.length);
     this.triangles = wholes(entry.triangles);
     if (entry.colours) this.colours = Float32Array.from(new Uint8Array(bytesOf(entry.colours)), (v) => v / 255);
-    this.members = entry.members.map(scaled);
+    this.shapes = entry.shapes.map(({ vertices, offsets }) => ({ vertices: wholes(vertices), offsets: scaled(offsets) }));
     this.motions = entry.motions.map(({ frames, weights }) => ({ frames, weights: scaled(weights) }));
     this.faps = new Map(entry.faps.map(({ number, axis, offsets: { scale, values } }) => [number, { axis, offsets: Float32Array.from(new Int8Array(bytesOf(values)), (v) => v * scale) }]));
-    this.mixture = new Mixture(entry.mixture, this.members);
+    this.mixture = new Mixture(entry.mixture, this.shapes);
     this.openings = entry.openings.map(wholes);
     this.eyes = entry.eyes.map((eye) => this.eye(eye));
   }
@@ -34,8 +34,8 @@ class Head {
   }
   /** Moves the head by motions with a position in time and a gain, and by FAPs with a value. */
   move(parts) {
-    const { rest, moved, members, mixture } = this;
-    const shares = new Float32Array(members.length), mixed = new Map();
+    const { rest, moved, shapes, mixture } = this;
+    const shares = new Float32Array(shapes.length), mixed = new Map();
     moved.set(rest);
     for (const { fap, source, place, gain } of parts) {
       if (fap) {
@@ -46,16 +46,19 @@ class Head {
       }
       const { frames, weights } = this.motions[source.index];
       const at = (clamp(place, 0, source.last) / Math.max(source.last, 1)) * (frames - 1);
-      const i = Math.min(Math.floor(at), Math.max(frames - 2, 0)), t = at - i, n = members.length;
+      const i = Math.min(Math.floor(at), Math.max(frames - 2, 0)), t = at - i, n = shapes.length;
       for (let m = 0; m < n; m++) {
         const from = weights[i * n + m], to = weights[Math.min(i + 1, frames - 1) * n + m];
         shares[m] += gain * (from + t * (to - from));
       }
     }
     mixture.weights(mixed).forEach((weight, m) => { shares[m] += weight; });
-    members.forEach((member, m) => {
+    shapes.forEach(({ vertices, offsets }, m) => {
       const share = shares[m];
-      if (Math.abs(share) > 1e-4) for (let k = 0; k < moved.length; k++) moved[k] += share * member[k];
+      if (Math.abs(share) < 1e-4) return;
+      for (let i = 0, k = 0; i < vertices.length; i++) {
+        for (let at = 3 * vertices[i], end = at + 3; at < end; at++, k++) moved[at] += share * offsets[k];
+      }
     });
     normalsOf(this);
     return moved;

@@ -1,20 +1,27 @@
-// Single FAPs on a dense head: the non-negative mixture of its members that comes closest to what they ask, as `synthesize` finds it for a
+// Single FAPs on a dense head: the non-negative mixture of its shapes that comes closest to what they ask, as `synthesize` finds it for a
 // FAP file that sets only these (`solve/mod.rs`, `target.rs`).
 
 class Mixture {
-  constructor({ points, drivable, free, faps }, members) {
+  constructor({ points, drivable, free, faps }, shapes) {
     Object.assign(this, { drivable, free });
     this.faps = new Map(faps.map((fap) => [fap.number, fap]));
-    const vertices = wholes(points);
-    // Motion of the feature points in every member: x and y of each.
-    this.basis = members.map((member) => Float64Array.from(drivable, (_, k) => member[3 * vertices[k >> 1] + (k & 1)]));
-    this.last = { asked: "", weights: new Float64Array(members.length) };
+    // Motion of the feature points in every shape: x and y of each.
+    const places = new Map();
+    wholes(points).forEach((vertex, point) => places.set(vertex, [...(places.get(vertex) ?? []), point]));
+    this.basis = shapes.map(({ vertices, offsets }) => {
+      const moved = new Float64Array(drivable.length);
+      vertices.forEach((vertex, i) => {
+        for (const point of places.get(vertex) ?? []) moved.set([offsets[3 * i], offsets[3 * i + 1]], 2 * point);
+      });
+      return moved;
+    });
+    this.last = { asked: "", weights: new Float64Array(shapes.length) };
   }
   /** Whether a mixture shows a FAP alone with this value. */
   shows(number, value) {
     return this.faps.get(number)?.shows[value > 0 ? 1 : 0] ?? false;
   }
-  /** Weights of the members for FAPs with a value, a map from number to value. */
+  /** Weights of the shapes for FAPs with a value, a map from number to value. */
   weights(values) {
     const asked = JSON.stringify([...values].sort((a, b) => a[0] - b[0]));
     if (asked !== this.last.asked) this.last = { asked, weights: this.solve(values, this.last.weights) };

@@ -35,7 +35,7 @@ pub(crate) struct SingleFap {
     pub points: Vec<(usize, [f64; 2])>,
     /// Feature points that it may take along.
     pub near: Vec<usize>,
-    /// Whether a mixture of members shows the FAP alone, for values below and above 0.
+    /// Whether a mixture of members shows the FAP alone, on its side of the face, for values below and above 0.
     pub shows: [bool; 2],
 }
 
@@ -71,7 +71,8 @@ impl SingleFaps {
             for (shows, value) in shows.iter_mut().zip([-PROBE, PROBE]) {
                 *shows = pose(number, value, &face)?.is_some_and(|pose| {
                     let answer = synthesizer.solve(&pose, 0);
-                    answer.shown.is_some_and(|shown| shown >= LEAST_SHOWN)
+                    let is_shown = answer.shown.is_some_and(|shown| shown >= LEAST_SHOWN);
+                    is_shown && !synthesizer.answers_both_sides(&[answer], &[pose])
                 });
             }
             let moving: Vec<usize> = points.iter().map(|p| p.0).collect();
