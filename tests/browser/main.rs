@@ -9,6 +9,7 @@ mod common;
 mod report_data;
 
 mod annotate_page;
+mod annotate_tracks_page;
 mod driver;
 mod player_page;
 mod report_page;
