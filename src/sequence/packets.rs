@@ -29,6 +29,9 @@ pub(super) struct Packets {
     origins: Vec<f64>,
     /// Time of the last packet before each damaged place in the container.
     breaks: Vec<f64>,
+    /// Number of pictures that are shown, if the container lists all of them: an MP4 whose beginning or end was cut off without decoding
+    /// keeps the pictures there.
+    shown: Option<usize>,
 }
 
 impl Packets {
@@ -41,6 +44,16 @@ impl Packets {
         };
         packets.times.sort_by(f64::total_cmp);
         Some(packets)
+    }
+
+    /// Number of pictures that the container lists to be shown, if it lists them.
+    pub(super) fn shown(&self) -> Option<usize> {
+        self.shown
+    }
+
+    /// Time of the first picture, s: the clock of a container may have run before.
+    pub(super) fn start(&self) -> f64 {
+        self.origins.iter().copied().fold(f64::INFINITY, f64::min).max(0.0)
     }
 
     /// Whether a frame was lost between two consecutive ones, with times in seconds from the first frame. Frames are `usual` seconds apart.
@@ -94,7 +107,7 @@ mod tests {
     fn a_gap_of_the_camera_is_none_of_the_file() {
         // 25 frames per second from 2 s on; the camera left out 2.12.
         let times: Vec<f64> = [0, 1, 2, 4, 5, 6, 7].map(|k| 2.0 + 0.04 * f64::from(k)).to_vec();
-        let whole = Packets { times, origins: vec![0.0, 2.0], breaks: vec![] };
+        let whole = Packets { times, origins: vec![0.0, 2.0], ..Packets::default() };
         assert!(!whole.lose(0.08, 0.16, 0.04));
         // 2.20 was lost; missing times give no answer.
         assert!(whole.lose(0.16, 0.24, 0.04));

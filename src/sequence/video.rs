@@ -11,6 +11,7 @@ use super::{
     SequenceError,
     clock::{Clock, FrameTimes},
     content::{Stamp, content_blake3},
+    packets::Packets,
     stream::{Next, Stream, Wanted},
 };
 use crate::{companion::wire::Pixels, dataset::FrameSource};
@@ -138,19 +139,36 @@ impl VideoReader {
     }
 
     /// Whether a video of `count` frames is incomplete. Some containers state their duration and only estimate the number of frames from
-    /// it. The estimate is too high if frames were dropped, or if the rate is not one; then the time of the last frame decides.
+    /// it. The estimate is too high if frames were dropped, or if the rate is not one; then the time of the last frame decides. Durations
+    /// count from the container's start, which may lie before the first frame, and numbers of frames include those that were cut off
+    /// without decoding.
     fn breaks_off(&self, count: u32) -> bool {
-        let (stated, fps) = (self.stream.stated(), self.fps());
-        let is_late = |end: f64| fps.is_some_and(|fps| end * fps + 1.0 >= COMPLETE * stated);
-        f64::from(count) < COMPLETE * stated && !self.times.end().is_some_and(is_late)
+        let lacks = |stated: f64, start: f64| {
+            let is_late = |end: f64| self.fps().is_some_and(|fps| (start + end) * fps + 1.0 >= COMPLETE * stated);
+            f64::from(count) < COMPLETE * stated && !self.times.end().is_some_and(is_late)
+        };
+        let stated = self.stream.stated();
+        lacks(stated, 0.0)
+            && match Packets::of(&self.path, None) {
+                Some(packets) => match packets.shown() {
+                    Some(shown) => lacks(shown as f64, 0.0),
+                    None => lacks(stated, packets.start()),
+                },
+                None => true,
+            }
     }
 
     /// Note about a video in which `count` frames were found.
     fn remark_at(&self, count: u32) -> Option<String> {
         let (stated, fps) = (self.stream.stated(), self.fps());
         let is_early = |end: f64| fps.is_some_and(|fps| end * fps < stated - 1.0);
-        let lacks = f64::from(count) < stated && self.times.end().is_none_or(is_early) && counts_frames(&self.path);
-        lacks.then(|| format!("the file has only {count} of the {stated} frames that its header announces; it may be truncated"))
+        if f64::from(count) >= stated || !self.times.end().is_none_or(is_early) || !counts_frames(&self.path) {
+            return None;
+        }
+        let shown = Packets::of(&self.path, None).and_then(|packets| packets.shown());
+        let stated = shown.map_or(stated, |shown| shown as f64);
+        (f64::from(count) < stated)
+            .then(|| format!("the file has only {count} of the {stated} frames that its header announces; it may be truncated"))
     }
 }
 

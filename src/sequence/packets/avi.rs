@@ -47,7 +47,7 @@ impl Walk {
         let Some((_, step)) = self.video else { return Ok(None) };
         let times: Vec<f64> = self.places.iter().map(|place| f64::from(*place) * step).collect();
         let origins = times.first().copied().into_iter().collect();
-        Ok(Some(Packets { times, origins, breaks: Vec::new() }))
+        Ok(Some(Packets { times, origins, ..Packets::default() }))
     }
 
     /// Number of frames before the first damage, if the damage comes before frame `number`.

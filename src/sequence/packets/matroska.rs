@@ -181,7 +181,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.webm");
         std::fs::write(&path, file(&first)).unwrap();
-        let packets = Packets { times: vec![0.0, 0.04, 0.06, 0.08, 0.1], origins: vec![0.0], breaks: vec![0.1] };
+        let packets = Packets { times: vec![0.0, 0.04, 0.06, 0.08, 0.1], origins: vec![0.0], breaks: vec![0.1], shown: None };
         assert_eq!(read(&path).unwrap(), packets);
         // Without the number of the group, FFmpeg also continues at the next cluster.
         let mut broken = first.clone();
@@ -191,7 +191,7 @@ mod tests {
         std::fs::write(&path, file(&broken)).unwrap();
         assert_eq!(
             read(&path).unwrap(),
-            Packets { times: vec![0.0, 0.04, 0.08, 0.1], origins: vec![0.0], breaks: vec![0.04, 0.1] }
+            Packets { times: vec![0.0, 0.04, 0.08, 0.1], origins: vec![0.0], breaks: vec![0.04, 0.1], shown: None }
         );
     }
 }

@@ -22,21 +22,26 @@ pub(super) fn read(path: &Path) -> io::Result<Option<Packets>> {
             let mut film = Vec::new();
             file.seek(SeekFrom::Start(at + start as u64))?;
             file.take(size - start as u64).read_to_end(&mut film)?;
-            return Ok(boxes(&film).filter(|(name, _)| name == b"trak").find_map(|(_, track)| packets(track)));
+            let scale = inner(&film, *b"mvhd").and_then(scale_of);
+            return Ok(boxes(&film).filter(|(name, _)| name == b"trak").find_map(|(_, track)| packets(track, scale)));
         }
         let Some(next) = at.checked_add(size) else { return Ok(None) };
         at = next;
     }
 }
 
-/// Packets of a track, if it is a video track.
-fn packets(track: &[u8]) -> Option<Packets> {
+/// Units per second in a header of the film (`mvhd`) or of a track's media (`mdhd`).
+fn scale_of(header: &[u8]) -> Option<f64> {
+    u32_at(header, if header.first() == Some(&1) { 20 } else { 12 }).map(f64::from)
+}
+
+/// Packets of a track, if it is a video track. `film`: units per second of the film.
+fn packets(track: &[u8], film: Option<f64>) -> Option<Packets> {
     let media = inner(track, *b"mdia")?;
     if inner(media, *b"hdlr")?.get(8..12)? != b"vide" {
         return None;
     }
-    let header = inner(media, *b"mdhd")?;
-    let scale = f64::from(u32_at(header, if header.first() == Some(&1) { 20 } else { 12 })?);
+    let scale = scale_of(inner(media, *b"mdhd")?)?;
     let table = inner(inner(media, *b"minf")?, *b"stbl")?;
     let mut times: Vec<i64> = Vec::new();
     let mut time = 0_i64;
@@ -53,25 +58,47 @@ fn packets(track: &[u8]) -> Option<Packets> {
     times.iter_mut().zip(shifts).for_each(|(time, shift)| *time += shift);
     let first = times.iter().min().copied()?;
     // Frames cut off at the beginning are decoded but not shown.
-    let start = inner(track, *b"edts").and_then(|edits| inner(edits, *b"elst")).and_then(start_of);
-    let shown = start.and_then(|start| times.iter().filter(|time| **time >= start).min().copied());
+    let edits = inner(track, *b"edts").and_then(|edits| inner(edits, *b"elst")).map(edits_of).unwrap_or_default();
+    let start = edits.first().map(|edit| edit.start);
+    let from_start = start.and_then(|start| times.iter().filter(|time| **time >= start).min().copied());
     let seconds = |time: i64| time as f64 / scale;
-    let origins = std::iter::once(first).chain(shown).chain(start).map(seconds).collect();
-    (scale > 0.0).then(|| Packets { times: times.into_iter().map(seconds).collect(), origins, breaks: Vec::new() })
+    let shown = match edits[..] {
+        [] => Some(times.len()),
+        // Rounding in the coarser units of the film may cut off a frame.
+        [Edit { start, duration }] => film.filter(|film| *film > 0.0).map(|film| {
+            let end = if duration > 0 { seconds(start) + (duration as f64 + 1.0) / film } else { f64::INFINITY };
+            times.iter().filter(|time| **time >= start && seconds(**time) < end).count()
+        }),
+        _ => None,
+    };
+    let origins = std::iter::once(first).chain(from_start).chain(start).map(seconds).collect();
+    let times = times.iter().map(|&time| seconds(time)).collect();
+    (scale > 0.0).then_some(Packets { times, origins, breaks: Vec::new(), shown })
 }
 
-/// Start of the first edit that shows something.
-fn start_of(list: &[u8]) -> Option<i64> {
+/// An edit that shows a part of the media.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Edit {
+    /// Start, in the units of the media.
+    start: i64,
+    /// Length, in the units of the film; 0 for all that follows.
+    duration: u64,
+}
+
+/// The edits of a list (`elst`) that show something.
+fn edits_of(list: &[u8]) -> Vec<Edit> {
     let is_long = list.first() == Some(&1);
-    let count = (u32_at(list, 4)? as usize).min(list.len());
-    let start = |k: usize| {
+    let count = (u32_at(list, 4).unwrap_or(0) as usize).min(list.len());
+    let long = |at: usize| Some(u64::from(u32_at(list, at)?) << 32 | u64::from(u32_at(list, at + 4)?));
+    let edit = |k: usize| {
         if is_long {
-            Some(i64::from(u32_at(list, 16 + 20 * k)?.cast_signed()) << 32 | i64::from(u32_at(list, 20 + 20 * k)?))
+            Some(Edit { start: long(16 + 20 * k)?.cast_signed(), duration: long(8 + 20 * k)? })
         } else {
-            Some(i64::from(u32_at(list, 12 + 12 * k)?.cast_signed()))
+            let start = i64::from(u32_at(list, 12 + 12 * k)?.cast_signed());
+            Some(Edit { start, duration: u64::from(u32_at(list, 8 + 12 * k)?) })
         }
     };
-    (0..count).map_while(start).find(|start| *start >= 0)
+    (0..count).map_while(edit).filter(|edit| edit.start >= 0).collect()
 }
 
 /// Pairs of numbers in a table that begins with their count.
@@ -151,6 +178,17 @@ mod tests {
         let packets = Packets::of(&path, None).unwrap();
         assert_eq!(packets.times, [0.08, 0.12, 0.16, 0.2]);
         assert_eq!(packets.origins, [0.08, 0.08, 0.08]);
+        assert_eq!((packets.shown(), packets.start()), (None, 0.08), "the film's units are unknown");
+        // From 0.12 s on, and 0.1 s of it, in milliseconds of the film: the pictures at 0.12, 0.16 and 0.2 are shown, or only two.
+        let packets_of = |track: &[u8]| super::packets(track, Some(1000.0)).unwrap().shown();
+        let shown = |duration: u32| {
+            let edits = numbers(&[0, 1, duration, 1536, 0x1_0000]);
+            let edits = box_of(*b"edts", &box_of(*b"elst", &edits));
+            let whole = track(b"vide");
+            let media = boxes(&whole).next().map(|(_, track)| inner(track, *b"mdia").unwrap()).unwrap();
+            packets_of(&[edits, box_of(*b"mdia", media)].concat())
+        };
+        assert_eq!([0, 100, 60].map(shown), [Some(3), Some(3), Some(2)]);
         // A table that states more entries than it has is rejected.
         let table = box_of(*b"stts", &numbers(&[0, u32::MAX, u32::MAX, 1]));
         assert_eq!(entries(&table[8..]).collect::<Vec<_>>(), [(u32::MAX, 1)]);
