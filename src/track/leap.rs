@@ -137,12 +137,26 @@ const LOCATED: (f64, f64, f64) = (0.016, 0.2, 0.04);
 /// Quantile of the steps of all nodes that stands for the fastest ones, and for a lost node's step.
 const FAST_QUANTILE: f64 = 0.9;
 
-/// Whether a step is too large for KLT: it loses many nodes, or it is fast and loses some. Of 588 steps of 50 sequences one is large.
-pub fn is_large(steps: &[NodeStep], unit: f64) -> bool {
+/// Whether a step is too large for KLT: it loses many nodes, or it is fast and loses some. Of 588 steps of 50 sequences one is large. A blink
+/// loses the nodes of the eyes, a quarter of all, and few others: it is no large step, and a face with shut eyes is not located well enough
+/// to place its brows. `is_eye` says which nodes belong to the eyes.
+pub fn is_large(steps: &[NodeStep], unit: f64, is_eye: impl Fn(NodeId) -> bool) -> bool {
+    let lost_of = |steps: &mut dyn Iterator<Item = &NodeStep>| {
+        let (mut lost, mut all) = (0.0, 0.0);
+        for step in steps {
+            all += 1.0;
+            lost += f64::from(u8::from(step.loss.is_some()));
+        }
+        (lost, all)
+    };
+    let (lost_elsewhere, elsewhere) = lost_of(&mut steps.iter().filter(|step| !is_eye(step.node)));
+    if lost_elsewhere <= FAST_LOST_SHARE * elsewhere {
+        return false;
+    }
+    let (lost, all) = lost_of(&mut steps.iter());
     let moved: Vec<Vector2<f64>> = steps.iter().filter(|s| s.loss.is_none()).map(|s| s.displacement).collect();
-    let lost = (steps.len() - moved.len()) as f64;
     let is_fast = || fastest(&against_head(&moved)) > JUMP.0 * unit;
-    lost > LOST_SHARE * steps.len() as f64 || (lost > FAST_LOST_SHARE * steps.len() as f64 && is_fast())
+    lost > LOST_SHARE * all || (lost > FAST_LOST_SHARE * all && is_fast())
 }
 
 /// Returns the lengths of steps relative to their median, which is the step of the head.
@@ -303,11 +317,15 @@ mod tests {
                 difference: 0.0,
                 loss: (k >= 20 - lost).then_some(LossReason::Klt),
             };
-            is_large(&(0..20).map(step).collect::<Vec<_>>(), 100.0)
+            let steps: Vec<NodeStep> = (0..20).map(step).collect();
+            // The last six nodes are those of the eyes, or none are.
+            [is_large(&steps, 100.0, |_| false), is_large(&steps, 100.0, |node| node.0 >= 14)]
         };
         // The eyes are 100 px apart: against the head's 1 px, 3.1 px are more than 3 %.
-        assert_eq!([is_large(4, 0), is_large(5, 0)], [false, true]);
-        assert_eq!([is_large(3, 0), is_large(3, 2), is_large(2, 2)], [false, true, false]);
+        assert_eq!([is_large(4, 0), is_large(5, 0)], [[false; 2], [true, false]]);
+        assert_eq!([is_large(3, 0), is_large(3, 2), is_large(2, 2)], [[false; 2], [true, false], [false; 2]]);
+        // Both eyes alone are a blink, and so are they with one other node in fourteen; with two it is more.
+        assert_eq!([is_large(6, 2), is_large(7, 2), is_large(8, 2)], [[true, false], [true, false], [true, true]]);
     }
 
     #[test]

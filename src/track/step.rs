@@ -26,7 +26,7 @@ use crate::{
     fit::{DrivenNode, Pull, Springs},
     sequence::Frame,
     units::NodeId,
-    wireframe::{Tables, Wireframe},
+    wireframe::{Region, Tables, Wireframe},
 };
 
 /// Margin around the wireframe that the alignment may read, px.
@@ -229,7 +229,7 @@ impl Step<'_> {
         starts: &[Point2<f64>],
         steps: &mut Vec<recover::NodeStep>,
     ) -> Result<(), TrackError> {
-        if !is_large(steps, self.eye_distance) {
+        if !is_large(steps, self.eye_distance, |node| self.plan.tables.region(node) == Region::Eye) {
             return Ok(());
         }
         let Some(leap) = self.leap.filter(|_| self.options.locate_lost) else { return Ok(()) };
