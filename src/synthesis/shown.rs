@@ -43,6 +43,9 @@ pub(crate) struct HeldBack {
     pub shown: f64,
 }
 
+/// Motion of one side over that of the other, from which a motion is on both sides.
+const BOTH: f64 = 1.0 / 3.0;
+
 impl Synthesizer<'_> {
     /// Finds regions that rest although their target moves; `None` if there are none.
     pub(crate) fn unshown(&self, answers: &[FrameAnswer]) -> Option<Unshown> {
@@ -66,15 +69,29 @@ impl Synthesizer<'_> {
 
     /// Whether a motion on one side of the face is answered on both sides.
     pub(crate) fn answers_both_sides(&self, answers: &[FrameAnswer], motions: &[FpMotion]) -> bool {
+        self.is_one_sided(motions) && self.weaker_side(self.shown_lengths(answers, motions)) >= BOTH
+    }
+
+    /// Whether a motion on one side of the face is answered by the same on the other one: the members move both sides alike.
+    pub(crate) fn answers_in_the_mirror(&self, answers: &[FrameAnswer], motions: &[FpMotion]) -> bool {
+        const ALIKE: f64 = 0.8;
+        self.is_one_sided(motions) && self.weaker_side(self.shown_lengths(answers, motions)) >= ALIKE
+    }
+
+    /// How far each feature point goes in every frame of an answer.
+    fn shown_lengths(&self, answers: &[FrameAnswer], motions: &[FpMotion]) -> impl Iterator<Item = Vec<f64>> {
         let lengths = |points: Vec<[f64; 3]>| points.iter().map(|[x, y, z]| x.hypot(*y).hypot(*z)).collect();
-        let shown = self.point_motions(answers, motions).into_iter().map(lengths);
-        self.is_one_sided(motions) && !self.is_on_one_side(shown)
+        self.point_motions(answers, motions).into_iter().map(lengths)
     }
 
     /// Whether feature points of one side go less than a third as far as those of the other, summed over frames of their lengths.
     fn is_on_one_side(&self, lengths: impl Iterator<Item = Vec<f64>>) -> bool {
-        const BOTH: f64 = 1.0 / 3.0;
-        let Ok(sides) = Regions::new(self.bank(), RegionScheme::Halves, self.options().overlap) else { return false };
+        self.weaker_side(lengths) < BOTH
+    }
+
+    /// How far the feature points of the side that moves less go, over how far those of the other go; summed over frames of their lengths.
+    fn weaker_side(&self, lengths: impl Iterator<Item = Vec<f64>>) -> f64 {
+        let Ok(sides) = Regions::new(self.bank(), RegionScheme::Halves, self.options().overlap) else { return 1.0 };
         let [mut right, mut left] = [0.0; 2];
         for frame in lengths {
             for (k, length) in frame.into_iter().enumerate() {
@@ -82,7 +99,7 @@ impl Synthesizer<'_> {
                 left += length * sides.point_shares(1).get(k).copied().unwrap_or_default();
             }
         }
-        right.min(left) < BOTH * right.max(left)
+        if right == left { 1.0 } else { f64::min(right, left) / f64::max(right, left) }
     }
 
     /// Finds motion limited by points that should rest, and returns the frame with the longest target motion among those

@@ -1,6 +1,9 @@
 // A dense head: a mixture of its shapes by the weights of a motion and of single FAPs. A FAP that no mixture shows moves its
 // feature points, and the skin between is interpolated. A head is drawn like a rig, but with depth.
 
+// Largest weight of a shape for single FAPs.
+const MOST_SHAPE = 3;
+
 class Head {
   constructor(entry) {
     Object.assign(this, { label: entry.label, width: entry.width, height: entry.height, kind: "head" });
@@ -52,7 +55,9 @@ class Head {
         shares[m] += gain * (from + t * (to - from));
       }
     }
-    mixture.weights(mixed).forEach((weight, m) => { shares[m] += weight; });
+    // Far beyond its strength a shape folds the skin.
+    const weights = mixture.weights(mixed), held = MOST_SHAPE / Math.max(MOST_SHAPE, ...weights);
+    weights.forEach((weight, m) => { shares[m] += held * weight; });
     shapes.forEach(({ vertices, offsets }, m) => {
       const share = shares[m];
       if (Math.abs(share) < 1e-4) return;

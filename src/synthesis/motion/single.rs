@@ -72,7 +72,7 @@ impl SingleFaps {
                 *shows = pose(number, value, &face)?.is_some_and(|pose| {
                     let answer = synthesizer.solve(&pose, 0);
                     let is_shown = answer.shown.is_some_and(|shown| shown >= LEAST_SHOWN);
-                    is_shown && !synthesizer.answers_both_sides(&[answer], &[pose])
+                    is_shown && !synthesizer.answers_in_the_mirror(&[answer], &[pose])
                 });
             }
             let moving: Vec<usize> = points.iter().map(|p| p.0).collect();
@@ -108,4 +108,26 @@ fn pose(number: FapNumber, value: f64, face: &BankFace<'_>) -> Result<Option<FpM
     let name = format!("FAP {number}");
     let sequence = FapSequence { version: "2.1".to_owned(), name: name.clone(), fps: 25.0, frames: vec![frame] };
     Ok(fap_motion(sequence, face, Path::new(&name))?.frames.pop())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synthesis::EmbeddedBank;
+
+    #[test]
+    fn shapes_of_one_side_show_faps_of_one_side_and_members_of_both_do_not() {
+        let head = EmbeddedBank::Head;
+        // The left upper lid, the left inner brow, the left corner of the mouth, and the jaw.
+        for (bank, expected) in [(head.shapes().unwrap(), [true; 4]), (head.bank().unwrap(), [false, false, false, true])] {
+            let single = SingleFaps::new(&bank).unwrap();
+            let shows = [19, 31, 59, 3].map(|fap: u8| single.faps.iter().find(|f| f.number.get() == fap).unwrap().shows[1]);
+            assert_eq!(shows, expected);
+        }
+        let single = SingleFaps::new(&head.shapes().unwrap()).unwrap();
+        let jaw = single.faps.iter().find(|f| f.number.get() == 3).unwrap();
+        // The jaw drops the chin along y, and has no twin; inner corners of the lips have outer ones.
+        assert!(jaw.twin.is_none() && jaw.points.iter().all(|(_, [x, y])| *x == 0.0 && *y < 0.0));
+        assert_eq!(single.faps.iter().find(|f| f.number.get() == 12).unwrap().twin.map(FapNumber::get), Some(59));
+    }
 }
