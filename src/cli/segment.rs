@@ -28,7 +28,7 @@ use super::{
     apart::{all, check_apart, check_films_name, lies_in, maybe},
     progress::counted_bar,
     shared::{
-        FitArgs, GeneralArgs, MethodArgs, TrackArgs, frame_rate, marks_or_found, positive, quoted, set_threads, stop_flag,
+        FitArgs, GeneralArgs, MethodArgs, TrackArgs, about, frame_rate, marks_or_found, positive, quoted, set_threads, stop_flag,
         thread_count,
     },
 };
@@ -266,7 +266,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             Err(error) if matches!(error.downcast_ref(), Some(RecordingError::Newer { .. })) => return Err(error),
             Err(error) => {
                 failed += 1;
-                eprintln!("failed: {}: {}", path.display(), super::chain(&error));
+                eprintln!("failed: {}", about(path)(&super::chain(&error)));
             }
         }
     }

@@ -50,10 +50,16 @@ impl CoverStage {
         self.mix.chunks_exact(mean.len().max(1)).zip(&self.mix_base).map(|(row, base)| base + dot(row, &mean)).collect()
     }
 
-    /// Returns the covered parts.
+    /// Returns the covered parts. A nose alone is not covered: what covers it covers a mouth or an eye as well, and the noses of turned heads
+    /// and wide smiles look like that.
     pub fn covered(&self, seen: &[f32]) -> Vec<FacePart> {
         let parts = FacePart::ALL.into_iter().zip(&self.limits);
-        parts.filter(|(part, limit)| part_seen(*part, seen) < **limit).map(|(part, _)| part).collect()
+        let mut covered: Vec<FacePart> =
+            parts.filter(|(part, limit)| part_seen(*part, seen) < **limit).map(|(part, _)| part).collect();
+        if covered == [FacePart::Nose] {
+            covered.clear();
+        }
+        covered
     }
 
     /// Returns the expected error of a point over the eye distance, given its expected error if visible, `expected`.

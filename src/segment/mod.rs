@@ -311,6 +311,35 @@ const MOST_WAY: f64 = 4.5;
 /// # Errors
 /// [`SegmentError`] when there is no rest, or too few frames are usable.
 pub fn segment(frames: &[RecordedFrame], fps: f64, options: &SegmentOptions) -> Result<Segmentation, SegmentError> {
+    segment_with(frames, fps, options, |vectors, may_rest| rest::rest(vectors, may_rest))
+}
+
+/// Strength of the expression of a frame: the norm of the intensities of the units that count here, those of the eyes left out.
+pub(crate) fn strength(frame: &RecordedFrame) -> f64 {
+    let counts = |number: u8| !EYES.contains(&number);
+    let squares = ACTION_UNITS.iter().zip(frame.units).filter(|(unit, _)| counts(unit.number));
+    squares.map(|(unit, value)| (f64::from(value) * weight(unit.number)).powi(2)).sum::<f64>().sqrt()
+}
+
+/// Finds the rests and expressions of frames that were measured against the rest of another part of the recording: frames at rest have low
+/// intensities here, however often the person returns to them.
+///
+/// # Errors
+/// As [`segment`].
+pub(crate) fn segment_at_known_rest(
+    frames: &[RecordedFrame],
+    fps: f64,
+    options: &SegmentOptions,
+) -> Result<Segmentation, SegmentError> {
+    segment_with(frames, fps, options, |vectors, may_rest| rest::known(vectors, may_rest, options.rest as f32))
+}
+
+fn segment_with(
+    frames: &[RecordedFrame],
+    fps: f64,
+    options: &SegmentOptions,
+    find_rest: impl FnOnce(&[Vec<f32>], &dyn Fn(usize) -> bool) -> Option<(usize, Vec<usize>)>,
+) -> Result<Segmentation, SegmentError> {
     let usable = frames.iter().filter(|f| f.reason.is_none()).count();
     if (usable as f64) < SHORTEST_PIECE * fps {
         return Err(SegmentError::TooFew { found: usable, frames: frames.len() });
@@ -329,7 +358,7 @@ pub fn segment(frames: &[RecordedFrame], fps: f64, options: &SegmentOptions) -> 
         first: frames.first().map_or(0, |f| f.number),
         last: frames.last().map_or(0, |f| f.number),
     };
-    let (rest, near) = rest::rest(&vectors, may_rest).ok_or_else(no_rest)?;
+    let (rest, near) = find_rest(&vectors, &may_rest).ok_or_else(no_rest)?;
     if (near.len() as f64) < LEAST_REST * fps {
         return Err(no_rest());
     }

@@ -26,6 +26,14 @@ pub(super) fn rest(vectors: &[Vec<f32>], may_rest: impl Fn(usize) -> bool) -> Op
     Some((rest, near))
 }
 
+/// The frame that is nearest to neutral among those for which `may_rest` is true, and all frames whose intensities have at most this norm.
+pub(super) fn known(vectors: &[Vec<f32>], may_rest: impl Fn(usize) -> bool, limit: f32) -> Option<(usize, Vec<usize>)> {
+    let norm = |&t: &usize| vectors[t].iter().map(|x| x * x).sum::<f32>().sqrt();
+    let near: Vec<usize> = (0..vectors.len()).filter(|&t| may_rest(t)).filter(|t| norm(t) <= limit).collect();
+    let rest = near.iter().copied().min_by(|a, b| norm(a).total_cmp(&norm(b)))?;
+    Some((rest, near))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -36,5 +44,13 @@ mod tests {
         assert_eq!(densest(&vectors, 1.0), Some(3));
         assert_eq!(densest(&[&[0.0], &[9.0]], 1.0), Some(0));
         assert_eq!(densest(&[], 1.0), None);
+    }
+
+    #[test]
+    fn a_known_rest_is_low_however_often_another_face_is_shown() {
+        let vectors: Vec<Vec<f32>> = [4.0, 4.0, 4.0, 4.0, 0.9, 0.3, 4.0].map(|v| vec![v, 0.0]).to_vec();
+        assert_eq!(rest(&vectors, |_| true).unwrap().0, 0);
+        assert_eq!(known(&vectors, |_| true, 1.4), Some((5, vec![4, 5])));
+        assert_eq!(known(&vectors, |t| t < 4, 1.4), None);
     }
 }

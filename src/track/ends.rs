@@ -52,16 +52,14 @@ impl Ends {
     }
 }
 
-/// Parts that are covered in the last picture and were not in the first. A single look says that too often: both readings must say so. A nose
-/// alone is not covered: what covers it covers a mouth or an eye as well, and wide smiles of rendered faces look like that.
+/// Parts that are covered in the last picture and were not in the first. A single look says that too often: both readings must say so.
 fn covered(locator: &Locator, first: &Look, last: &Look, (image, nodes): (&GrayImage, &[Point2<f64>])) -> Vec<FacePart> {
     let appeared: Vec<FacePart> = last.covered.iter().copied().filter(|part| !first.covered.contains(part)).collect();
-    if appeared.is_empty() || appeared == [FacePart::Nose] {
-        return Vec::new();
+    if appeared.is_empty() {
+        return appeared;
     }
     let Some(face) = locator.read_near(image, &known_nodes(nodes)) else { return Vec::new() };
-    let both: Vec<FacePart> = appeared.into_iter().filter(|part| face.covered.contains(part)).collect();
-    if both == [FacePart::Nose] { Vec::new() } else { both }
+    appeared.into_iter().filter(|part| face.covered.contains(part)).collect()
 }
 
 /// Returns the message about a sequence whose mouth moves back to neutral; `None` otherwise. `moved`: see [`Ends`]; `first`, `last`:

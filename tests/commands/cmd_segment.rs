@@ -127,6 +127,39 @@ fn expressions_of_a_recording_become_sequences_for_run() {
 }
 
 #[test]
+fn a_smile_that_goes_on_after_a_gap_is_still_one() {
+    let work = Work::new();
+    let portrait = root().join("fixtures/portraits/P01.jpg");
+    let simulate = "simulate -o smile --emotions happiness --frames 10 --yaw 0 --roll 0 --noise 1 --format jpg --photo";
+    work.grimace(&format!("{simulate} {}", portrait.display())).exit(0);
+    let frames: Vec<_> = work.files("smile").into_keys().filter(|name| name.ends_with("jpg")).collect();
+    let [rest, apex] = [frames.first().unwrap(), frames.last().unwrap()].map(|name| work.path(&format!("smile/{name}")));
+    // At rest, the smile, black, and the smile again.
+    fs::create_dir_all(work.path("talk")).unwrap();
+    let up = frames.iter().flat_map(|name| vec![Some(work.path(&format!("smile/{name}"))); 2]);
+    let shots = std::iter::repeat_n(Some(rest), 22).chain(up).chain(vec![Some(apex.clone()); 14]);
+    let size = image::image_dimensions(&apex).unwrap();
+    for (k, shot) in shots.chain(vec![None; 16]).chain(vec![Some(apex.clone()); 40]).enumerate() {
+        let target = work.path(&format!("talk/r_{:05}.jpg", k + 1));
+        match shot {
+            Some(frame) => fs::copy(frame, target).map(|_| ()).unwrap(),
+            None => image::RgbImage::new(size.0, size.1).save(target).unwrap(),
+        }
+    }
+    let ran = work.grimace("segment talk -o segments.csv --no-faces --openface");
+    ran.exit(0)
+        .prints(&["frames 73 to 112: what would be their rest shows an expression beside frame", "they are measured against"]);
+    let rows = work.rows("segments/talk_openface.csv");
+    let mean =
+        |from: usize, to: usize| rows[from..to].iter().map(|row| number_of(row, "AU12_r")).sum::<f64>() / (to - from) as f64;
+    let [rest, before, after] = [mean(0, 20), mean(44, 54), mean(78, 108)];
+    assert!(rest < 0.3 && before > 1.5 && after > 0.5 * before, "{rest} {before} {after}");
+    // The smile is no rest, and no second expression.
+    assert_eq!(work.rows("segments.csv").len(), 1);
+    assert!(work.rows("segments/talk_frames.csv").iter().filter(|row| row["stretch"] == "2").all(|row| row["phase"] != "rest"));
+}
+
+#[test]
 fn labels_by_a_person_are_kept_when_a_recording_is_segmented_again() {
     let work = Work::new();
     record(&work, "talk", &expression("005")[10..78]);

@@ -170,6 +170,7 @@ fn track(id: &SequenceId, emotion: &str, live: &[NodeId], rng: &mut ChaCha8Rng) 
             expected_error_px: Some(1.2 + 20.0 * loss),
             beside: Vec::new(),
             covered: None,
+            covered_at_apex: None,
             mouth_back: None,
             verdict: if doubtful { Verdict::LookAgain } else { Verdict::Good },
             reasons: if doubtful {

@@ -5,7 +5,7 @@ use nalgebra::Point2;
 use super::{
     super::found::found_faces,
     RecordingError, RecordingStep, Tick,
-    likeness::is_another,
+    likeness::{Portrait, is_another},
     survey::{Stretch, Survey},
 };
 use crate::{
@@ -22,6 +22,8 @@ const ASTRAY: f64 = 0.2;
 const GONE: f64 = 0.35;
 /// Expected errors of a tracked and of a recovered node, in eye distances.
 const EXPECTED: [f64; 2] = [0.01, 0.05];
+/// The same between two stretches: points are found to about 2 % of the eye distance.
+const EXPECTED_ANEW: [f64; 2] = [0.025, 0.055];
 
 /// Compact storage for the nodes of one frame.
 #[derive(Clone, Debug)]
@@ -43,8 +45,17 @@ impl CompactFrame {
 
     /// The frame in the tracker's format, without residuals. `eye_distance` in px.
     pub fn expanded(&self, eye_distance: f64) -> TrackedFrame {
+        self.with_errors(eye_distance, EXPECTED)
+    }
+
+    /// As [`Self::expanded`], for comparison with a frame of another stretch, in which the wireframe was fitted anew.
+    pub fn fitted_anew(&self, eye_distance: f64) -> TrackedFrame {
+        self.with_errors(eye_distance, EXPECTED_ANEW)
+    }
+
+    fn with_errors(&self, eye_distance: f64, expected: [f64; 2]) -> TrackedFrame {
         let node = |&([x, y], state): &([f32; 2], NodeState)| {
-            let share = EXPECTED[usize::from(matches!(state, NodeState::Recovered(_)))];
+            let share = expected[usize::from(matches!(state, NodeState::Recovered(_)))];
             let node = TrackedNode::new(Point2::new(f64::from(x), f64::from(y)), state, None);
             TrackedNode { expected_error: Some(share * eye_distance), ..node }
         };
@@ -64,6 +75,8 @@ pub(super) struct Followed {
     pub marks: Vec<Correspondence>,
     /// Eye distance in it, px.
     pub eye_distance: f64,
+    /// The face in it, and in its first and last frame.
+    pub portraits: Vec<Portrait>,
     /// Untracked rest of the stretch on either side, where the face was lost, with the reason.
     pub left: Vec<(Stretch, String)>,
 }
@@ -86,16 +99,24 @@ pub(super) fn follow(
     validate_correspondences(start.marks, survey.size.width, survey.size.height)
         .map_err(|e| RecordingError::Marks { frame: survey.numbers[start.place], reason: e.to_string() })?;
     let number = survey.numbers[start.place];
-    let fitted = if bench.reads_beside(start.marks) > 0.0 {
-        let frame = frames_between(source, number, number)?.next().transpose()?;
-        frame.map_or_else(|| bench.fit(start.marks), |frame| Ok(bench.fit_in(frame.image(), start.marks)?.fitted))
-    } else {
-        bench.fit(start.marks)
+    let frame = frames_between(source, number, number)?.next().transpose()?;
+    let fitted = match &frame {
+        Some(frame) if bench.reads_beside(start.marks) > 0.0 => bench.fit_in(frame.image(), start.marks).map(|read| read.fitted),
+        _ => bench.fit(start.marks),
     };
     let fitted = fitted.map_err(|e| RecordingError::Marks { frame: number, reason: e.to_string() })?;
+    let mut portraits: Vec<Portrait> = frame.iter().filter_map(|frame| Portrait::of(frame, start.marks)).collect();
     let eye_distance = eye_distance_px(&bench.tables, fitted.model.nodes()).unwrap_or(1.0);
     let options = &bench.options.track;
-    let one_way = |to: usize| -> Result<(Vec<CompactFrame>, Option<String>), RecordingError> {
+    let places = fitted.model.nodes();
+    let moved_in = |tracked: &TrackedFrame| -> Vec<Correspondence> {
+        let moved = |mark: &Correspondence| {
+            let (from, to) = (places.get(mark.node.index())?, tracked.nodes.get(mark.node.index())?.position);
+            Some(Correspondence { position: mark.position + (to - from), ..*mark })
+        };
+        start.marks.iter().filter_map(moved).collect()
+    };
+    let one_way = |to: usize, end: &mut Option<Portrait>| -> Result<(Vec<CompactFrame>, Option<String>), RecordingError> {
         let mut out: Vec<CompactFrame> = Vec::new();
         let mut running = None;
         let mut before: Option<(Frame, TrackedFrame)> = None;
@@ -145,11 +166,15 @@ pub(super) fn follow(
                 return Err(RecordingError::Interrupted);
             }
         }
+        *end = before.and_then(|(frame, tracked)| Portrait::of(&frame, &moved_in(&tracked)));
         Ok((out, None))
     };
     let (from, to) = stretch.reach;
-    let (ahead, lost_ahead) = one_way(to)?;
-    let (mut frames, lost_behind) = if start.place > from { one_way(from)? } else { (Vec::new(), None) };
+    let mut ends = [None, None];
+    let [end_ahead, end_behind] = &mut ends;
+    let (ahead, lost_ahead) = one_way(to, end_ahead)?;
+    let (mut frames, lost_behind) = if start.place > from { one_way(from, end_behind)? } else { (Vec::new(), None) };
+    portraits.extend(ends.into_iter().flatten());
     // Both lists begin with the fitted frame.
     let behind = frames.len().saturating_sub(1);
     frames.drain(..frames.len().min(1));
@@ -161,7 +186,7 @@ pub(super) fn follow(
     let mut left = Vec::new();
     left.extend(lost_behind.filter(|_| first > stretch.first).map(|why| (before, why)));
     left.extend(lost_ahead.filter(|_| last < stretch.last).map(|why| (after, why)));
-    Ok(Followed { frames, first, fitted: behind, marks: start.marks.to_vec(), eye_distance, left })
+    Ok(Followed { frames, first, fitted: behind, marks: start.marks.to_vec(), eye_distance, portraits, left })
 }
 
 /// Message that a face was lost, with the reason.

@@ -64,6 +64,45 @@ pub(super) fn is_another(
     Ok(likeness((before, &first.marks), (after, &second.marks), bench).is_some_and(|likeness| likeness < SAME))
 }
 
+/// The surroundings of the eyes in a frame, and its marks there.
+#[derive(Clone, Debug)]
+pub(super) struct Portrait {
+    frame: Frame,
+    marks: Vec<Correspondence>,
+}
+
+/// Distance from the middle of the eyes up to which a portrait reaches, in distances between their outer corners: more than is compared.
+const REACH: f64 = 1.2;
+
+impl Portrait {
+    /// Cuts a face out of its frame; `None` without marks on both eyes.
+    pub fn of(frame: &Frame, marks: &[Correspondence]) -> Option<Self> {
+        let eye = |node: &u16| marks.iter().find(|m| m.node == NodeId(*node)).map(|m| m.position);
+        let eyes: Vec<Point2<f64>> = EYES.iter().filter_map(eye).collect();
+        let width = eyes.iter().flat_map(|a| eyes.iter().map(move |b| (a - b).norm())).fold(0.0, f64::max);
+        if eyes.len() < EYES.len() || !(width > 0.0 && width.is_finite()) {
+            return None;
+        }
+        let middle = eyes.iter().map(|p| p.coords).sum::<nalgebra::Vector2<f64>>() / eyes.len() as f64;
+        let image = frame.image();
+        // Conversions saturate at the edges of the picture.
+        let part = |middle: f64, size: u32| {
+            let (from, to) = ((middle - REACH * width).floor() as u32, (middle + REACH * width).ceil() as u32);
+            (from.min(size.saturating_sub(1)), to.min(size))
+        };
+        let ((left, right), (top, bottom)) = (part(middle.x, image.width()), part(middle.y, image.height()));
+        let cut = image::imageops::crop_imm(image, left, top, right.saturating_sub(left), bottom.saturating_sub(top)).to_image();
+        let shift = nalgebra::Vector2::new(f64::from(left), f64::from(top));
+        let marks = marks.iter().map(|m| Correspondence { position: m.position - shift, ..*m }).collect();
+        Some(Self { frame: Frame::new(frame.number(), cut), marks })
+    }
+
+    /// Whether two portraits show the same person; `None` where the faces cannot be read.
+    pub fn is_same(&self, other: &Self, bench: &Workbench) -> Option<bool> {
+        likeness((&self.frame, &self.marks), (&other.frame, &other.marks), bench).map(|likeness| likeness >= SAME)
+    }
+}
+
 /// The trusted face detected nearest to a tracked one.
 fn face_at(frame: &Frame, tracked: &TrackedFrame, eye_distance: f64) -> Result<Option<FoundFace>, FoundMarksError> {
     let apart = |face: &FoundFace| {

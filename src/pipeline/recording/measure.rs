@@ -54,26 +54,71 @@ pub(super) fn marks_in(followed: &Followed, place: usize) -> Vec<Correspondence>
     followed.marks.iter().filter_map(moved).collect()
 }
 
-/// Measures a stretch relative to the frame with index `neutral`.
+/// A neutral frame, and the places of its marks.
+pub(super) struct Neutral {
+    frame: TrackedFrame,
+    marks: Vec<(NodeId, Point2<f64>)>,
+    /// The frame with the errors that it has within its own stretch.
+    tracked: TrackedFrame,
+    /// Its index in the stretch that is measured; `None` if it belongs to another one.
+    place: Option<usize>,
+}
+
+impl Neutral {
+    /// The frame with index `place` of the stretch that is measured.
+    pub fn own(followed: &Followed, place: usize) -> Self {
+        let marks = marks_in(followed, place).iter().map(|m| (m.node, m.position)).collect();
+        let tracked = followed.frames[place].expanded(followed.eye_distance);
+        Self { frame: tracked.clone(), marks, tracked, place: Some(place) }
+    }
+
+    /// The frame with index `place` of another stretch.
+    pub fn elsewhere(followed: &Followed, place: usize) -> Self {
+        let frame = followed.frames[place].fitted_anew(followed.eye_distance);
+        Self { frame, place: None, ..Self::own(followed, place) }
+    }
+
+    /// A frame of the stretch that is measured.
+    fn expanded(&self, followed: &Followed, place: usize) -> TrackedFrame {
+        let frame = &followed.frames[place];
+        if self.place.is_some() { frame.expanded(followed.eye_distance) } else { frame.fitted_anew(followed.eye_distance) }
+    }
+
+    /// Returns what the frame with index `place` of a stretch shows relative to this one, and by how much better action units explain the
+    /// way there than the way back, -1 to 1 ([`Workbench::order`]).
+    pub fn compare(&self, followed: &Followed, place: usize, bench: &Workbench) -> Result<(RecordedFrame, f64), RecordingError> {
+        let failed = |reason| RecordingError::Features { reason };
+        let block = [self.frame.clone(), self.expanded(followed, place)];
+        let fit = bench.fit_head(&block, &self.marks)?;
+        let model = bench.frontal_model(&fit, &block)?;
+        let rows = bench.features(&block, &fit, &model).map_err(failed)?;
+        let row = rows.last().map(RecordedFrame::from).ok_or(RecordingError::NoFrames)?;
+        // The order is known for frames of one stretch; with the larger errors between two it would never be decided.
+        let order = bench.order(&[self.tracked.clone(), followed.frames[place].expanded(followed.eye_distance)], &model);
+        Ok((row, order.map_err(failed)?))
+    }
+}
+
+/// Measures a stretch relative to a neutral frame.
 pub(super) fn measure(
     followed: &Followed,
-    neutral: usize,
+    neutral: &Neutral,
     bench: &Workbench,
     (of, tick): (usize, Tick<'_>),
 ) -> Result<Measured, RecordingError> {
-    let expanded = |k: usize| followed.frames[k].expanded(followed.eye_distance);
-    let marks: Vec<(NodeId, Point2<f64>)> = marks_in(followed, neutral).iter().map(|m| (m.node, m.position)).collect();
     let count = followed.frames.len();
     let spread = count.min(HEAD_FRAMES);
+    let others = (0..spread).map(|k| k * count / spread).filter(|&k| Some(k) != neutral.place);
     let head_track: Vec<TrackedFrame> =
-        std::iter::once(neutral).chain((0..spread).map(|k| k * count / spread).filter(|&k| k != neutral)).map(expanded).collect();
-    let known: HeadFit = bench.fit_head(&head_track, &marks)?;
+        std::iter::once(neutral.frame.clone()).chain(others.map(|k| neutral.expanded(followed, k))).collect();
+    let known: HeadFit = bench.fit_head(&head_track, &neutral.marks)?;
     let mut out =
         Measured { frames: Vec::with_capacity(count), poses: Vec::with_capacity(count), shown: Vec::with_capacity(count) };
     let mut from: Option<HeadPose> = None;
     for start in (0..count).step_by(BLOCK) {
-        let block: Vec<TrackedFrame> = std::iter::once(neutral).chain(start..(start + BLOCK).min(count)).map(expanded).collect();
-        let fit = bench.head_fitter().follow(&bench.tables, (&known, from), &block, &marks)?;
+        let frames = (start..(start + BLOCK).min(count)).map(|k| neutral.expanded(followed, k));
+        let block: Vec<TrackedFrame> = std::iter::once(neutral.frame.clone()).chain(frames).collect();
+        let fit = bench.head_fitter().follow(&bench.tables, (&known, from), &block, &neutral.marks)?;
         let model = bench.frontal_model(&fit, &block)?;
         let rows = bench.features(&block, &fit, &model).map_err(|reason| RecordingError::Features { reason })?;
         out.frames.extend(rows.iter().skip(1).map(RecordedFrame::from));

@@ -12,6 +12,7 @@ mod kept;
 mod likeness;
 mod measure;
 mod persons;
+mod rests;
 mod survey;
 
 use std::{
@@ -23,7 +24,8 @@ use serde::{Deserialize, Serialize};
 
 use self::{
     follow::{CompactFrame, Followed, Start, follow},
-    measure::{Measured, Shown, marks_in, measure},
+    measure::{Measured, Neutral, Shown, marks_in, measure},
+    rests::share_rests,
     survey::{Look, SHORTEST, Stretch, Survey, too_short},
 };
 use super::{FoundMarksError, Workbench, found::fitting_marks};
@@ -35,7 +37,7 @@ use crate::{
     locate::FacePart,
     output::OutputError,
     pose::{HeadPose, PoseError},
-    segment::{Phase, RecordedFrame, SegmentError, SegmentOptions, segment},
+    segment::{Phase, RecordedFrame, SegmentError, SegmentOptions, Segmentation, segment},
     sequence::{Clock, FilmError, ImageSize, SequenceError},
     track::TrackError,
 };
@@ -270,11 +272,16 @@ pub fn segment_recording(
         notes: Vec::new(),
         content_blake3: survey.content.to_hex().to_string(),
     };
-    let mut usable = false;
+    let mut entries = Vec::new();
     for (k, followed) in tracked.into_iter().enumerate() {
-        usable |= enter(&mut result, (k + 1, followed), &survey, bench, (options, tick), &mut notes)?;
+        match Entry::new((k + 1, followed), &survey, bench, (options, tick))? {
+            Ok(entry) => entries.push(entry),
+            Err(note) => notes.push(note),
+        }
     }
-    if !usable {
+    notes.extend(share_rests(&mut entries, &survey, bench, (options, tick))?);
+    entries.into_iter().for_each(|entry| entry.join(&mut result, &mut notes));
+    if result.frames.is_empty() {
         return Err(RecordingError::Nothing { reasons: notes });
     }
     if result.segments.is_empty() {
@@ -335,81 +342,97 @@ fn tracked_stretches(
     Ok(tracked)
 }
 
-/// Measures a stretch and adds its frames and sequences to the result. Returns whether it was usable.
-fn enter(
-    result: &mut SegmentedRecording,
-    (stretch, followed): (usize, Followed),
-    survey: &Survey,
-    bench: &Workbench,
-    (options, tick): (&SegmentOptions, Tick<'_>),
-    notes: &mut Vec<String>,
-) -> Result<bool, RecordingError> {
-    let named = |followed: &Followed| {
-        let number = |k: Option<&CompactFrame>| k.map_or(0, |frame| frame.number);
-        format!("frames {} to {}", number(followed.frames.first()), number(followed.frames.last()))
-    };
-    let mut measured = match measure_seen(&followed, followed.fitted, survey, bench, tick) {
-        Ok(measured) => measured,
-        Err(RecordingError::Pose(error)) => {
-            notes.push(format!("{}: {error}", named(&followed)));
-            return Ok(false);
-        }
-        Err(error) => return Err(error),
-    };
-    let mut segmentation = segment(&measured.frames, survey.fps, options);
-    // Intensities are relative to the rest, once it is known.
-    let rest = segmentation.as_ref().ok().filter(|s| s.activity[followed.fitted] > AT_REST).map(|s| s.rest);
-    if let Some(rest) = rest {
-        match measure_seen(&followed, rest, survey, bench, tick) {
-            Ok(again) => {
-                measured = again;
-                segmentation = segment(&measured.frames, survey.fps, options);
-            }
-            Err(RecordingError::Pose(_)) => {}
-            Err(error) => return Err(error),
-        }
-    }
-    let (phases, activity) = match &segmentation {
-        Ok(found) => (found.phases.clone(), found.activity.clone()),
-        Err(error) => {
-            let text = error.to_string();
-            notes.push(match error {
-                SegmentError::TooFew { .. } => format!("{}: {text}", named(&followed)),
-                SegmentError::NoRest { .. } => text,
-            });
-            (vec![Phase::Other; measured.frames.len()], vec![0.0; measured.frames.len()])
-        }
-    };
-    if let Ok(found) = &segmentation {
-        let number = |k: usize| followed.frames[k].number;
-        notes.extend(
-            found.without_rest.iter().map(|&k| format!("frame {}: skipped an expression without a rest next to it", number(k))),
-        );
-        for e in &found.expressions {
-            let name = format!("{}-{:02}", result.stem, result.segments.len() + 1);
-            result.segments.push(Segment {
-                name,
-                neutral_frame: number(e.neutral),
-                onset_frame: number(e.onset),
-                apex_frame: number(e.apex),
-                offset_frame: number(e.offset),
-                confidence: e.confidence,
-                marks: marks_in(&followed, e.neutral),
-            });
-        }
-    }
-    let all = measured.frames.into_iter().zip(measured.poses).zip(followed.frames).zip(measured.shown);
-    for ((((measured, pose), nodes), shown), (phase, activity)) in all.zip(phases.into_iter().zip(activity)) {
-        result.frames.push(RecordingFrame { measured, stretch, phase, activity, pose, nodes, shown });
-    }
-    Ok(segmentation.is_ok())
+/// A stretch that was tracked and measured.
+struct Entry {
+    /// Its number, from 1.
+    stretch: usize,
+    followed: Followed,
+    measured: Measured,
+    segmentation: Result<Segmentation, SegmentError>,
+    /// Index of the frame that it is measured against.
+    neutral: usize,
 }
 
-/// Measures a stretch relative to the frame with index `neutral`. Frames in which something covers parts of the face are unusable: the
+impl Entry {
+    /// Measures a stretch against its rest; a note if it shows no head.
+    fn new(
+        (stretch, followed): (usize, Followed),
+        survey: &Survey,
+        bench: &Workbench,
+        (options, tick): (&SegmentOptions, Tick<'_>),
+    ) -> Result<Result<Self, String>, RecordingError> {
+        let mut neutral = followed.fitted;
+        let mut measured = match measure_seen(&followed, &Neutral::own(&followed, neutral), survey, bench, tick) {
+            Ok(measured) => measured,
+            Err(RecordingError::Pose(error)) => return Ok(Err(format!("{}: {error}", named(&followed)))),
+            Err(error) => return Err(error),
+        };
+        let mut segmentation = segment(&measured.frames, survey.fps, options);
+        // Intensities are relative to the rest, once it is known.
+        let rest = segmentation.as_ref().ok().filter(|s| s.activity[neutral] > AT_REST).map(|s| s.rest);
+        if let Some(rest) = rest {
+            match measure_seen(&followed, &Neutral::own(&followed, rest), survey, bench, tick) {
+                Ok(again) => {
+                    measured = again;
+                    segmentation = segment(&measured.frames, survey.fps, options);
+                    neutral = rest;
+                }
+                Err(RecordingError::Pose(_)) => {}
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(Ok(Self { stretch, followed, measured, segmentation, neutral }))
+    }
+
+    /// Adds the frames and sequences to the result.
+    fn join(self, result: &mut SegmentedRecording, notes: &mut Vec<String>) {
+        let Self { stretch, followed, measured, segmentation, .. } = self;
+        let (phases, activity) = match &segmentation {
+            Ok(found) => (found.phases.clone(), found.activity.clone()),
+            Err(error) => {
+                let text = error.to_string();
+                notes.push(match error {
+                    SegmentError::TooFew { .. } => format!("{}: {text}", named(&followed)),
+                    SegmentError::NoRest { .. } => text,
+                });
+                (vec![Phase::Other; measured.frames.len()], vec![0.0; measured.frames.len()])
+            }
+        };
+        if let Ok(found) = &segmentation {
+            let number = |k: usize| followed.frames[k].number;
+            let skipped = |&k: &usize| format!("frame {}: skipped an expression without a rest next to it", number(k));
+            notes.extend(found.without_rest.iter().map(skipped));
+            for e in &found.expressions {
+                let name = format!("{}-{:02}", result.stem, result.segments.len() + 1);
+                result.segments.push(Segment {
+                    name,
+                    neutral_frame: number(e.neutral),
+                    onset_frame: number(e.onset),
+                    apex_frame: number(e.apex),
+                    offset_frame: number(e.offset),
+                    confidence: e.confidence,
+                    marks: marks_in(&followed, e.neutral),
+                });
+            }
+        }
+        let all = measured.frames.into_iter().zip(measured.poses).zip(followed.frames).zip(measured.shown);
+        for ((((measured, pose), nodes), shown), (phase, activity)) in all.zip(phases.into_iter().zip(activity)) {
+            result.frames.push(RecordingFrame { measured, stretch, phase, activity, pose, nodes, shown });
+        }
+    }
+}
+
+/// The frames of a stretch in words.
+fn named(followed: &Followed) -> String {
+    let number = |k: Option<&CompactFrame>| k.map_or(0, |frame| frame.number);
+    format!("frames {} to {}", number(followed.frames.first()), number(followed.frames.last()))
+}
+
+/// Measures a stretch relative to a neutral frame. Frames in which something covers parts of the face are unusable: the
 /// tracker follows what covers them.
 fn measure_seen(
     followed: &Followed,
-    neutral: usize,
+    neutral: &Neutral,
     survey: &Survey,
     bench: &Workbench,
     tick: Tick<'_>,

@@ -266,10 +266,10 @@ impl Survey {
         let number = |place: usize| self.numbers.get(place).copied().unwrap_or_default();
         match turn {
             Turn::Cut(place) => {
-                format!(
-                    "frame {}: a new scene begins; if it shows another person, give its sequences another subject",
-                    number(place)
-                )
+                let end = self.cuts.iter().copied().find(|&cut| cut > place).unwrap_or(self.numbers.len());
+                let shows = self.looks.iter().any(|look| (place..end).contains(&look.place) && look.face.is_some());
+                let person = "; if it shows another person, give its sequences another subject";
+                format!("frame {}: a new scene begins{}", number(place), if shows { person } else { ", without a face" })
             }
             Turn::Gone(place) => {
                 let before = self.looks.iter().map(|look| look.place).take_while(|&look| look < place).last().unwrap_or_default();
