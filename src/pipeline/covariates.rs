@@ -14,7 +14,7 @@ use super::{
 };
 use crate::{
     output::{OutputError, count, listed, nine_digits, write_records},
-    report::CovariateData,
+    report::{CovariateData, p_value},
     statistics::{
         LabelledModel, Strata,
         amplitude::{AmplitudeRegion, PersonValue},
@@ -126,8 +126,14 @@ impl CovariateResult {
         let test = self.outcome.as_ref().ok().filter(|t| t.p_either_adjusted <= significance)?;
         let node = clearest_node(test, bench.wireframe.live_nodes()).filter(|(_, p)| *p <= significance);
         let most = node.map(|(node, _)| format!(", most at node {node}")).unwrap_or_default();
-        let (emotion, column, share) = (&self.emotion, &self.column, 100.0 * test.share.max(0.0));
-        Some(format!("{emotion} with {column} ({share:.1} % of how people differ{most})"))
+        let (emotion, column) = (&self.emotion, &self.column);
+        Some(if test.is_of_whole(significance) {
+            let [share, chance] = [test.share, test.share_by_chance].map(|share| 100.0 * share.max(0.0));
+            format!("{emotion} with {column} ({share:.1} % of how people differ, by chance {chance:.1} %{most})")
+        } else {
+            let (p, whole) = (p_value(test.p_either_adjusted), p_value(test.p_adjusted));
+            format!("{emotion} with {column} at single nodes{most} (corrected p {p}; as a whole not shown, corrected p {whole})")
+        })
     }
 }
 
@@ -234,8 +240,10 @@ pub(super) fn write_covariates(
         "mean",
         "sd",
         "share",
+        "share_by_chance",
         "f",
         "p",
+        "p_holm",
         "p_max_node",
         "p_either",
         "p_either_holm",
@@ -252,10 +260,10 @@ pub(super) fn write_covariates(
         match &c.outcome {
             Ok(t) => {
                 row.extend([t.people, c.unknown, t.used].map(|n| n.to_string()));
-                row.extend([t.mean, t.deviation, t.share].map(nine_digits));
+                row.extend([t.mean, t.deviation, t.share, t.share_by_chance].map(nine_digits));
                 row.push(t.f.map(nine_digits).unwrap_or_default());
-                let max_node = t.node_p.iter().copied().fold(1.0, f64::min);
-                row.extend([t.p, max_node, t.p_either, t.p_either_adjusted, t.least_either_adjusted].map(nine_digits));
+                let p = [t.p, t.p_adjusted, t.least_node_p(), t.p_either, t.p_either_adjusted, t.least_either_adjusted];
+                row.extend(p.map(nine_digits));
                 row.extend([t.permutations.to_string(), t.exhaustive.to_string()]);
                 row.extend(t.shown.map(nine_digits));
                 row.extend([format!("covariates/{}", c.stem), String::new()]);

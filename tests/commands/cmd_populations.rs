@@ -249,6 +249,8 @@ fn a_smile_that_grows_with_age_is_found_and_shown() {
     assert_eq!((row["subjects"].as_str(), row["without"].as_str(), row["permutations"].as_str()), ("6", "1", "720"));
     assert_eq!((row["low"].as_str(), row["high"].as_str(), row["exhaustive"].as_str()), ("21", "60", "true"));
     assert!(row["p_either_holm"].parse::<f64>().unwrap() <= 0.05);
+    // Of six people one fifth. One test alone needs no correction.
+    assert_eq!((row["share_by_chance"].as_str(), &row["p_holm"]), ("0.2", &row["p"]));
     // The corner of the mouth is farther out at 60 than at 21.
     let [low, high] = ["low", "high"].map(|end| moved(&work, &format!("out/covariates/happiness_age_{end}.csv"), "31"));
     assert!(0.0 < low && low < high, "{low} {high}");
