@@ -188,7 +188,9 @@ impl GroupsView {
         Self {
             amplitudes: AmplitudeTable::new(groups, significance),
             omnibus: OmnibusTable::new(comparisons, significance),
-            untested: untested.collect(),
+            untested: untested
+                .chain(comparisons.one_group.iter().map(|one| format!("{}: {}", one.emotion, one.reason())))
+                .collect(),
             too_many: comparisons.too_many.iter().map(|(emotion, n)| format!("{emotion} ({n} groups)")).collect(),
             more_pictures: drawn.len().saturating_sub(MOST_PICTURES),
             pictures: pictures.collect(),

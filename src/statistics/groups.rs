@@ -16,10 +16,10 @@ pub const EMOTIONS: [&str; 8] = ["anger", "disgust", "fear", "happiness", "sadne
 /// Group of the models without a value in the grouping column ([`is_missing`]).
 pub const UNKNOWN_GROUP: &str = "unknown";
 
-/// Returns whether a value of a grouping or stratum column means "missing": it is blank or one of the words for it.
+/// Returns whether a value of a grouping or stratum column means "missing": it is blank, one of the words for it, or `unknown` in any case.
 pub fn is_missing(value: &str) -> bool {
     let value = value.trim();
-    value.is_empty() || is_missing_word(value)
+    value.is_empty() || is_missing_word(value) || value.eq_ignore_ascii_case(UNKNOWN_GROUP)
 }
 
 /// Labels of a sequence: its id, its emotion, and the further columns of the manifest.
@@ -30,7 +30,9 @@ pub fn missing_words_said(labels: &[SequenceLabels<'_>], columns: &[String]) -> 
     let mut found: BTreeMap<(&str, &str), usize> = BTreeMap::new();
     for column in columns.iter().collect::<BTreeSet<_>>() {
         let values = labels.iter().filter_map(|(.., metadata)| metadata.get(column)).map(|value| value.trim());
-        values.filter(|value| is_missing_word(value)).for_each(|value| *found.entry((column, value)).or_default() += 1);
+        values
+            .filter(|value| !value.is_empty() && is_missing(value))
+            .for_each(|value| *found.entry((column, value)).or_default() += 1);
     }
     let first = found.keys().next()?;
     let list: Vec<String> = found
@@ -496,6 +498,18 @@ mod tests {
         );
         assert!(said.ends_with("such as `NA group`)"), "{said}");
         assert_eq!(missing_words_said(&labels(&sample()), &["age".to_owned(), "sex".to_owned()]), None);
+        // The name of the group without a value is such a word, in any case.
+        let cases: Vec<LabelledModel> = ["unknown", "UNKNOWN", " Unknown", "known"]
+            .iter()
+            .zip('a'..)
+            .map(|(v, s)| labelled(&s.to_string(), "anger", &[("land", v)]))
+            .collect();
+        assert_eq!(classes(&cases, &["land"])[1..], ["anger/known: d", "anger/unknown: abc"]);
+        let said = missing_words_said(&labels(&cases), &["land".to_owned()]).unwrap();
+        assert!(
+            said.contains("`UNKNOWN` in the column `land` (1 sequence); `Unknown` in the column `land` (1 sequence)"),
+            "{said}"
+        );
         // A column with only such values is empty.
         let error = group_models(&models[..6], &["land".to_owned()]).unwrap_err();
         assert!(matches!(error, GroupError::EmptyColumn { sequences: 6, .. }), "{error}");

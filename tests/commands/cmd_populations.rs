@@ -334,6 +334,12 @@ fn words_for_missing_values_make_no_group() {
     let strata = work.grimace("analyze out/tracks -o strata --resample linear --by age --strata site --permutations 99").exit(0);
     strata.prints(&["`n/a` in the column `site` (1 sequence)"]);
     work.grimace("analyze out/tracks/p4_1.csv out/tracks/p5_1.csv -o none --by age").exit(1).says(&["column `age` is empty"]);
+    // p0 and p1 are 20 years old; of p4 and p6 nothing is known.
+    let tracks = "out/tracks/p0_1.csv out/tracks/p1_1.csv out/tracks/p4_1.csv out/tracks/p6_1.csv";
+    let reason = "only one group, 20, has people; 2 people have no value (`unknown`)";
+    let one = work.grimace(&format!("analyze {tracks} -o one --by age --bootstrap 0")).exit(0);
+    one.prints(&[&format!("no groups to compare: happiness ({reason})")]);
+    assert!(work.read("one/report.html").contains(&format!("Not tested: happiness: {reason}.")));
 }
 
 #[test]
