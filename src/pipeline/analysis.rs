@@ -14,6 +14,7 @@ use super::{
     looks::looked_said,
     parts::EmotionPart,
     recognition::{left_out_said, recognize_left_out},
+    same::same_said,
     sequence_table::SequenceRow,
     variation::{EmotionVariation, variations},
 };
@@ -50,6 +51,8 @@ pub struct AnalyzedModel {
     pub quality: Option<TrackQuality>,
     /// Pose and action units over time, if known.
     pub course: Option<Course>,
+    /// Identifies its pictures; `None` if it has none or if they are unknown.
+    pub pictures: Option<String>,
 }
 
 impl AnalyzedModel {
@@ -151,6 +154,8 @@ pub struct Analysis {
     pub failures: Vec<Failure>,
     /// Warnings to the user.
     pub warnings: Vec<String>,
+    /// Notes on sequences that are copies of others; they are among the warnings too.
+    pub same: Vec<String>,
     /// Amplitudes of all sequences; empty where models are read node by node.
     pub amplitudes: AmplitudeResults,
     /// Associations of emotions with the people's numbers; empty without `--covariate`.
@@ -193,6 +198,7 @@ pub(super) fn analyze_with(
     if models.is_empty() && sequences > 0 {
         return Err(AnalysisError::AllLeftOut { sequences });
     }
+    let same = same_said(&models);
     let courses = models.iter().filter_map(|m| Some((m.model.id.clone(), m.course.clone()?))).collect();
     let fapus = bench.normalizer()?.canonical().fapus;
     let mut sequences: Vec<SequenceRow> = models.par_iter().map(|model| SequenceRow::of(model, &fapus)).collect();
@@ -229,6 +235,7 @@ pub(super) fn analyze_with(
     warnings.extend(too_short(lengths_of(&tracks), options.normalize.resample));
     let comparisons = (!options.by.is_empty()).then(|| Comparisons::together(comparisons));
     warnings.extend(comparisons.iter().flat_map(|c| c.warnings(options.groups.compare.significance)));
+    warnings.extend(same.iter().cloned());
     warnings.extend(spelled);
     warnings.extend(missing);
     warnings.extend(measures);
@@ -260,6 +267,7 @@ pub(super) fn analyze_with(
         courses,
         failures,
         warnings,
+        same,
         tracked_here: false,
         amplitudes,
         covariates,

@@ -343,6 +343,18 @@ fn words_for_missing_values_make_no_group() {
 }
 
 #[test]
+fn two_people_with_the_same_frames_are_named() {
+    let work = Work::new();
+    people(&work, "", &[("a", 5.0, ""), ("b", 6.0, ""), ("c", 5.0, "")]);
+    let said = "people with the same pictures or exactly the same motion: a and c (a_1 and c_1); are these two people?";
+    work.grimace("run people -o out --resample linear").exit(0).prints(&[said]);
+    assert!(work.read("out/report.html").contains(said));
+    work.grimace("analyze out/tracks/a_1.csv out/tracks/c_1.csv -o two --resample linear").exit(0).prints(&[said]);
+    let ran = work.grimace("analyze out/tracks/a_1.csv out/tracks/b_1.csv -o other --resample linear").exit(0);
+    assert!(!ran.stdout.contains("two people?") && !work.read("other/report.html").contains("Copies?"), "{}", ran.stdout);
+}
+
+#[test]
 fn people_are_counted_not_sequences_and_a_majority_of_one_is_named() {
     let work = Work::new();
     let mut manifest = "subject,sequence,emotion,frames\n".to_owned();
