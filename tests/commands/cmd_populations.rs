@@ -392,10 +392,11 @@ fn people_are_counted_not_sequences_and_a_majority_of_one_is_named() {
     work.grimace("figures out -o figures -q").exit(0);
     let rows = work.rows("figures/captions.csv");
     let of = |name: &str| rows.iter().find(|r| r["figure"] == name).unwrap().clone();
-    let expected = "10 % of the models trimmed per displacement field (nothing of alone; many: too few models for 10 %)";
+    let expected = "at most 10 % of the weight of the models trimmed per displacement field (nothing of alone; many: too few models for \
+                    10 %)";
     let overview = of("representatives");
     assert!(overview["caption"].contains(expected) && overview["method"].contains(expected), "{overview:?}");
-    assert!(of("fields_ten")["method"].contains("10 % of the models trimmed per displacement field,"));
+    assert!(of("fields_ten")["method"].contains("at most 10 % of the weight of the models trimmed per displacement field,"));
     assert!(of("fields_alone")["method"].contains("nothing trimmed"));
 }
 

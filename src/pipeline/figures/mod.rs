@@ -21,7 +21,7 @@ use crate::{
         figures::{self, FieldScale, Lines, Model, StripRow, view_box},
         mean_course, p_value,
     },
-    statistics::compare::group_values,
+    statistics::{compare::group_values, scale::MANY_MODELS},
 };
 
 /// Why figures cannot be made.
@@ -201,9 +201,12 @@ impl Class {
     fn trimmed_text(&self) -> String {
         let a = &self.about;
         if a.alpha > 0.0 {
+            // A person with several sequences weighs one; above this number all sequences count alike.
+            let is_weighted = a.weighting == "person" && a.sequences.len() <= MANY_MODELS;
             format!(
-                "{} % of the models trimmed per {}",
+                "at most {} % of {} trimmed per {}",
                 nine_digits(a.alpha * 100.0),
+                if is_weighted { "the weight of the models" } else { "the models" },
                 if a.trim == "model" { "model" } else { "displacement field" }
             )
         } else {
