@@ -98,6 +98,8 @@ fn groups_that_cannot_be_formed_or_tested_are_reported() {
     people(&work, ",place,note", &[("a", 5.0, ",north,"), ("b", 6.0, ",north,"), ("c", 7.0, ",south,"), ("d", 8.0, ",south,")]);
     work.grimace("run people -o out --by nation").exit(1).says(&["no sequence has a column `nation`", "note, place"]);
     work.grimace("run people -o out --by note").exit(1).says(&["column `note` is empty in all 4 sequences"]);
+    let few = work.grimace("run people -o out --by place --bootstrap 2").exit(2);
+    few.says(&["expected a whole number from 99 to 1000000, or 0 for no intervals"]);
     // Person c is in both groups.
     let manifest = work.read("people/manifest.csv") + "c,2,happiness,c.csv,north,\n";
     work.write("people/manifest.csv", manifest);
@@ -144,7 +146,7 @@ fn designs_without_a_test_give_the_reason_and_no_table_has_a_nan() {
         .collect();
     let rows: Vec<(&str, f64, &str)> = rows.iter().map(|(s, x, m)| (s.as_str(), *x, m.as_str())).collect();
     people(&work, ",place,site,age,one", &rows);
-    let run = "run people --resample linear --by place --permutations 199 --bootstrap 20";
+    let run = "run people --resample linear --by place --permutations 199 --bootstrap 99";
     for (folder, strata, expected) in [
         ("site", "site", "groups and strata coincide"),
         ("age", "age", "1 of the people have no value in `age`, for example p03"),
@@ -452,7 +454,7 @@ fn a_columnar_file_gives_the_statistics_of_the_tracks() {
 #[test]
 fn a_run_in_parts_gives_the_bytes_of_a_plain_run() {
     let work = Work::with_faces();
-    let options = "--by cohort --permutations 99 --bootstrap 50";
+    let options = "--by cohort --permutations 99 --bootstrap 99";
     work.grimace(&format!("run faces -o plain {options}")).exit(0);
     work.grimace(&format!("run faces -o parts --part 1/3 {options}"))
         .exit(1)
