@@ -30,8 +30,8 @@ use crate::{
         bootstrap::DispersionInterval,
         check_columns, check_numbers,
         compare::{Comparisons, Strata},
-        far_numbers_said, group_models, is_missing, measures_said, missing_words_said, no_numbers_said, spell_as_groups,
-        spelling_key,
+        far_numbers_said, group_models, is_missing, measures_said, missing_words_said, no_numbers_said, perhaps_missing_said,
+        spell_as_groups, spelling_key,
     },
     track::TrackQuality,
     units::SequenceId,
@@ -207,6 +207,7 @@ pub(super) fn analyze_with(
     let spelled = spelling_warnings(&labels, &options.by);
     let told_apart_by = [options.by.as_slice(), &options.strata].concat();
     let missing = missing_words_said(&labels, &told_apart_by);
+    let perhaps = perhaps_missing_said(&labels, &told_apart_by);
     let measures = measures_said(&labels, &told_apart_by);
     let no_numbers = no_numbers_said(&labels, &options.covariates);
     let far = far_numbers_said(&labels, &options.covariates);
@@ -238,6 +239,7 @@ pub(super) fn analyze_with(
     warnings.extend(same.iter().cloned());
     warnings.extend(spelled);
     warnings.extend(missing);
+    warnings.extend(perhaps);
     warnings.extend(measures);
     warnings.extend(no_numbers);
     warnings.extend(far);
