@@ -378,6 +378,7 @@ mod tests {
                 p_equivalence_adjusted: 1.0,
                 people_for_power: None,
             }),
+            not_paired: Vec::new(),
         };
         let all = [comparison("mouth", [0.8, 1.32], -0.81, 0.001), comparison("face", [0.82, 1.29], -0.76, 0.002)];
         let sentences = stronger(all.iter().map(|c| (c, c.outcome.as_ref().unwrap())));

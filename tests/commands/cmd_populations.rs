@@ -345,6 +345,30 @@ fn words_for_missing_values_make_no_group() {
 }
 
 #[test]
+fn amplitudes_in_pairs_name_who_is_left_out_and_regions_without_a_test() {
+    let work = Work::new();
+    let mut manifest = "subject,sequence,emotion,frames,session\n".to_owned();
+    let smiles = [("a", [4.0, 6.0]), ("b", [5.0, 8.0]), ("c", [6.0, 7.0]), ("d", [7.0, 9.0]), ("e", [8.0, 0.0])];
+    for (subject, smiles) in smiles {
+        for (session, smile) in ["before", "after"].into_iter().zip(smiles).filter(|(_, smile)| *smile > 0.0) {
+            work.write(&format!("people/{subject}_{session}.csv"), own(&[(1, 0.0), (2, smile)]));
+            manifest += &format!("{subject},{session},happiness,{subject}_{session}.csv,{session}\n");
+        }
+    }
+    work.write("people/manifest.csv", manifest);
+    let ran = work.grimace("run people -o out --resample linear --by session --permutations 99 --bootstrap 0").exit(0);
+    ran.prints(&["amplitudes in pairs leave out people who are in one group only: happiness, after and before (without e)"]);
+    let rows = work.rows("out/amplitude_comparisons.csv");
+    let of = |region: &str| rows.iter().find(|r| r["region"] == region).unwrap();
+    // Everybody of `after` was there before.
+    let face = of("face");
+    assert_eq!((face["paired"].as_str(), face["subjects_a"].as_str(), face["not_paired"].as_str()), ("true", "4", "e"));
+    // One of the four regions hardly moves in such a smile.
+    let untested: Vec<_> = rows.iter().filter(|r| r["p"].is_empty()).collect();
+    assert!(rows.len() == 4 && untested.len() == 1 && untested[0]["not_tested"].contains("median motion"), "{rows:?}");
+}
+
+#[test]
 fn two_people_with_the_same_frames_are_named() {
     let work = Work::new();
     people(&work, "", &[("a", 5.0, ""), ("b", 6.0, ""), ("c", 5.0, "")]);
