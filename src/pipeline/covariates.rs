@@ -37,6 +37,8 @@ pub struct CovariateResult {
     pub stem: String,
     /// Column of the number.
     pub column: String,
+    /// Numbers of the people of the emotion who have one.
+    pub known: Vec<f64>,
     /// Number of people of the emotion without a value.
     pub unknown: usize,
     /// The test, or the reason why there is none.
@@ -82,6 +84,7 @@ pub(super) fn covariates(
                 emotion: emotion.clone(),
                 stem: unique_name(&format!("{}_{}", class.stem, file_stem(column)), &mut stems),
                 column: column.clone(),
+                known: people.iter().filter_map(|subject| numbers.get(subject)).collect(),
                 unknown: people.iter().filter(|subject| numbers.get(subject).is_none()).count(),
                 outcome: covariate(whole, &numbers, &bench.wireframe, options, strata, stream),
                 slopes: AmplitudeRegion::ALL.map(|region| (region, slope(region))).into(),
@@ -269,8 +272,9 @@ pub(super) fn write_covariates(
                 row.extend([format!("covariates/{}", c.stem), String::new()]);
             }
             Err(why) => {
-                row.extend([String::new(), c.unknown.to_string()]);
-                row.extend(std::iter::repeat_n(String::new(), header.len() - 5));
+                row.extend([c.known.len().to_string(), c.unknown.to_string(), String::new()]);
+                row.extend(mean_and_deviation(&c.known).map(|value| value.map(nine_digits).unwrap_or_default()));
+                row.extend(std::iter::repeat_n(String::new(), header.len() - 8));
                 row.push(why.to_string());
             }
         }
@@ -293,6 +297,14 @@ pub(super) fn write_covariates(
         }
     }
     Ok(())
+}
+
+/// Returns the mean of numbers and their standard deviation, as far as they have these.
+fn mean_and_deviation(numbers: &[f64]) -> [Option<f64>; 2] {
+    let n = numbers.len() as f64;
+    let mean = numbers.iter().sum::<f64>() / n;
+    let squares: f64 = numbers.iter().map(|v| (v - mean).powi(2)).sum();
+    [(n > 0.0).then_some(mean), (n > 1.0).then(|| (squares / (n - 1.0)).sqrt())]
 }
 
 fn write_slopes(path: &Path, results: &[CovariateResult]) -> Result<blake3::Hash, OutputError> {

@@ -282,6 +282,12 @@ fn a_smile_that_grows_with_age_is_found_and_shown() {
     let few =
         work.grimace("analyze out/tracks -o few --resample linear --covariate age --permutations 99 --test-people 5").exit(0);
     few.prints(&["tests of numeric columns used a random draw of people (increase it with --test-people): happiness (5 of 6)"]);
+    // Of a, b, c and the person without a number: 21, 26 and 32.5 years, too few for a test.
+    let four = ["p0", "p1", "p2", "p6"].map(|who| format!("out/tracks/{who}_1.csv")).join(" ");
+    work.grimace(&format!("analyze {four} -o four --resample linear --covariate age")).exit(0);
+    let row = work.rows("four/covariates.csv").remove(0);
+    assert_eq!((row["subjects"].as_str(), row["without"].as_str(), row["mean"].as_str()), ("3", "1", "26.5"));
+    assert!(row["sd"].starts_with("5.766") && row["not_tested"].starts_with("only 3 of the people have a number"), "{row:?}");
     work.grimace("run people -o none --resample linear --covariate site")
         .exit(1)
         .says(&["the column `site` has no numbers (a value is "]);
