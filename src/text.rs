@@ -23,12 +23,17 @@ fn is_command(c: char) -> bool {
         || matches!(c, '\u{202A}'..='\u{202E}' | '\u{2066}'..='\u{2069}' | '\u{200E}' | '\u{200F}')
 }
 
-/// Words, in any case, by which R, pandas, SQL and spreadsheets denote a missing value.
-const MISSING_WORDS: [&str; 4] = ["na", "n/a", "nan", "null"];
+/// Words, in any case, by which R, pandas, SQL and spreadsheets denote a missing value, and the errors of spreadsheets.
+const MISSING_WORDS: [&str; 10] = ["na", "n/a", "n.a.", "<na>", "#n/a", "nan", "null", "#div/0!", "#value!", "#ref!"];
+
+/// Signs that fill a field without a value: `.`, `--`, `?`. A plus is a value, such as a positive test.
+const FILLING_SIGNS: [char; 10] = ['.', '-', '_', '?', '*', '/', '\u{2010}', '\u{2013}', '\u{2014}', '\u{2026}'];
 
 /// Whether a text denotes a missing value.
 pub fn is_missing_word(value: &str) -> bool {
-    MISSING_WORDS.iter().any(|word| value.trim().eq_ignore_ascii_case(word))
+    let value = value.trim();
+    let is_filling = !value.is_empty() && value.chars().all(|c| FILLING_SIGNS.contains(&c));
+    is_filling || MISSING_WORDS.iter().any(|word| value.eq_ignore_ascii_case(word))
 }
 
 /// Returns a text in composed form. Accents that follow their letters, as in macOS file names, are combined with them.

@@ -113,6 +113,16 @@ pub fn count(least: usize, most: usize) -> impl Fn(&str) -> Result<usize, String
     whole(least, most)
 }
 
+/// A number of bootstrap draws: fewer than 99 give no 95 % interval, except 0 for none.
+pub fn draws(text: &str) -> Result<usize, String> {
+    const LEAST: usize = 99;
+    const MOST: usize = 1_000_000;
+    match text.parse() {
+        Ok(value) if value == 0 || (LEAST..=MOST).contains(&value) => Ok(value),
+        _ => Err(format!("expected a whole number from {LEAST} to {MOST}, or 0 for no intervals")),
+    }
+}
+
 /// [`count`] of any type.
 pub fn whole<T>(least: T, most: T) -> impl Fn(&str) -> Result<T, String> + Clone + Send + Sync + 'static
 where

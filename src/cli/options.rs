@@ -18,7 +18,7 @@ use grimace::{
 };
 use serde::de::DeserializeOwned;
 
-use super::numbers::{alpha, count, gain, gain_or_none, not_negative, positive, power, share, share_up_to_one, whole};
+use super::numbers::{alpha, count, draws, gain, gain_or_none, not_negative, positive, power, share, share_up_to_one, whole};
 
 /// One of several words, converted to the enum of the library with the same words.
 pub fn words<T: DeserializeOwned + Clone + Send + Sync + 'static>(
@@ -308,8 +308,8 @@ pub struct AnalysisArgs {
     /// Maximum number of people per group, or per numeric column, in a test; more are reduced by a random draw
     #[arg(long, default_value_t = CompareOptions::default().people, value_parser = count(5, 2000), value_name = "COUNT")]
     test_people: usize,
-    /// Number of bootstrap draws of people for the 95 % interval of every dispersion, with groups only; 0 for no intervals
-    #[arg(long, default_value_t = GroupOptions::default().bootstrap, value_parser = count(0, 1_000_000), value_name = "COUNT")]
+    /// Number of bootstrap draws of people for the 95 % interval of every dispersion, with groups only: 99 or more, 0 for no intervals
+    #[arg(long, default_value_t = GroupOptions::default().bootstrap, value_parser = draws, value_name = "COUNT")]
     bootstrap: usize,
     /// Random seed of permutations and draws
     #[arg(long, default_value_t = CompareOptions::default().seed)]

@@ -223,7 +223,7 @@ fn entry(
     let emotion = if labels == Labels::IfAny && (is_open || emotion.is_empty()) {
         String::new()
     } else {
-        if is_missing_word(&emotion) {
+        if is_missing_word(&emotion) && emotion != super::UNKNOWN_EMOTION {
             return Err(RowError::EmotionMissing { value: excerpt(said) }.into());
         }
         check_file_name("emotion", &emotion)?;

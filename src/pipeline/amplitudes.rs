@@ -13,7 +13,7 @@ use crate::{
         LabelledModel, SequenceModel,
         amplitude::{
             AmplitudeComparison, AmplitudeOptions, AmplitudeRegion, AmplitudeTest, Permutations, adjust_amplitudes, amplitudes,
-            compare_amplitudes,
+            compare_amplitudes, in_one_only,
         },
         compare::{MAX_COMPARED_GROUPS, Strata, group_values, is_known, stream_of},
     },
@@ -73,9 +73,7 @@ impl AmplitudeResults {
                 continue;
             }
             for (r, region) in AmplitudeRegion::ALL.into_iter().enumerate() {
-                if all.missing.contains_key(&(emotion.clone(), region)) {
-                    continue;
-                }
+                let missing = all.missing.get(&(emotion.clone(), region)).cloned();
                 let people = |models: &[&SequenceModel]| people_values(models.iter().map(|m| &m.id), &of_id, r);
                 for (i, (a, of_a)) in known.iter().enumerate() {
                     for (b, of_b) in &known[i + 1..] {
@@ -83,11 +81,15 @@ impl AmplitudeResults {
                         let (options, compare) = (&bench.options.groups.amplitude, &bench.options.groups.compare);
                         let (of_a, of_b) = (people(of_a), people(of_b));
                         let permutations = Permutations { count: compare.permutations, seed: compare.seed, stream };
+                        let compared = || compare_amplitudes(&of_a, &of_b, strata, options, &permutations);
+                        let outcome = missing.clone().map_or_else(compared, Err);
+                        let is_paired = outcome.as_ref().is_ok_and(|test| test.paired);
                         all.comparisons.push(AmplitudeComparison {
                             emotion: emotion.clone(),
                             region: region.name(),
                             groups: [a.group.clone(), b.group.clone()],
-                            outcome: compare_amplitudes(&of_a, &of_b, strata, options, &permutations),
+                            outcome,
+                            not_paired: if is_paired { in_one_only(&of_a, &of_b) } else { Vec::new() },
                         });
                     }
                 }
@@ -111,7 +113,17 @@ impl AmplitudeResults {
             .or_default()
             .push(what);
         }
-        whys.into_iter().map(|(why, of)| format!("no amplitudes, because {why}: {}", listed(&of, 8))).collect()
+        let no_amplitudes = whys.into_iter().map(|(why, of)| format!("no amplitudes, because {why}: {}", listed(&of, 8)));
+        let without = |c: &AmplitudeComparison| {
+            let [a, b] = c.groups.each_ref().map(group_values);
+            format!("{}, {a} and {b} (without {})", c.emotion, listed(&c.not_paired, 4))
+        };
+        // All regions leave out the same people.
+        let left_out: BTreeSet<String> = self.comparisons.iter().filter(|c| !c.not_paired.is_empty()).map(without).collect();
+        let left_out: Vec<String> = left_out.into_iter().collect();
+        let in_pairs = (!left_out.is_empty())
+            .then(|| format!("amplitudes in pairs leave out people who are in one group only: {}", listed(&left_out, 5)));
+        no_amplitudes.chain(in_pairs).collect()
     }
 
     /// Texts about the significant differences of amplitudes with means, effect size and p, the clearest first.
@@ -183,6 +195,7 @@ pub(super) fn write_amplitudes(
         "words",
         "not_tested",
         "p_equivalence_holm",
+        "not_paired",
     ];
     let rows = results.comparisons.iter().map(|c| {
         let mut row = vec![c.emotion.clone(), c.region.to_owned(), group_values(&c.groups[0]), group_values(&c.groups[1])];
@@ -201,10 +214,11 @@ pub(super) fn write_amplitudes(
                 row.push(nine_digits(t.p_equivalence_adjusted));
             }
             Err(why) => {
-                row.extend(std::iter::repeat_n(String::new(), header.len() - 7));
+                row.extend(std::iter::repeat_n(String::new(), header.len() - 8));
                 row.extend([words, why.clone(), String::new()]);
             }
         }
+        row.push(c.not_paired.join("; "));
         row
     });
     wrote("amplitude_comparisons.csv", write_records(&out.join("amplitude_comparisons.csv"), header, rows)?)

@@ -14,6 +14,7 @@ use super::{
     looks::looked_said,
     parts::EmotionPart,
     recognition::{left_out_said, recognize_left_out},
+    same::same_said,
     sequence_table::SequenceRow,
     variation::{EmotionVariation, variations},
 };
@@ -29,8 +30,8 @@ use crate::{
         bootstrap::DispersionInterval,
         check_columns, check_numbers,
         compare::{Comparisons, Strata},
-        far_numbers_said, group_models, is_missing, measures_said, missing_words_said, no_numbers_said, spell_as_groups,
-        spelling_key,
+        far_numbers_said, group_models, is_missing, measures_said, missing_words_said, no_numbers_said, perhaps_missing_said,
+        spell_as_groups, spelling_key,
     },
     track::TrackQuality,
     units::SequenceId,
@@ -50,6 +51,8 @@ pub struct AnalyzedModel {
     pub quality: Option<TrackQuality>,
     /// Pose and action units over time, if known.
     pub course: Option<Course>,
+    /// Identifies its pictures; `None` if it has none or if they are unknown.
+    pub pictures: Option<String>,
 }
 
 impl AnalyzedModel {
@@ -151,6 +154,8 @@ pub struct Analysis {
     pub failures: Vec<Failure>,
     /// Warnings to the user.
     pub warnings: Vec<String>,
+    /// Notes on sequences that are copies of others; they are among the warnings too.
+    pub same: Vec<String>,
     /// Amplitudes of all sequences; empty where models are read node by node.
     pub amplitudes: AmplitudeResults,
     /// Associations of emotions with the people's numbers; empty without `--covariate`.
@@ -193,6 +198,7 @@ pub(super) fn analyze_with(
     if models.is_empty() && sequences > 0 {
         return Err(AnalysisError::AllLeftOut { sequences });
     }
+    let same = same_said(&models);
     let courses = models.iter().filter_map(|m| Some((m.model.id.clone(), m.course.clone()?))).collect();
     let fapus = bench.normalizer()?.canonical().fapus;
     let mut sequences: Vec<SequenceRow> = models.par_iter().map(|model| SequenceRow::of(model, &fapus)).collect();
@@ -201,6 +207,7 @@ pub(super) fn analyze_with(
     let spelled = spelling_warnings(&labels, &options.by);
     let told_apart_by = [options.by.as_slice(), &options.strata].concat();
     let missing = missing_words_said(&labels, &told_apart_by);
+    let perhaps = perhaps_missing_said(&labels, &told_apart_by);
     let measures = measures_said(&labels, &told_apart_by);
     let no_numbers = no_numbers_said(&labels, &options.covariates);
     let far = far_numbers_said(&labels, &options.covariates);
@@ -229,8 +236,10 @@ pub(super) fn analyze_with(
     warnings.extend(too_short(lengths_of(&tracks), options.normalize.resample));
     let comparisons = (!options.by.is_empty()).then(|| Comparisons::together(comparisons));
     warnings.extend(comparisons.iter().flat_map(|c| c.warnings(options.groups.compare.significance)));
+    warnings.extend(same.iter().cloned());
     warnings.extend(spelled);
     warnings.extend(missing);
+    warnings.extend(perhaps);
     warnings.extend(measures);
     warnings.extend(no_numbers);
     warnings.extend(far);
@@ -260,6 +269,7 @@ pub(super) fn analyze_with(
         courses,
         failures,
         warnings,
+        same,
         tracked_here: false,
         amplitudes,
         covariates,

@@ -45,6 +45,7 @@ pub fn load_columnar(file: &ColumnarModels) -> Result<Vec<AnalyzedModel>, Column
         metadata: file.metadata.iter().map(|(name, values)| (name.clone(), values[row].clone())).collect(),
         quality: None,
         course: None,
+        pictures: None,
     });
     Ok(analyzed.collect())
 }
@@ -86,6 +87,7 @@ pub fn analyze_columnar(file: &ColumnarModels, bench: &Workbench, memory: u64) -
         courses: BTreeMap::new(),
         failures: Vec::new(),
         warnings,
+        same: Vec::new(),
         tracked_here: false,
         amplitudes: AmplitudeResults::default(),
         covariates: Vec::new(),

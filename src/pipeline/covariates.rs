@@ -14,7 +14,7 @@ use super::{
 };
 use crate::{
     output::{OutputError, count, listed, nine_digits, write_records},
-    report::CovariateData,
+    report::{CovariateData, p_value},
     statistics::{
         LabelledModel, Strata,
         amplitude::{AmplitudeRegion, PersonValue},
@@ -37,6 +37,8 @@ pub struct CovariateResult {
     pub stem: String,
     /// Column of the number.
     pub column: String,
+    /// Numbers of the people of the emotion who have one.
+    pub known: Vec<f64>,
     /// Number of people of the emotion without a value.
     pub unknown: usize,
     /// The test, or the reason why there is none.
@@ -82,6 +84,7 @@ pub(super) fn covariates(
                 emotion: emotion.clone(),
                 stem: unique_name(&format!("{}_{}", class.stem, file_stem(column)), &mut stems),
                 column: column.clone(),
+                known: people.iter().filter_map(|subject| numbers.get(subject)).collect(),
                 unknown: people.iter().filter(|subject| numbers.get(subject).is_none()).count(),
                 outcome: covariate(whole, &numbers, &bench.wireframe, options, strata, stream),
                 slopes: AmplitudeRegion::ALL.map(|region| (region, slope(region))).into(),
@@ -126,8 +129,14 @@ impl CovariateResult {
         let test = self.outcome.as_ref().ok().filter(|t| t.p_either_adjusted <= significance)?;
         let node = clearest_node(test, bench.wireframe.live_nodes()).filter(|(_, p)| *p <= significance);
         let most = node.map(|(node, _)| format!(", most at node {node}")).unwrap_or_default();
-        let (emotion, column, share) = (&self.emotion, &self.column, 100.0 * test.share.max(0.0));
-        Some(format!("{emotion} with {column} ({share:.1} % of how people differ{most})"))
+        let (emotion, column) = (&self.emotion, &self.column);
+        Some(if test.is_of_whole(significance) {
+            let [share, chance] = [test.share, test.share_by_chance].map(|share| 100.0 * share.max(0.0));
+            format!("{emotion} with {column} ({share:.1} % of how people differ, by chance {chance:.1} %{most})")
+        } else {
+            let (p, whole) = (p_value(test.p_either_adjusted), p_value(test.p_adjusted));
+            format!("{emotion} with {column} at single nodes{most} (corrected p {p}; as a whole not shown, corrected p {whole})")
+        })
     }
 }
 
@@ -234,8 +243,10 @@ pub(super) fn write_covariates(
         "mean",
         "sd",
         "share",
+        "share_by_chance",
         "f",
         "p",
+        "p_holm",
         "p_max_node",
         "p_either",
         "p_either_holm",
@@ -252,17 +263,18 @@ pub(super) fn write_covariates(
         match &c.outcome {
             Ok(t) => {
                 row.extend([t.people, c.unknown, t.used].map(|n| n.to_string()));
-                row.extend([t.mean, t.deviation, t.share].map(nine_digits));
+                row.extend([t.mean, t.deviation, t.share, t.share_by_chance].map(nine_digits));
                 row.push(t.f.map(nine_digits).unwrap_or_default());
-                let max_node = t.node_p.iter().copied().fold(1.0, f64::min);
-                row.extend([t.p, max_node, t.p_either, t.p_either_adjusted, t.least_either_adjusted].map(nine_digits));
+                let p = [t.p, t.p_adjusted, t.least_node_p(), t.p_either, t.p_either_adjusted, t.least_either_adjusted];
+                row.extend(p.map(nine_digits));
                 row.extend([t.permutations.to_string(), t.exhaustive.to_string()]);
                 row.extend(t.shown.map(nine_digits));
                 row.extend([format!("covariates/{}", c.stem), String::new()]);
             }
             Err(why) => {
-                row.extend([String::new(), c.unknown.to_string()]);
-                row.extend(std::iter::repeat_n(String::new(), header.len() - 5));
+                row.extend([c.known.len().to_string(), c.unknown.to_string(), String::new()]);
+                row.extend(mean_and_deviation(&c.known).map(|value| value.map(nine_digits).unwrap_or_default()));
+                row.extend(std::iter::repeat_n(String::new(), header.len() - 8));
                 row.push(why.to_string());
             }
         }
@@ -285,6 +297,14 @@ pub(super) fn write_covariates(
         }
     }
     Ok(())
+}
+
+/// Returns the mean of numbers and their standard deviation, as far as they have these.
+fn mean_and_deviation(numbers: &[f64]) -> [Option<f64>; 2] {
+    let n = numbers.len() as f64;
+    let mean = numbers.iter().sum::<f64>() / n;
+    let squares: f64 = numbers.iter().map(|v| (v - mean).powi(2)).sum();
+    [(n > 0.0).then_some(mean), (n > 1.0).then(|| (squares / (n - 1.0)).sqrt())]
 }
 
 fn write_slopes(path: &Path, results: &[CovariateResult]) -> Result<blake3::Hash, OutputError> {

@@ -92,8 +92,7 @@ pub(super) fn write_groups(
                 row.extend([t.permutations.to_string(), t.exhaustive.to_string()]);
                 row.extend(t.people_used.map(|n| n.to_string()));
                 row.extend([String::new(), nine_digits(t.least_p_adjusted)]);
-                let max_node = t.node_p.iter().copied().fold(1.0, f64::min);
-                row.extend([max_node, t.p_either, t.p_either_adjusted].map(nine_digits));
+                row.extend([t.least_node_p(), t.p_either, t.p_either_adjusted].map(nine_digits));
             }
             Err(why) => {
                 row.extend(std::iter::repeat_n(String::new(), 10));

@@ -30,6 +30,7 @@ mod pictures;
 mod recognition;
 mod recording;
 mod run;
+mod same;
 mod sequence;
 mod sequence_table;
 mod showcase;

@@ -10,6 +10,7 @@ use rayon::prelude::*;
 use super::{
     AnalyzedModel, Failure, SequenceFailure, Stage, Workbench, file_blake3,
     measured::{measure, normalized},
+    same::pictures_of,
 };
 use crate::{
     dataset::Dataset,
@@ -167,6 +168,7 @@ fn load(
     let times = info.as_ref().and_then(|info| info.times.clone());
     let earlier = info.as_ref().map(|info| info.summary.clone());
     let content = file_blake3(path).map(|csv| content_of(info.as_ref(), &csv)).unwrap_or_default();
+    let pictures = info.as_ref().and_then(pictures_of);
     let (emotion, metadata) = match (listed, info) {
         (Some(entry), _) => (entry.emotion.clone(), entry.metadata.clone()),
         (None, Some(info)) => (info.emotion.trim().to_lowercase(), info.metadata),
@@ -196,7 +198,7 @@ fn load(
     let model = normalized.model;
     let mut quality = TrackQuality::new(id.clone(), emotion.clone(), summary, &frames, &bench.wireframe);
     quality.content = content;
-    Ok(AnalyzedModel { model: SequenceModel { id, model }, emotion, metadata, quality: Some(quality), course })
+    Ok(AnalyzedModel { model: SequenceModel { id, model }, emotion, metadata, quality: Some(quality), course, pictures })
 }
 
 #[cfg(test)]

@@ -246,6 +246,7 @@ fn track(
         metadata: entry.metadata.clone(),
         quality: None,
         course: None,
+        pictures: None,
     };
     Ok(Tracked { model, reasons: summary.reasons, notes: driven.remark.into_iter().chain(info.notes).collect() })
 }

@@ -19,6 +19,7 @@ use super::{
     measured::{measure, measured_files, normalized, write_measured},
     model_file::write_model,
     overlays::{OverlayFolder, overlay_pictures},
+    same::pictures_of,
     sequence::{FOUND, Labels, RunTrack, track_or_reuse, track_recorded},
     showcase::{thumbnails, thumbnails_beside},
 };
@@ -386,7 +387,14 @@ fn process(
     };
     let model = SequenceModel { id: id.clone(), model };
     let course = features.as_deref().and_then(Course::of);
-    let model = AnalyzedModel { model, emotion: item.emotion.clone(), metadata: item.metadata(), quality: Some(quality), course };
+    let model = AnalyzedModel {
+        model,
+        emotion: item.emotion.clone(),
+        metadata: item.metadata(),
+        quality: Some(quality),
+        course,
+        pictures: pictures_of(&info),
+    };
     let path = format!("corrections/{id}.csv");
     let of_corrections = info.corrections.iter().flat_map(|c| corrections_said(c, &path));
     let notes = remark.iter().chain(&info.notes).map(|said| format!("{id}: {said}")).chain(of_corrections).collect();

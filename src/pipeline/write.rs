@@ -380,6 +380,7 @@ fn report_html(analysis: &Analysis, title: &str, bench: &Workbench) -> Result<St
         tracks: &analysis.tracks,
         courses: &analysis.courses,
         failures: &analysis.failures,
+        same: &analysis.same,
         too_short: too_short(lengths_of(&analysis.tracks), bench.options.normalize.resample),
         wireframe: &bench.wireframe,
         tables: &bench.tables,

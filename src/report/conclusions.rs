@@ -15,9 +15,10 @@ use crate::{
     output::{count, nine_digits},
     statistics::{
         amplitude::{AmplitudeComparison, AmplitudeTest},
-        compare::{Comparison, group_values},
-        covariate::AmplitudeSlope,
+        compare::{Comparison, Tested, group_values},
+        covariate::{AmplitudeSlope, Covariate, clearest_node},
     },
+    units::NodeId,
 };
 
 /// Most conclusions of a list.
@@ -64,12 +65,17 @@ pub(super) fn of(data: &ReportData<'_>) -> Vec<Conclusions> {
         let columns: BTreeSet<&str> =
             data.representatives.iter().flat_map(|r| r.label.group.keys()).map(String::as_str).collect();
         let significance = groups.options.compare.significance;
-        list(("groups", "Groups"), columns, significance, of_groups(groups, significance))
+        list(("groups", "Groups"), columns, significance, of_groups(groups, data.wireframe.live_nodes(), significance))
     });
     let numbers = (!data.covariates.is_empty()).then(|| {
         let columns: BTreeSet<&str> = data.covariates.iter().map(|c| c.column).collect();
         let significance = data.compare.significance;
-        list(("numbers", "Covariates"), columns, significance, of_numbers(&data.covariates, significance))
+        list(
+            ("numbers", "Covariates"),
+            columns,
+            significance,
+            of_numbers(&data.covariates, data.wireframe.live_nodes(), significance),
+        )
     });
     groups.into_iter().chain(numbers).collect()
 }
@@ -127,23 +133,43 @@ fn words(name: &str) -> String {
     name.replace('_', " ")
 }
 
-fn of_groups(groups: &GroupsData<'_>, significance: f64) -> Vec<Kind> {
+/// Sentence about an expression that differs or changes at single nodes only.
+fn at_nodes(what: &str, node: Option<NodeId>, p_nodes: f64, p_whole: f64) -> String {
+    let most = node.map_or_else(String::new, |node| format!(", most at node {node}"));
+    let (p, whole) = (p_value(p_nodes), p_value(p_whole));
+    format!("{what} at single nodes{most} (corrected p {p}); as a whole not shown (corrected p {whole})")
+}
+
+/// Sentence about a pair of groups that differ: as a whole, with the effect, or at single nodes.
+fn differing(c: &Comparison, t: &Tested, live: &[NodeId], significance: f64) -> String {
+    let pair = format!("{} differs between {} and {}", words(&c.emotion), group_values(&c.groups[0]), group_values(&c.groups[1]));
+    if t.is_of_whole(significance) {
+        let (e, h, p) = (fixed(t.energy, 2), percent(t.effect), p_value(t.p_either_adjusted));
+        format!("{pair} (energy distance {e} face units, effect {h}, corrected p {p})")
+    } else {
+        at_nodes(&pair, t.clearest_node(live), t.p_either_adjusted, t.p_adjusted)
+    }
+}
+
+/// Sentence about an expression that changes with a covariate: as a whole, with the share, or at single nodes.
+fn changing(c: &CovariateData<'_>, t: &Covariate, live: &[NodeId], significance: f64) -> String {
+    let what = format!("{} changes with {}", words(c.emotion), c.column);
+    if t.is_of_whole(significance) {
+        let (share, chance, p) = (percent(t.share), percent(t.share_by_chance), p_value(t.p_either_adjusted));
+        let explained = format!("explains {share} of the squared distances between people, by chance {chance}");
+        format!("{what} ({} {explained}; corrected p {p})", c.column)
+    } else {
+        at_nodes(&what, clearest_node(t, live).map(|(node, _)| node), t.p_either_adjusted, t.p_adjusted)
+    }
+}
+
+fn of_groups(groups: &GroupsData<'_>, live: &[NodeId], significance: f64) -> Vec<Kind> {
     let pairs = || groups.comparisons.pairs.iter().filter_map(|c| Some((c, c.outcome.as_ref().ok()?)));
-    let pair = |c: &Comparison| {
-        format!("{} differs between {} and {}", words(&c.emotion), group_values(&c.groups[0]), group_values(&c.groups[1]))
-    };
     let least = pairs().map(|(_, t)| t.least_either_adjusted()).reduce(f64::min);
     let expression = Kind {
-        topic: "Expression as a whole",
+        topic: "Expression",
         anchor: "tests-c",
-        found: found(
-            pairs().map(|(c, t)| {
-                let (e, h, p) = (fixed(t.energy, 2), percent(t.effect), p_value(t.p_either_adjusted));
-                let text = format!("{} (energy distance {e} face units, effect {h}, corrected p {p})", pair(c));
-                (t.p_either_adjusted, text)
-            }),
-            significance,
-        ),
+        found: found(pairs().map(|(c, t)| (t.p_either_adjusted, differing(c, t, live, significance))), significance),
         otherwise: not_shown("not shown to differ", pairs().map(|(_, t)| t.p_either_adjusted), least, significance),
     };
     let amplitudes = || groups.amplitudes.iter().filter_map(|c| Some((c, c.outcome.as_ref().ok()?)));
@@ -225,21 +251,13 @@ fn stronger_in(mut tests: Vec<Amplitude<'_>>) -> Option<(f64, String)> {
     Some((tests.iter().map(|(_, t)| t.p_adjusted).fold(1.0, f64::min), text))
 }
 
-fn of_numbers(covariates: &[CovariateData<'_>], significance: f64) -> Vec<Kind> {
+fn of_numbers(covariates: &[CovariateData<'_>], live: &[NodeId], significance: f64) -> Vec<Kind> {
     let tested = || covariates.iter().filter_map(|c| Some((c, c.outcome.as_ref().ok()?)));
     let least = tested().map(|(_, t)| t.least_either_adjusted).reduce(f64::min);
     let expression = Kind {
-        topic: "Expression as a whole",
+        topic: "Expression",
         anchor: "numbers",
-        found: found(
-            tested().map(|(c, t)| {
-                let (share, p) = (percent(t.share), p_value(t.p_either_adjusted));
-                let explained = format!("explains {share} of the squared distances between people");
-                let text = format!("{} changes with {1} ({1} {explained}, corrected p {p})", words(c.emotion), c.column);
-                (t.p_either_adjusted, text)
-            }),
-            significance,
-        ),
+        found: found(tested().map(|(c, t)| (t.p_either_adjusted, changing(c, t, live, significance))), significance),
         otherwise: not_shown("not shown to change", tested().map(|(_, t)| t.p_either_adjusted), least, significance),
     };
     let slopes = || covariates.iter().flat_map(|c| c.slopes.iter().map(move |(region, slope)| (c, *region, *slope)));
@@ -300,6 +318,45 @@ mod tests {
     }
 
     #[test]
+    fn a_pair_that_differs_at_single_nodes_is_not_said_to_differ_as_a_whole() {
+        let group = |name: &str| BTreeMap::from([("sex".to_owned(), name.to_owned())]);
+        let tested = |p: f64, node_p: [f64; 3]| Tested {
+            people_used: [9, 9],
+            energy: 0.12,
+            effect: 0.007,
+            effect_by_chance: 0.02,
+            p,
+            p_adjusted: p,
+            least_p: 0.0001,
+            least_p_adjusted: 0.0001,
+            permutations: 9999,
+            exhaustive: false,
+            node_energy: vec![0.5, 0.9, 0.7],
+            node_p: node_p.into(),
+            p_either: 0.0472,
+            p_either_adjusted: 0.0472,
+        };
+        let said = |t: Tested| {
+            let pair = Comparison {
+                emotion: "surprise".to_owned(),
+                groups: [group("f"), group("m")],
+                people: [9, 9],
+                sequences: [9, 9],
+                outcome: Ok(t.clone()),
+            };
+            differing(&pair, &t, &[NodeId(5), NodeId(7), NodeId(8)], 0.05)
+        };
+        // Of the two nodes with the smallest p the one with the larger energy distance is named.
+        let nodes = "surprise differs between f and m at single nodes, most at node 8 (corrected p 0.047); as a whole not shown \
+                     (corrected p 0.274)";
+        assert_eq!(said(tested(0.2743, [0.0236, 0.5, 0.0236])), nodes);
+        let whole = "surprise differs between f and m (energy distance 0.12 face units, effect 0.7 %, corrected p 0.047)";
+        assert_eq!(said(tested(0.0236, [0.2, 0.5, 0.3])), whole);
+        // The whole face is significant by itself, although a node is clearer.
+        assert_eq!(said(tested(0.04, [0.0236, 0.5, 0.3])), whole);
+    }
+
+    #[test]
     fn amplitudes_of_a_pair_are_one_sentence_with_the_face_first() {
         let group = |name: &str| BTreeMap::from([("sex".to_owned(), name.to_owned())]);
         let comparison = |region, means: [f64; 2], effect, p_adjusted| AmplitudeComparison {
@@ -321,6 +378,7 @@ mod tests {
                 p_equivalence_adjusted: 1.0,
                 people_for_power: None,
             }),
+            not_paired: Vec::new(),
         };
         let all = [comparison("mouth", [0.8, 1.32], -0.81, 0.001), comparison("face", [0.82, 1.29], -0.76, 0.002)];
         let sentences = stronger(all.iter().map(|c| (c, c.outcome.as_ref().unwrap())));

@@ -59,10 +59,13 @@ struct Row {
     unknown: usize,
     number: String,
     share: String,
+    chance: String,
     f: String,
     p: String,
     p_either: String,
     changes: bool,
+    /// Whether it changes at single nodes only.
+    at_nodes: bool,
     /// Smallest possible p, if it exceeds the significance level.
     hopeless: Option<String>,
     place: String,
@@ -90,10 +93,12 @@ impl CovariatesView {
                 unknown: c.unknown,
                 number: format!("{} \u{b1} {}", nine_digits(round(t.mean)), nine_digits(round(t.deviation))),
                 share: percent(t.share),
+                chance: percent(t.share_by_chance),
                 f: t.f.map_or_else(|| MISSING.to_owned(), |f| fixed(f, 2)),
                 p: p_value(t.p),
                 p_either: p_value(t.p_either_adjusted),
                 changes,
+                at_nodes: changes && !t.is_of_whole(significance),
                 hopeless: (t.least_either_adjusted > significance).then(|| p_value(t.least_either_adjusted)),
                 place: if changes { places((&t.node_p, &t.node_share), data, significance) } else { String::new() },
                 direction: if changes {
@@ -140,7 +145,7 @@ pub(super) fn of_emotion<'a>(data: &'a ReportData<'_>, emotion: &str) -> Vec<(&'
 
 /// Label of a covariate in the menu of the figure.
 pub(super) fn label(column: &str, test: &Covariate) -> String {
-    format!("{column}: explains {} of the squared distances", percent(test.share))
+    format!("{column}: explains {} of the squared distances (by chance {})", percent(test.share), percent(test.share_by_chance))
 }
 
 /// Data for the page's script: offsets of the expression at a low and at a high number from the middle of both, and the numbers.

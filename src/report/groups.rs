@@ -93,8 +93,8 @@ struct Picture {
     direction: String,
     /// Map of the differences.
     map: String,
-    effect: String,
-    p_either: String,
+    /// What the test shows, with p.
+    result: String,
 }
 
 impl GroupsView {
@@ -135,7 +135,11 @@ impl GroupsView {
             p: p_text(t.p, t.least_p),
             p_holm: p_text(t.p_adjusted, 0.0),
             p_either: p_text(t.p_either_adjusted, 0.0),
-            verdict: if differs(t) { "differ" } else { "not shown to differ" },
+            verdict: match (differs(t), t.is_of_whole(significance)) {
+                (true, true) => "differ",
+                (true, false) => "differ at single nodes",
+                _ => "not shown to differ",
+            },
             differs: differs(t),
             hopeless: t.least_either_adjusted() > significance,
             least_p: p_text(t.least_either_adjusted(), 0.0),
@@ -154,8 +158,13 @@ impl GroupsView {
             place: place(t),
             direction: direction(c, t),
             map: map_of(c, t, data, significance, fields),
-            effect: percent(t.effect),
-            p_either: p_text(t.p_either_adjusted, 0.0),
+            result: match (percent(t.effect), p_text(t.p_either_adjusted, 0.0)) {
+                (effect, p) if t.is_of_whole(significance) => format!("effect {effect}, corrected p {p}"),
+                (_, p) => {
+                    let whole = p_text(t.p_adjusted, 0.0);
+                    format!("different at single nodes (corrected p {p}); as a whole not shown (corrected p {whole})")
+                }
+            },
         });
         // Reasons by pair; equal ones are joined.
         let mut reasons: BTreeMap<String, Vec<String>> = BTreeMap::new();
@@ -179,7 +188,9 @@ impl GroupsView {
         Self {
             amplitudes: AmplitudeTable::new(groups, significance),
             omnibus: OmnibusTable::new(comparisons, significance),
-            untested: untested.collect(),
+            untested: untested
+                .chain(comparisons.one_group.iter().map(|one| format!("{}: {}", one.emotion, one.reason())))
+                .collect(),
             too_many: comparisons.too_many.iter().map(|(emotion, n)| format!("{emotion} ({n} groups)")).collect(),
             more_pictures: drawn.len().saturating_sub(MOST_PICTURES),
             pictures: pictures.collect(),

@@ -91,6 +91,8 @@ pub struct ReportData<'a> {
     pub courses: &'a BTreeMap<SequenceId, Course>,
     /// What failed.
     pub failures: &'a [Failure],
+    /// Notes on sequences that are copies of others.
+    pub same: &'a [String],
     /// Note about sequences with fewer frames than a model, if there are any.
     pub too_short: Option<String>,
     /// Topology and canonical neutral.

@@ -78,6 +78,7 @@ pub(super) struct View<'a> {
     /// Sequences left out of the statistics.
     left_out: Vec<LookAgain<'a>>,
     left_out_count: String,
+    same: &'a [String],
     too_short: Option<&'a str>,
     table: DispersionTable<'a>,
     cards: Vec<Card>,
@@ -266,6 +267,7 @@ impl<'a> View<'a> {
             look_again_count,
             left_out_count: count(left_out.len(), "sequence left out after a look", "sequences left out after a look"),
             left_out,
+            same: data.same,
             too_short: data.too_short.as_deref(),
             table: DispersionTable::new(data.representatives),
             cards: data.representatives.iter().enumerate().map(|(k, r)| Card::new(k, r, data, &fields)).collect(),

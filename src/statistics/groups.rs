@@ -16,10 +16,10 @@ pub const EMOTIONS: [&str; 8] = ["anger", "disgust", "fear", "happiness", "sadne
 /// Group of the models without a value in the grouping column ([`is_missing`]).
 pub const UNKNOWN_GROUP: &str = "unknown";
 
-/// Returns whether a value of a grouping or stratum column means "missing": it is blank or one of the words for it.
+/// Returns whether a value of a grouping or stratum column means "missing": it is blank, one of the words for it, or `unknown` in any case.
 pub fn is_missing(value: &str) -> bool {
     let value = value.trim();
-    value.is_empty() || is_missing_word(value)
+    value.is_empty() || is_missing_word(value) || value.eq_ignore_ascii_case(UNKNOWN_GROUP)
 }
 
 /// Labels of a sequence: its id, its emotion, and the further columns of the manifest.
@@ -27,21 +27,39 @@ pub type SequenceLabels<'a> = (&'a SequenceId, &'a str, &'a BTreeMap<String, Str
 
 /// Returns a note to the user if grouping or stratum columns contain words for a missing value.
 pub fn missing_words_said(labels: &[SequenceLabels<'_>], columns: &[String]) -> Option<String> {
+    let list = counted_values(labels, columns, |value| !value.is_empty() && is_missing(value));
+    // The values are in the order of columns, then of their bytes; the first one is the example.
+    let example = list.first()?.split('`').nth(1)?;
+    Some(format!(
+        "words for a missing value are treated as missing: {} (if this is the name of a group, use a longer name, such as `{example} \
+         group`)",
+        listed(&list, 6)
+    ))
+}
+
+/// Words, in any case, that are values but may stand for a missing one.
+const PERHAPS_MISSING: [&str; 3] = ["none", "nil", "missing"];
+
+/// Returns a note to the user if grouping or stratum columns contain words that may stand for a missing value. They are values.
+pub fn perhaps_missing_said(labels: &[SequenceLabels<'_>], columns: &[String]) -> Option<String> {
+    let is_word = |value: &str| PERHAPS_MISSING.iter().any(|word| value.eq_ignore_ascii_case(word));
+    let list = counted_values(labels, columns, is_word);
+    (!list.is_empty()).then(|| {
+        format!("values that may be words for a missing value: {}; if nothing is known there, write NA", listed(&list, 6))
+    })
+}
+
+/// Returns the values of some columns that satisfy a condition, each with its column and its number of sequences.
+fn counted_values(labels: &[SequenceLabels<'_>], columns: &[String], is_one: impl Fn(&str) -> bool) -> Vec<String> {
     let mut found: BTreeMap<(&str, &str), usize> = BTreeMap::new();
     for column in columns.iter().collect::<BTreeSet<_>>() {
         let values = labels.iter().filter_map(|(.., metadata)| metadata.get(column)).map(|value| value.trim());
-        values.filter(|value| is_missing_word(value)).for_each(|value| *found.entry((column, value)).or_default() += 1);
+        values.filter(|value| is_one(value)).for_each(|value| *found.entry((column, value)).or_default() += 1);
     }
-    let first = found.keys().next()?;
-    let list: Vec<String> = found
-        .iter()
-        .map(|((column, value), n)| format!("`{value}` in the column `{column}` ({})", count(*n, "sequence", "sequences")))
-        .collect();
-    Some(format!(
-        "words for a missing value are treated as missing: {} (if this is the name of a group, use a longer name, such as `{} group`)",
-        listed(&list, 6),
-        first.1
-    ))
+    let text = |((column, value), n): (&(&str, &str), &usize)| {
+        format!("`{value}` in the column `{column}` ({})", count(*n, "sequence", "sequences"))
+    };
+    found.iter().map(text).collect()
 }
 
 /// Largest number of values of a number column that are taken for group names without further checks, such as 0 and 1 or the numbers of
@@ -496,9 +514,38 @@ mod tests {
         );
         assert!(said.ends_with("such as `NA group`)"), "{said}");
         assert_eq!(missing_words_said(&labels(&sample()), &["age".to_owned(), "sex".to_owned()]), None);
+        // The name of the group without a value is such a word, in any case.
+        let cases: Vec<LabelledModel> = ["unknown", "UNKNOWN", " Unknown", "known"]
+            .iter()
+            .zip('a'..)
+            .map(|(v, s)| labelled(&s.to_string(), "anger", &[("land", v)]))
+            .collect();
+        assert_eq!(classes(&cases, &["land"])[1..], ["anger/known: d", "anger/unknown: abc"]);
+        let said = missing_words_said(&labels(&cases), &["land".to_owned()]).unwrap();
+        assert!(
+            said.contains("`UNKNOWN` in the column `land` (1 sequence); `Unknown` in the column `land` (1 sequence)"),
+            "{said}"
+        );
         // A column with only such values is empty.
         let error = group_models(&models[..6], &["land".to_owned()]).unwrap_err();
         assert!(matches!(error, GroupError::EmptyColumn { sequences: 6, .. }), "{error}");
+    }
+
+    #[test]
+    fn errors_of_spreadsheets_and_signs_alone_are_missing_and_none_is_asked_about() {
+        let missing = ["#N/A", "<NA>", "#DIV/0!", "#VALUE!", "#REF!", "n.a.", ".", "-", "--", "?", "\u{2014}", "N.A."];
+        assert!(missing.iter().all(|value| is_missing(value)));
+        assert!(["+", "-1", "None", "nil", "missing", "a-b", "n.a.b", "0"].iter().all(|value| !is_missing(value)));
+        let models: Vec<LabelledModel> = ["None", "none", "Missing", "nil", "none of these", "NA"]
+            .iter()
+            .zip('a'..)
+            .map(|(v, s)| labelled(&s.to_string(), "anger", &[("land", v)]))
+            .collect();
+        let said = perhaps_missing_said(&labels(&models), &["land".to_owned()]).unwrap();
+        let words =
+            ["Missing", "None", "nil", "none"].map(|word| format!("`{word}` in the column `land` (1 sequence)")).join("; ");
+        assert_eq!(said, format!("values that may be words for a missing value: {words}; if nothing is known there, write NA"));
+        assert_eq!(perhaps_missing_said(&labels(&sample()), &["sex".to_owned()]), None);
     }
 
     #[test]

@@ -39,7 +39,7 @@ use compare::Strata;
 pub use groups::{
     EMOTIONS, GroupError, LabelledModel, SequenceLabels, UNKNOWN_GROUP, check_columns, check_groups, check_numbers,
     far_numbers_said, group_models, group_models_unchecked, group_sequences, is_missing, measures_said, missing_words_said,
-    no_numbers_said, number_of, spell_as_groups,
+    no_numbers_said, number_of, perhaps_missing_said, spell_as_groups,
 };
 pub use representative::{NEUTRAL_TOLERANCE, check_models, representative};
 pub use spelling::{abbreviations, common_spellings, likely_emotion, near_twins, spelling_key, synonyms};

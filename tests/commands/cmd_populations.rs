@@ -98,6 +98,8 @@ fn groups_that_cannot_be_formed_or_tested_are_reported() {
     people(&work, ",place,note", &[("a", 5.0, ",north,"), ("b", 6.0, ",north,"), ("c", 7.0, ",south,"), ("d", 8.0, ",south,")]);
     work.grimace("run people -o out --by nation").exit(1).says(&["no sequence has a column `nation`", "note, place"]);
     work.grimace("run people -o out --by note").exit(1).says(&["column `note` is empty in all 4 sequences"]);
+    let few = work.grimace("run people -o out --by place --bootstrap 2").exit(2);
+    few.says(&["expected a whole number from 99 to 1000000, or 0 for no intervals"]);
     // Person c is in both groups.
     let manifest = work.read("people/manifest.csv") + "c,2,happiness,c.csv,north,\n";
     work.write("people/manifest.csv", manifest);
@@ -144,7 +146,7 @@ fn designs_without_a_test_give_the_reason_and_no_table_has_a_nan() {
         .collect();
     let rows: Vec<(&str, f64, &str)> = rows.iter().map(|(s, x, m)| (s.as_str(), *x, m.as_str())).collect();
     people(&work, ",place,site,age,one", &rows);
-    let run = "run people --resample linear --by place --permutations 199 --bootstrap 20";
+    let run = "run people --resample linear --by place --permutations 199 --bootstrap 99";
     for (folder, strata, expected) in [
         ("site", "site", "groups and strata coincide"),
         ("age", "age", "1 of the people have no value in `age`, for example p03"),
@@ -249,6 +251,8 @@ fn a_smile_that_grows_with_age_is_found_and_shown() {
     assert_eq!((row["subjects"].as_str(), row["without"].as_str(), row["permutations"].as_str()), ("6", "1", "720"));
     assert_eq!((row["low"].as_str(), row["high"].as_str(), row["exhaustive"].as_str()), ("21", "60", "true"));
     assert!(row["p_either_holm"].parse::<f64>().unwrap() <= 0.05);
+    // Of six people one fifth. One test alone needs no correction.
+    assert_eq!((row["share_by_chance"].as_str(), &row["p_holm"]), ("0.2", &row["p"]));
     // The corner of the mouth is farther out at 60 than at 21.
     let [low, high] = ["low", "high"].map(|end| moved(&work, &format!("out/covariates/happiness_age_{end}.csv"), "31"));
     assert!(0.0 < low && low < high, "{low} {high}");
@@ -278,6 +282,12 @@ fn a_smile_that_grows_with_age_is_found_and_shown() {
     let few =
         work.grimace("analyze out/tracks -o few --resample linear --covariate age --permutations 99 --test-people 5").exit(0);
     few.prints(&["tests of numeric columns used a random draw of people (increase it with --test-people): happiness (5 of 6)"]);
+    // Of a, b, c and the person without a number: 21, 26 and 32.5 years, too few for a test.
+    let four = ["p0", "p1", "p2", "p6"].map(|who| format!("out/tracks/{who}_1.csv")).join(" ");
+    work.grimace(&format!("analyze {four} -o four --resample linear --covariate age")).exit(0);
+    let row = work.rows("four/covariates.csv").remove(0);
+    assert_eq!((row["subjects"].as_str(), row["without"].as_str(), row["mean"].as_str()), ("3", "1", "26.5"));
+    assert!(row["sd"].starts_with("5.766") && row["not_tested"].starts_with("only 3 of the people have a number"), "{row:?}");
     work.grimace("run people -o none --resample linear --covariate site")
         .exit(1)
         .says(&["the column `site` has no numbers (a value is "]);
@@ -332,6 +342,48 @@ fn words_for_missing_values_make_no_group() {
     let strata = work.grimace("analyze out/tracks -o strata --resample linear --by age --strata site --permutations 99").exit(0);
     strata.prints(&["`n/a` in the column `site` (1 sequence)"]);
     work.grimace("analyze out/tracks/p4_1.csv out/tracks/p5_1.csv -o none --by age").exit(1).says(&["column `age` is empty"]);
+    // p0 and p1 are 20 years old; of p4 and p6 nothing is known.
+    let tracks = "out/tracks/p0_1.csv out/tracks/p1_1.csv out/tracks/p4_1.csv out/tracks/p6_1.csv";
+    let reason = "only one group, 20, has people; 2 people have no value (`unknown`)";
+    let one = work.grimace(&format!("analyze {tracks} -o one --by age --bootstrap 0")).exit(0);
+    one.prints(&[&format!("no groups to compare: happiness ({reason})")]);
+    assert!(work.read("one/report.html").contains(&format!("Not tested: happiness: {reason}.")));
+}
+
+#[test]
+fn amplitudes_in_pairs_name_who_is_left_out_and_regions_without_a_test() {
+    let work = Work::new();
+    let mut manifest = "subject,sequence,emotion,frames,session\n".to_owned();
+    let smiles = [("a", [4.0, 6.0]), ("b", [5.0, 8.0]), ("c", [6.0, 7.0]), ("d", [7.0, 9.0]), ("e", [8.0, 0.0])];
+    for (subject, smiles) in smiles {
+        for (session, smile) in ["before", "after"].into_iter().zip(smiles).filter(|(_, smile)| *smile > 0.0) {
+            work.write(&format!("people/{subject}_{session}.csv"), own(&[(1, 0.0), (2, smile)]));
+            manifest += &format!("{subject},{session},happiness,{subject}_{session}.csv,{session}\n");
+        }
+    }
+    work.write("people/manifest.csv", manifest);
+    let ran = work.grimace("run people -o out --resample linear --by session --permutations 99 --bootstrap 0").exit(0);
+    ran.prints(&["amplitudes in pairs leave out people who are in one group only: happiness, after and before (without e)"]);
+    let rows = work.rows("out/amplitude_comparisons.csv");
+    let of = |region: &str| rows.iter().find(|r| r["region"] == region).unwrap();
+    // Everybody of `after` was there before.
+    let face = of("face");
+    assert_eq!((face["paired"].as_str(), face["subjects_a"].as_str(), face["not_paired"].as_str()), ("true", "4", "e"));
+    // One of the four regions hardly moves in such a smile.
+    let untested: Vec<_> = rows.iter().filter(|r| r["p"].is_empty()).collect();
+    assert!(rows.len() == 4 && untested.len() == 1 && untested[0]["not_tested"].contains("median motion"), "{rows:?}");
+}
+
+#[test]
+fn two_people_with_the_same_frames_are_named() {
+    let work = Work::new();
+    people(&work, "", &[("a", 5.0, ""), ("b", 6.0, ""), ("c", 5.0, "")]);
+    let said = "people with the same pictures or exactly the same motion: a and c (a_1 and c_1); are these two people?";
+    work.grimace("run people -o out --resample linear").exit(0).prints(&[said]);
+    assert!(work.read("out/report.html").contains(said));
+    work.grimace("analyze out/tracks/a_1.csv out/tracks/c_1.csv -o two --resample linear").exit(0).prints(&[said]);
+    let ran = work.grimace("analyze out/tracks/a_1.csv out/tracks/b_1.csv -o other --resample linear").exit(0);
+    assert!(!ran.stdout.contains("two people?") && !work.read("other/report.html").contains("Copies?"), "{}", ran.stdout);
 }
 
 #[test]
@@ -372,10 +424,11 @@ fn people_are_counted_not_sequences_and_a_majority_of_one_is_named() {
     work.grimace("figures out -o figures -q").exit(0);
     let rows = work.rows("figures/captions.csv");
     let of = |name: &str| rows.iter().find(|r| r["figure"] == name).unwrap().clone();
-    let expected = "10 % of the models trimmed per displacement field (nothing of alone; many: too few models for 10 %)";
+    let expected = "at most 10 % of the weight of the models trimmed per displacement field (nothing of alone; many: too few models for \
+                    10 %)";
     let overview = of("representatives");
     assert!(overview["caption"].contains(expected) && overview["method"].contains(expected), "{overview:?}");
-    assert!(of("fields_ten")["method"].contains("10 % of the models trimmed per displacement field,"));
+    assert!(of("fields_ten")["method"].contains("at most 10 % of the weight of the models trimmed per displacement field,"));
     assert!(of("fields_alone")["method"].contains("nothing trimmed"));
 }
 
@@ -431,7 +484,7 @@ fn a_columnar_file_gives_the_statistics_of_the_tracks() {
 #[test]
 fn a_run_in_parts_gives_the_bytes_of_a_plain_run() {
     let work = Work::with_faces();
-    let options = "--by cohort --permutations 99 --bootstrap 50";
+    let options = "--by cohort --permutations 99 --bootstrap 99";
     work.grimace(&format!("run faces -o plain {options}")).exit(0);
     work.grimace(&format!("run faces -o parts --part 1/3 {options}"))
         .exit(1)

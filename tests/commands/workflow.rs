@@ -12,7 +12,7 @@ use std::{
 
 use crate::common::{Work, assert_same_files};
 
-const OPTIONS: &str = "--by cohort --permutations 99 --bootstrap 50";
+const OPTIONS: &str = "--by cohort --permutations 99 --bootstrap 99";
 
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))

@@ -72,6 +72,7 @@ fn made() -> Files {
             metadata: BTreeMap::new(),
             quality: None,
             course: None,
+            pictures: None,
         })
     });
     let analysis = analyze(models.collect(), Vec::new(), &bench).unwrap();

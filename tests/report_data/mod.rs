@@ -93,6 +93,7 @@ impl Fixture {
             tracks: &self.tracks,
             courses: &self.courses,
             failures: &self.failures,
+            same: &[],
             wireframe: &self.wireframe,
             tables: &self.tables,
             fapus: self.fapus,

@@ -27,7 +27,7 @@ use crate::{
     statistics::{
         GroupError, SequenceLabels, UNKNOWN_GROUP,
         compare::LEAST_PEOPLE,
-        far_numbers_said, group_sequences, measures_said, missing_words_said, no_numbers_said,
+        far_numbers_said, group_sequences, measures_said, missing_words_said, no_numbers_said, perhaps_missing_said,
         recognize::{labels_to_learn, shown_by_several},
     },
     units::SequenceId,
@@ -191,6 +191,7 @@ fn notes(
     notes.extend(spelling_warnings(all, by));
     let told_apart_by = [by.as_slice(), &bench.options.strata].concat();
     notes.extend(missing_words_said(all, &told_apart_by));
+    notes.extend(perhaps_missing_said(all, &told_apart_by));
     notes.extend(measures_said(all, &told_apart_by));
     notes.extend(no_numbers_said(all, &bench.options.covariates));
     notes.extend(far_numbers_said(all, &bench.options.covariates));

@@ -21,7 +21,7 @@ use crate::{
         figures::{self, FieldScale, Lines, Model, StripRow, view_box},
         mean_course, p_value,
     },
-    statistics::compare::group_values,
+    statistics::{compare::group_values, scale::MANY_MODELS},
 };
 
 /// Why figures cannot be made.
@@ -201,9 +201,12 @@ impl Class {
     fn trimmed_text(&self) -> String {
         let a = &self.about;
         if a.alpha > 0.0 {
+            // A person with several sequences weighs one; above this number all sequences count alike.
+            let is_weighted = a.weighting == "person" && a.sequences.len() <= MANY_MODELS;
             format!(
-                "{} % of the models trimmed per {}",
+                "at most {} % of {} trimmed per {}",
                 nine_digits(a.alpha * 100.0),
+                if is_weighted { "the weight of the models" } else { "the models" },
                 if a.trim == "model" { "model" } else { "displacement field" }
             )
         } else {
@@ -341,7 +344,16 @@ fn difference(pair: &read::Pair, results: &Results, bench: &Workbench, lines: &L
     let energy = |n| pair.nodes.get(&n).map_or(0.0, |(energy, _)| energy.max(0.0));
     let title = format!("{}: {first} and {second}", pair.emotion);
     let drawing = figures::difference(&title, [first, second], [&a.model, &b.model], &energy, &differing, &words, lines);
+    // As `Tested::is_of_whole`.
+    let of_whole = |&(p, holm): &(f64, f64)| holm <= results.significance || pair.clearest.is_none_or(|node| p <= node);
+    let not_whole = pair.whole.filter(|whole| differs && !of_whole(whole));
     let verdict = match (pair.p, differs) {
+        (Some(p), true) if let Some((_, whole)) = not_whole => format!(
+            "The groups differ at single nodes (p of either test after Holm's correction: {}); as a whole they are not shown to differ \
+             (p after Holm's correction: {})",
+            p_value(p),
+            p_value(whole)
+        ),
         (Some(p), true) => format!("The groups differ (p of either test after Holm's correction: {})", p_value(p)),
         (Some(p), false) => {
             format!("The groups are not shown to differ (p of either test after Holm's correction: {})", p_value(p))
@@ -354,7 +366,8 @@ fn difference(pair: &read::Pair, results: &Results, bench: &Workbench, lines: &L
         format!(" At the apex of {first}, compared with {second}: {}.", directions.join("; "))
     };
     let doubt = if differs { "" } else { " Visible differences may be due to chance." };
-    let effect = pair.effect.map(|e| format!(", effect {:.1} %", 100.0 * e.max(0.0))).unwrap_or_default();
+    let effect =
+        pair.effect.filter(|_| not_whole.is_none()).map(|e| format!(", effect {:.1} %", 100.0 * e.max(0.0))).unwrap_or_default();
     let caption = format!(
         "{}: {first} ({}) and {second} ({}). Left: their representatives at the apex. Right: energy distance of every node over its whole \
          motion. Rings: nodes that differ at a level of {} % over all nodes of the pair ({}). {verdict}{effect}.{in_words}{doubt}",

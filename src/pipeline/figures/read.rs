@@ -62,6 +62,10 @@ pub struct Pair {
     pub groups: [String; 2],
     /// p of either test after Holm's correction; `None` without a test.
     pub p: Option<f64>,
+    /// p of the whole face, and after Holm's correction.
+    pub whole: Option<(f64, f64)>,
+    /// p of the clearest node.
+    pub clearest: Option<f64>,
     pub effect: Option<f64>,
     /// Energy distance and p of every node.
     pub nodes: BTreeMap<NodeId, (f64, f64)>,
@@ -327,7 +331,8 @@ fn pairs(out: &Path) -> Result<Vec<Pair>, FiguresError> {
         }
     }
     let csv = CsvFile::open(&path)?;
-    let [emotion, a, b, effect, p] = csv.require(["emotion", "group_a", "group_b", "effect", "p_either_holm"])?;
+    let columns = ["emotion", "group_a", "group_b", "effect", "p_either_holm", "p", "p_holm", "p_max_node"];
+    let [emotion, a, b, effect, p, of_whole, of_whole_holm, of_node] = csv.require(columns)?;
     let mut pairs = Vec::new();
     for row in csv.rows() {
         let row = row?;
@@ -338,6 +343,8 @@ fn pairs(out: &Path) -> Result<Vec<Pair>, FiguresError> {
             emotion,
             groups: [first, second],
             p: optional(p)?,
+            whole: optional(of_whole)?.zip(optional(of_whole_holm)?),
+            clearest: optional(of_node)?,
             effect: optional(effect)?,
             nodes: nodes.remove(&key).unwrap_or_default(),
         });

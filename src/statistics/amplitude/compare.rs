@@ -1,7 +1,10 @@
 //! Compares the amplitudes of two groups of people: difference, effect size, direction, equivalence, and the number of people a study
 //! needs.
 
-use std::{cmp::Ordering, collections::BTreeMap};
+use std::{
+    cmp::Ordering,
+    collections::{BTreeMap, BTreeSet},
+};
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -95,6 +98,8 @@ pub struct AmplitudeComparison {
     pub groups: [BTreeMap<String, String>; 2],
     /// The test, or the reason why there is none.
     pub outcome: Result<AmplitudeTest, String>,
+    /// People of one group only, whom a comparison in pairs leaves out.
+    pub not_paired: Vec<String>,
 }
 
 /// Smallest number of people in each group.
@@ -140,6 +145,12 @@ pub fn compare_amplitudes(
             count(n, "person is", "people are")
         )),
     }
+}
+
+/// Returns the people who are in one of two groups only.
+pub fn in_one_only(a: &[PersonValue], b: &[PersonValue]) -> Vec<String> {
+    let [a, b] = [a, b].map(|group| group.iter().map(|p| p.subject.as_str()).collect::<BTreeSet<_>>());
+    a.symmetric_difference(&b).map(|&subject| subject.to_owned()).collect()
 }
 
 /// The permutations of a test: all possible ones, or random draws.
@@ -382,6 +393,8 @@ mod tests {
         // All 128 ways to turn the signs.
         close(t.p, SCIPY_PAIRED[4]);
         assert!(t.paired);
+        let all = people(&A, "p");
+        assert!(compared(&all, &b).unwrap().paired && in_one_only(&all, &b) == ["p7"] && in_one_only(&a, &b).is_empty());
         let why = compared(&people(&A, "p"), &[people(&B[..3], "p"), people(&B, "q")].concat()).unwrap_err();
         assert!(why.starts_with("3 people are in both groups, but others only in one"), "{why}");
     }
@@ -406,6 +419,7 @@ mod tests {
             region: "face",
             groups: [group("f"), group("m")],
             outcome: Ok(test),
+            not_paired: Vec::new(),
         };
         let words = |comparisons: &mut [AmplitudeComparison]| {
             adjust_amplitudes(comparisons);

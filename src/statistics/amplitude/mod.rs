@@ -26,6 +26,7 @@ use crate::{
 
 pub use compare::{
     AmplitudeComparison, AmplitudeOptions, AmplitudeTest, Permutations, PersonValue, adjust_amplitudes, compare_amplitudes,
+    in_one_only,
 };
 pub(crate) use normal::{t_above, t_quantile};
 

@@ -46,9 +46,36 @@ pub struct Comparisons {
     pub too_many: Vec<(String, usize)>,
     /// Whether people without a value were left out.
     pub unknown_left_out: bool,
+    /// Emotions of which at most one group has people, so that there is nothing to compare.
+    #[serde(default)]
+    pub one_group: Vec<OneGroup>,
     /// Tests of all groups of each emotion at once; corrected for their number.
     #[serde(default)]
     pub omnibus: Vec<OmnibusComparison>,
+}
+
+/// An emotion of which at most one group with a known value has people.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct OneGroup {
+    /// Emotion.
+    pub emotion: String,
+    /// The group; `None` if no person has a value.
+    pub group: Option<BTreeMap<String, String>>,
+    /// Number of people without a value.
+    pub unknown: usize,
+}
+
+impl OneGroup {
+    /// Returns why nothing is compared.
+    pub fn reason(&self) -> String {
+        let unknown = if self.unknown == 0 {
+            String::new()
+        } else {
+            format!("; {} no value (`{UNKNOWN_GROUP}`)", count(self.unknown, "person has", "people have"))
+        };
+        let group = self.group.as_ref().map(group_values);
+        group.map_or_else(|| "no group has people".to_owned(), |group| format!("only one group, {group}, has people")) + &unknown
+    }
 }
 
 /// Returns whether the class is a group whose value is known in every column.
@@ -77,11 +104,18 @@ pub(crate) fn compare_groups(
     let grouped = groups.iter().filter(|(label, _)| !label.group.is_empty());
     let (known, unknown): (Vec<_>, Vec<_>) = grouped.partition(|(label, _)| is_known(label));
     all.unknown_left_out = !unknown.is_empty();
+    let people = |models: &[&SequenceModel]| models.iter().map(|m| m.id.subject.as_str()).collect::<BTreeSet<_>>().len();
+    if known.len() < 2 && known.len() + unknown.len() > 0 {
+        all.one_group.push(OneGroup {
+            emotion: emotion.to_owned(),
+            group: known.first().map(|(label, _)| label.group.clone()),
+            unknown: people(&unknown.iter().flat_map(|(_, models)| models.iter().copied()).collect::<Vec<_>>()),
+        });
+    }
     if known.len() > MAX_COMPARED_GROUPS {
         all.too_many.push((emotion.to_owned(), known.len()));
         return all;
     }
-    let people = |models: &[&SequenceModel]| models.iter().map(|m| m.id.subject.as_str()).collect::<BTreeSet<_>>().len();
     if known.len() > 1 {
         // A group of one person has no scatter. If at least two groups have more, they are compared without it.
         let (enough, too_few): (Vec<_>, Vec<_>) = known.iter().partition(|(_, models)| people(models) >= LEAST_PEOPLE);
@@ -118,6 +152,7 @@ impl Comparisons {
             all.pairs.extend(part.pairs);
             all.omnibus.extend(part.omnibus);
             all.too_many.extend(part.too_many);
+            all.one_group.extend(part.one_group);
             all.unknown_left_out |= part.unknown_left_out;
         }
         adjust(&mut all.pairs);
@@ -160,6 +195,10 @@ impl Comparisons {
                 "groups were not compared, because there are more than {MAX_COMPARED_GROUPS}: {}",
                 list.join(", ")
             ));
+        }
+        if !self.one_group.is_empty() {
+            let list: Vec<String> = self.one_group.iter().map(|one| format!("{} ({})", one.emotion, one.reason())).collect();
+            warnings.push(format!("no groups to compare: {}", listed(&list, 5)));
         }
         if self.unknown_left_out && !self.pairs.is_empty() {
             warnings.push(format!(

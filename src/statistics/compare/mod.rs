@@ -204,6 +204,27 @@ impl Tested {
     pub fn least_either_adjusted(&self) -> f64 {
         (2.0 * self.least_p_adjusted).min(1.0)
     }
+
+    /// Returns the smallest p of a node.
+    pub fn least_node_p(&self) -> f64 {
+        self.node_p.iter().copied().fold(1.0, f64::min)
+    }
+
+    /// Returns whether a difference is one of the whole face: E is significant after correction, or its p is no larger than that of the
+    /// clearest node. Otherwise a difference rests on single nodes.
+    pub fn is_of_whole(&self, significance: f64) -> bool {
+        self.p_adjusted <= significance || self.p <= self.least_node_p()
+    }
+
+    /// Returns the node with the smallest p; of equal ones the one with the largest energy distance.
+    pub fn clearest_node(&self, live: &[NodeId]) -> Option<NodeId> {
+        let nodes = live.iter().zip(self.node_p.iter().zip(&self.node_energy));
+        let clearer = |a: (f64, f64), b: (f64, f64)| a.0 < b.0 || (a.0 == b.0 && a.1 > b.1);
+        nodes
+            .map(|(&node, (&p, &energy))| (node, (p, energy)))
+            .reduce(|a, b| if clearer(b.1, a.1) { b } else { a })
+            .map(|(node, _)| node)
+    }
 }
 
 /// Comparison of two groups of one emotion.

@@ -101,8 +101,12 @@ pub struct Covariate {
     pub share: f64,
     /// Pseudo-F; `None` if the number explains everything.
     pub f: Option<f64>,
+    /// Mean of [`Covariate::share`] over all exchanges of the numbers: 1 / (n - 1) for n people. With strata, over the permutations.
+    pub share_by_chance: f64,
     /// Probability of an F at least as large if the number has no effect.
     pub p: f64,
+    /// [`Covariate::p`] with Holm's correction over all tests of the analysis; 1 until [`adjust_covariates`] is called.
+    pub p_adjusted: f64,
     /// Share of the variance between people that the number explains, by live node, 0 to 1.
     pub node_share: Vec<f64>,
     /// Probability of such a share at any node, by live node.
@@ -177,6 +181,19 @@ impl From<StrataError> for NoCovariate {
     }
 }
 
+impl Covariate {
+    /// Returns the smallest p of a node.
+    pub fn least_node_p(&self) -> f64 {
+        self.node_p.iter().copied().fold(1.0, f64::min)
+    }
+
+    /// Returns whether a change is one of the whole face: its F is significant after correction, or its p is no larger than that of the
+    /// clearest node. Otherwise a change rests on single nodes.
+    pub fn is_of_whole(&self, significance: f64) -> bool {
+        self.p_adjusted <= significance || self.p <= self.least_node_p()
+    }
+}
+
 /// Tests whether an expression changes with a number.
 ///
 /// The models are of one emotion and one shape (as [`super::representative`] checks), in any order. `stream` gives this test its own
@@ -218,6 +235,11 @@ pub fn covariate(
         let z: Vec<f64> = labels.iter().map(|&label| by_label[label]).collect();
         (quadratic(&centred, &z), nodes.shares(&z).into_iter().fold(0.0, f64::max))
     });
+    let share_by_chance = if strata.is_some() {
+        tried.outcomes.iter().map(|(explained, _)| explained / total).sum::<f64>() / tried.outcomes.len() as f64
+    } else {
+        1.0 / (places.len() - 1) as f64
+    };
     let slack = ROUNDING * total;
     let node_p: Vec<f64> = node_share.iter().map(|&share| tried.p(|(_, largest)| *largest >= share - ROUNDING)).collect();
     let p = tried.p(|(other, _)| *other >= explained - slack);
@@ -245,7 +267,9 @@ pub fn covariate(
         deviation,
         share: explained / total,
         f: (left > slack).then(|| explained * (places.len() - 2) as f64 / left),
+        share_by_chance,
         p,
+        p_adjusted: 1.0,
         p_either: (2.0 * p.min(least_node)).min(1.0),
         p_either_adjusted: 1.0,
         least_p: tried.least_p(),
@@ -385,8 +409,9 @@ fn add_squares(course: &DVector<f64>, nodes: &mut [f64]) {
 pub fn adjust_covariates(tests: &mut [&mut Covariate]) {
     let adjusted = holm(&tests.iter().map(|t| t.p_either).collect::<Vec<_>>());
     let least = holm(&tests.iter().map(|t| (2.0 * t.least_p).min(1.0)).collect::<Vec<_>>());
-    for (test, (p, least)) in tests.iter_mut().zip(adjusted.into_iter().zip(least)) {
-        (test.p_either_adjusted, test.least_either_adjusted) = (p, least);
+    let whole = holm(&tests.iter().map(|t| t.p).collect::<Vec<_>>());
+    for ((test, whole), (p, least)) in tests.iter_mut().zip(whole).zip(adjusted.into_iter().zip(least)) {
+        (test.p_adjusted, test.p_either_adjusted, test.least_either_adjusted) = (whole, p, least);
     }
 }
 
@@ -461,6 +486,9 @@ mod tests {
         // Two pairs and one single person: four arrangements, none with a larger share than the observed one.
         let found = of(&FIVE, Some(&sites(["x", "x", "y", "y", "z"]))).unwrap();
         assert_eq!((found.permutations, found.p), (4, 0.25));
+        // Products 200, 190, 190 and 180, squares 10 and 5000: shares 0.8, 0.722, 0.722 and 0.648.
+        assert_relative_eq!(found.share_by_chance, (0.8 + 0.722 + 0.722 + 0.648) / 4.0, max_relative = 1e-9);
+        assert_eq!(of(&FIVE, None).unwrap().share_by_chance, 0.25);
         let why = of(&FIVE, Some(&sites(["a", "b", "c", "d", "e"]))).unwrap_err();
         assert_eq!(
             why.to_string(),
