@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::AnalyzedModel;
-use crate::{output::listed, statistics::SequenceModel, track::TrackInfo};
+use crate::{model::FrameExpressionModel, output::listed, statistics::SequenceModel, track::TrackInfo};
 
 /// Most pairs that a note names.
 const MOST_NAMED: usize = 5;
@@ -22,7 +22,7 @@ fn motion_of(model: &SequenceModel) -> Option<String> {
         return None;
     }
     let mut hash = blake3::Hasher::new();
-    for point in frames.iter().flat_map(|frame| frame.nodes()) {
+    for point in frames.iter().flat_map(FrameExpressionModel::nodes) {
         hash.update(&point.x.to_bits().to_le_bytes()).update(&point.y.to_bits().to_le_bytes());
     }
     Some(hash.finalize().to_hex().to_string())
@@ -74,10 +74,7 @@ mod tests {
     use nalgebra::Point2;
 
     use super::*;
-    use crate::{
-        model::{DynamicExpressionModel, FrameExpressionModel},
-        units::SequenceId,
-    };
+    use crate::{model::DynamicExpressionModel, units::SequenceId};
 
     /// A sequence of one node that moves to `x`.
     fn moved(subject: &str, sequence: &str, x: f64, pictures: Option<&str>) -> AnalyzedModel {

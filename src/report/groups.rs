@@ -13,7 +13,7 @@ use super::{
 };
 use crate::{
     output::{count, nine_digits},
-    statistics::compare::{Comparison, Tested, group_values},
+    statistics::compare::{Comparison, Comparisons, Tested, group_values},
     units::NodeId,
 };
 
@@ -166,19 +166,6 @@ impl GroupsView {
                 }
             },
         });
-        // Reasons by pair; equal ones are joined.
-        let mut reasons: BTreeMap<String, Vec<String>> = BTreeMap::new();
-        for c in &comparisons.pairs {
-            if let Err(why) = &c.outcome {
-                let pair = format!("{}: {} and {}", c.emotion, group_values(&c.groups[0]), group_values(&c.groups[1]));
-                reasons.entry(why.to_string()).or_default().push(pair);
-            }
-        }
-        let untested = reasons.into_iter().map(|(why, pairs)| {
-            let shown = pairs.iter().take(8).cloned().collect::<Vec<_>>().join("; ");
-            let more = if pairs.len() > 8 { format!("; and {} more", pairs.len() - 8) } else { String::new() };
-            format!("{shown}{more}: {why}")
-        });
         let notes = [
             ("drawn", tested.iter().any(|(_, c, t)| t.people_used != c.people)),
             ("unknown", comparisons.unknown_left_out),
@@ -188,9 +175,7 @@ impl GroupsView {
         Self {
             amplitudes: AmplitudeTable::new(groups, significance),
             omnibus: OmnibusTable::new(comparisons, significance),
-            untested: untested
-                .chain(comparisons.one_group.iter().map(|one| format!("{}: {}", one.emotion, one.reason())))
-                .collect(),
+            untested: untested(comparisons),
             too_many: comparisons.too_many.iter().map(|(emotion, n)| format!("{emotion} ({n} groups)")).collect(),
             more_pictures: drawn.len().saturating_sub(MOST_PICTURES),
             pictures: pictures.collect(),
@@ -207,6 +192,23 @@ impl GroupsView {
             tests,
         }
     }
+}
+
+/// Reasons why pairs and emotions are not tested; pairs with the same reason are joined.
+fn untested(comparisons: &Comparisons) -> Vec<String> {
+    let mut reasons: BTreeMap<String, Vec<String>> = BTreeMap::new();
+    for c in &comparisons.pairs {
+        if let Err(why) = &c.outcome {
+            let pair = format!("{}: {} and {}", c.emotion, group_values(&c.groups[0]), group_values(&c.groups[1]));
+            reasons.entry(why.to_string()).or_default().push(pair);
+        }
+    }
+    let of_pairs = reasons.into_iter().map(|(why, pairs)| {
+        let shown = pairs.iter().take(8).cloned().collect::<Vec<_>>().join("; ");
+        let more = if pairs.len() > 8 { format!("; and {} more", pairs.len() - 8) } else { String::new() };
+        format!("{shown}{more}: {why}")
+    });
+    of_pairs.chain(comparisons.one_group.iter().map(|one| format!("{}: {}", one.emotion, one.reason()))).collect()
 }
 
 /// Whether two groups differ significantly, as a whole or at a node: docs/populations.md, "Verdict".

@@ -27,9 +27,8 @@ pub type SequenceLabels<'a> = (&'a SequenceId, &'a str, &'a BTreeMap<String, Str
 
 /// Returns a note to the user if grouping or stratum columns contain words for a missing value.
 pub fn missing_words_said(labels: &[SequenceLabels<'_>], columns: &[String]) -> Option<String> {
-    let list = counted_values(labels, columns, |value| !value.is_empty() && is_missing(value));
-    // The values are in the order of columns, then of their bytes; the first one is the example.
-    let example = list.first()?.split('`').nth(1)?;
+    let (values, list) = counted_values(labels, columns, |value| !value.is_empty() && is_missing(value));
+    let example = values.first()?;
     Some(format!(
         "words for a missing value are treated as missing: {} (if this is the name of a group, use a longer name, such as `{example} \
          group`)",
@@ -43,15 +42,20 @@ const PERHAPS_MISSING: [&str; 3] = ["none", "nil", "missing"];
 /// Returns a note to the user if grouping or stratum columns contain words that may stand for a missing value. They are values.
 pub fn perhaps_missing_said(labels: &[SequenceLabels<'_>], columns: &[String]) -> Option<String> {
     let is_word = |value: &str| PERHAPS_MISSING.iter().any(|word| value.eq_ignore_ascii_case(word));
-    let list = counted_values(labels, columns, is_word);
+    let (_, list) = counted_values(labels, columns, is_word);
     (!list.is_empty()).then(|| {
         format!("values that may be words for a missing value: {}; if nothing is known there, write NA", listed(&list, 6))
     })
 }
 
-/// Returns the values of some columns that satisfy a condition, each with its column and its number of sequences.
-fn counted_values(labels: &[SequenceLabels<'_>], columns: &[String], is_one: impl Fn(&str) -> bool) -> Vec<String> {
-    let mut found: BTreeMap<(&str, &str), usize> = BTreeMap::new();
+/// Returns the values of some columns that satisfy a condition, and each in words, with its column and its number of sequences. They are in
+/// the order of columns, then of their bytes.
+fn counted_values<'a>(
+    labels: &[SequenceLabels<'a>],
+    columns: &[String],
+    is_one: impl Fn(&str) -> bool,
+) -> (Vec<&'a str>, Vec<String>) {
+    let mut found: BTreeMap<(&str, &'a str), usize> = BTreeMap::new();
     for column in columns.iter().collect::<BTreeSet<_>>() {
         let values = labels.iter().filter_map(|(.., metadata)| metadata.get(column)).map(|value| value.trim());
         values.filter(|value| is_one(value)).for_each(|value| *found.entry((column, value)).or_default() += 1);
@@ -59,7 +63,7 @@ fn counted_values(labels: &[SequenceLabels<'_>], columns: &[String], is_one: imp
     let text = |((column, value), n): (&(&str, &str), &usize)| {
         format!("`{value}` in the column `{column}` ({})", count(*n, "sequence", "sequences"))
     };
-    found.iter().map(text).collect()
+    (found.keys().map(|(_, value)| *value).collect(), found.iter().map(text).collect())
 }
 
 /// Largest number of values of a number column that are taken for group names without further checks, such as 0 and 1 or the numbers of

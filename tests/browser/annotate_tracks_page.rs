@@ -1,11 +1,11 @@
 //! The annotation page with tracks, and in several windows, in Chromium.
 
-use crate::annotate_page::{asked, mark, no_proposals, open, place, rows, saved, text, truth, unmarked};
+use crate::annotate_page::{asked, no_proposals, open, place, rows, saved, text, truth, unmarked};
 use crate::annotation::Server;
 use crate::common::Work;
-use crate::driver::{Browser, CONTROL, DELETE, DOWN, END, ENTER, ESCAPE, HOME, LEFT, RIGHT, SHIFT, wait};
-use serde_json::{Value, json};
-use std::{fs, path::Path, thread::sleep, time::Duration};
+use crate::driver::{Browser, CONTROL, ENTER, ESCAPE, SHIFT, wait};
+use serde_json::json;
+use std::{thread::sleep, time::Duration};
 
 #[test]
 fn a_tab_shows_the_changes_of_another_tab_when_the_user_returns() {

@@ -462,7 +462,7 @@ fn single_faps_of_a_dense_head_are_its_own_shapes() {
     let files: Vec<String> = (0..sets.len()).map(|k| format!("set{k}.fap")).collect();
     let files: Vec<&str> = files.iter().map(String::as_str).collect();
     run(&[&["play", "--bank", "head", "-o", "head.html"], &files[..]].concat());
-    let shapes = grimace::synthesis::EmbeddedBank::Head.shapes().unwrap();
+    let shapes = grimace::internal::synthesis::EmbeddedBank::Head.shapes().unwrap();
     shapes.write(&folder.join("shapes.bank")).unwrap();
     let options = ["--bank", "shapes.bank", "--solver", "nnls", "--smooth", "0", "--noise", "0", "--format", "npy", "-o", "out"];
     run(&[&["synthesize", "--motion"], &files[..], &options].concat());

@@ -2,15 +2,9 @@
 //! `annotate_page.rs`.
 
 use crate::annotation::Server;
-use crate::common::{Work, root};
+use crate::common::Work;
 use serde_json::{Value, json};
-use std::{
-    fs,
-    io::{BufRead, BufReader, Read, Write},
-    net::TcpStream,
-    thread,
-    time::{Duration, Instant},
-};
+use std::fs;
 
 /// Makes two sequences without correspondences and without a column for them.
 pub fn unmarked() -> Work {

@@ -2,15 +2,9 @@
 
 use crate::annotation::Server;
 use crate::cmd_annotate::{open, save, true_marks, unmarked};
-use crate::common::{Work, root};
+use crate::common::Work;
 use serde_json::{Value, json};
-use std::{
-    fs,
-    io::{BufRead, BufReader, Read, Write},
-    net::TcpStream,
-    thread,
-    time::{Duration, Instant},
-};
+use std::fs;
 
 #[test]
 fn proposed_sequences_are_shown_with_their_confidence() {

@@ -2,14 +2,14 @@
 
 use crate::annotation::Server;
 use crate::cmd_annotate::open;
-use crate::common::{Work, root};
+use crate::common::Work;
 use serde_json::{Value, json};
 use std::{
     fs,
-    io::{BufRead, BufReader, Read, Write},
+    io::{Read, Write},
     net::TcpStream,
     thread,
-    time::{Duration, Instant},
+    time::Duration,
 };
 
 #[test]

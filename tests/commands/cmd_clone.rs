@@ -1,11 +1,9 @@
 //! `grimace clone` end to end.
 
 use crate::cmd_clone_faps::fap_file;
-use crate::cmd_clone_input::png;
 use crate::common::{Ran, Work};
 use grimace::internal::fap::{FapNumber, read_fap};
-use image::{DynamicImage, ImageFormat, RgbImage};
-use std::io::Cursor;
+use image::RgbImage;
 
 /// Makes a folder with S001's happiness as `faces`, its track as `S001_005.csv`, and S002's neutral frame as `target.png` with `marks.csv`.
 pub fn work() -> Work {

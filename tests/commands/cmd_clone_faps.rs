@@ -1,11 +1,8 @@
 //! FAP files on photographs: lids, lips, what cannot be shown.
 
 use crate::cmd_clone::{clone, picture, work};
-use crate::cmd_clone_input::png;
-use crate::common::{Ran, Work};
 use grimace::internal::fap::{FapNumber, read_fap};
-use image::{DynamicImage, ImageFormat, RgbImage};
-use std::io::Cursor;
+use image::RgbImage;
 
 pub fn fap_file(mask: &[usize], values: &str) -> String {
     let flags = (1..=68).map(|k| if mask.contains(&k) { "1" } else { "0" }).collect::<Vec<_>>().join(" ");

@@ -1,8 +1,7 @@
 //! What `grimace clone` makes of unusual pictures and sources: sizes, turns, formats, videos.
 
 use crate::cmd_clone::{clone, picture, work};
-use crate::common::{Ran, Work};
-use grimace::internal::fap::{FapNumber, read_fap};
+use crate::common::Work;
 use image::{DynamicImage, ImageFormat, RgbImage};
 use std::io::Cursor;
 

@@ -1,14 +1,7 @@
 //! Landmarks of other programs instead of pictures.
 
-use crate::cmd_populations::people;
-use crate::common::{Ran, Run, SEQUENCES, Work, assert_same_files};
-use grimace::internal::{
-    columnar::{ColumnarModels, ColumnarRow, ColumnarWriter},
-    model::{DynamicExpressionModel, FrameExpressionModel},
-    units::SequenceId,
-    wireframe::{Tables, Wireframe},
-};
-use std::path::Path;
+use crate::common::Work;
+use grimace::internal::wireframe::{Tables, Wireframe};
 
 /// Returns landmarks of Candide-3 in an image of about 500 px, with the mouth corners moved by `smile` px out and up.
 pub fn face(smile: f64) -> Vec<(f64, f64)> {

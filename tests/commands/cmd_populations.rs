@@ -1,12 +1,11 @@
 //! Landmark files as input, comparison of groups, and models in one file: commands and their output.
 
-use crate::cmd_landmarks::{face, moved, own};
+use crate::cmd_landmarks::{moved, own};
 use crate::common::{Ran, Run, SEQUENCES, Work, assert_same_files};
 use grimace::internal::{
     columnar::{ColumnarModels, ColumnarRow, ColumnarWriter},
     model::{DynamicExpressionModel, FrameExpressionModel},
     units::SequenceId,
-    wireframe::{Tables, Wireframe},
 };
 use std::path::Path;
 

@@ -1,13 +1,7 @@
 //! `grimace run`: commands and their output.
 
-use crate::cmd_run_again::written;
 use crate::common::{FACES, Files, SEQUENCES, Work, assert_same_files, files_in, leftovers};
-use std::{
-    collections::BTreeSet,
-    fs,
-    sync::OnceLock,
-    time::{Duration, SystemTime},
-};
+use std::{collections::BTreeSet, fs, sync::OnceLock, time::Duration};
 
 /// Number of nodes of Candide-3.
 const NODES: usize = 113;

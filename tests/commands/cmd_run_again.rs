@@ -1,10 +1,9 @@
 //! Further runs over a dataset: what is made again, what is kept, what is refused.
 
-use crate::common::{FACES, Files, SEQUENCES, Work, assert_same_files, files_in, leftovers};
+use crate::common::{SEQUENCES, Work, assert_same_files};
 use std::{
     collections::BTreeSet,
     fs,
-    sync::OnceLock,
     time::{Duration, SystemTime},
 };
 

@@ -2,7 +2,6 @@
 
 use crate::cmd_synthesize::report;
 use crate::common::{Work, root};
-use serde_json::Value;
 
 #[test]
 fn faps_that_a_file_does_not_set_are_free() {
