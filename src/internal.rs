@@ -179,10 +179,10 @@ pub mod synthesis {
 }
 pub mod track {
     pub use crate::modules::track::{
-        AlignOptions, Confidence, Ends, Found, FrameQuality, Klt, LossReason, NodeFeatures, NodeState, OpenCvKlt, PointTracker,
-        Probe, Slot, Track, TrackError, TrackFileError, TrackInfo, TrackOptions, TrackPlan, TrackQuality, TrackSummary,
-        TrackedFrame, TrackedNode, Verdict, expect_errors, eye_distance_px, node_features, read_track, read_track_info,
-        summarize, track_csv, track_model, track_sequence, track_with, window_px, write_track,
+        AlignOptions, Confidence, Found, FrameQuality, Klt, LossReason, NodeFeatures, NodeState, OpenCvKlt, PointTracker, Probe,
+        Slot, Track, TrackError, TrackFileError, TrackInfo, TrackOptions, TrackPlan, TrackQuality, TrackSummary, TrackedFrame,
+        TrackedNode, Verdict, expect_errors, eye_distance_px, node_features, read_track, read_track_info, summarize, track_csv,
+        track_model, track_sequence, track_with, window_px, write_track,
     };
 }
 pub mod units {

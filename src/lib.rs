@@ -215,7 +215,7 @@ facade! {
 facade! {
     /// Method: tracks the wireframe from the neutral to the apex frame \[KP, section 3\], with a [`PointTracker`](track::PointTracker) or
     /// with landmarks.
-    track: AlignOptions, Ends, Evidence, Forces, Found, Klt, KltKind, LandmarkPlan, LossReason, NodeState, PointTracker, Probe, Slot, Track,
+    track: AlignOptions, Evidence, Forces, Found, Klt, KltKind, LandmarkPlan, LossReason, NodeState, PointTracker, Probe, Slot, Track,
     TrackError, TrackFileError, TrackInfo, TrackOptions, TrackPlan, TrackSummary, TrackedFrame, TrackedNode, read_track,
     read_track_info, summarize, track_model, track_sequence, track_with, write_track
 }

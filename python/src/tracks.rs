@@ -52,7 +52,7 @@ impl Track {
         let frames = read_track(&path).map_err(to::<InputError>)?;
         let info = read_track_info(&path).map_err(to::<InputError>)?;
         let size = info.as_ref().map_or(grimace::internal::sequence::ImageSize { width: 0, height: 0 }, |i| i.image_size);
-        Ok(Self { track: tracking::Track { size, frames, ends: tracking::Ends::default() }, info })
+        Ok(Self { track: tracking::Track { size, frames, mouth_moved: None, covered_at_apex: Vec::new() }, info })
     }
 
     /// Writes the track and its `.json`.

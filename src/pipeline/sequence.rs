@@ -22,8 +22,8 @@ use crate::{
     text::message,
     track::{
         Corrections, TRACK_SCHEMA, Track, TrackError, TrackFileError, TrackHashes, TrackInfo, TrackOptions, TrackedFrame,
-        mouth_back_said, neutral_first, parse_track, parse_track_info, summarize, track_csv, track_sequence, track_units,
-        write_track,
+        covered_at_apex_said, mouth_back_said, neutral_first, parse_track, parse_track_info, summarize, track_csv,
+        track_sequence, track_units, write_track,
     },
     units::SequenceId,
 };
@@ -322,8 +322,8 @@ fn track_frames(
         SequenceFailure { stage, reason, fatal: fatal || is_interrupted }
     })?;
     let ends = track.frames.first().zip(track.frames.last());
-    let back = ends.and_then(|(first, last)| mouth_back_said(track.ends.mouth_moved, first.number, last.number));
-    let hidden = ends.and_then(|(_, last)| track.ends.covered_said(last.number));
+    let back = ends.and_then(|(first, last)| mouth_back_said(track.mouth_moved, first.number, last.number));
+    let hidden = ends.and_then(|(_, last)| covered_at_apex_said(&track.covered_at_apex, last.number));
     let info = TrackInfo {
         schema_version: TRACK_SCHEMA,
         made_by: MADE_BY.to_owned(),

@@ -17,15 +17,8 @@ const BACK: f64 = 0.025;
 const PARTED: f64 = 0.02;
 
 /// What the locator sees in the first and in the last frame of a sequence.
-///
-/// ```
-/// use grimace::track::Ends;
-///
-/// // Without the locator, nothing is known.
-/// assert_eq!(Ends::default(), Ends { mouth_moved: None, covered: Vec::new() });
-/// ```
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Ends {
+pub(crate) struct Ends {
     /// By how much the mouth moved away from that of a neutral face, from the first to the last frame: the corners of the mouth and the
     /// distance between the lips, over the eye distance. `None` if one of the frames shows no face there, or a covered mouth.
     pub mouth_moved: Option<[f64; 2]>,
@@ -42,14 +35,13 @@ impl Ends {
         let moved = |(before, after): ([f64; 2], [f64; 2])| std::array::from_fn(|k| after[k] - before[k]);
         Self { mouth_moved: first.mouth.zip(last.mouth).map(moved), covered: covered(locator, &first, &last, after) }
     }
+}
 
-    /// Returns the message about parts that something covers in the frame with a number, the last one; `None` if there are none.
-    pub(crate) fn covered_said(&self, last: u32) -> Option<String> {
-        let them = if self.covered.len() == 1 { "it" } else { "them" };
-        FacePart::said_covered(&self.covered).map(|said| {
-            format!("{said} in frame {last}: what was tracked there may be what covers {them}; end the sequence before")
-        })
-    }
+/// Returns the message about parts that something covers in the frame with a number, the last one; `None` if there are none.
+pub(crate) fn covered_at_apex_said(covered: &[FacePart], last: u32) -> Option<String> {
+    let them = if covered.len() == 1 { "it" } else { "them" };
+    FacePart::said_covered(covered)
+        .map(|said| format!("{said} in frame {last}: what was tracked there may be what covers {them}; end the sequence before"))
 }
 
 /// Parts that are covered in the last picture and were not in the first. A single look says that too often: both readings must say so.
@@ -104,7 +96,7 @@ mod tests {
         face.points.iter().for_each(|point| nodes[point.node.index()] = point.position);
         let alike = Ends::look((frame.image(), &nodes), (frame.image(), &nodes));
         assert_eq!(alike, Ends { mouth_moved: Some([0.0, 0.0]), covered: Vec::new() });
-        assert_eq!(alike.covered_said(9), None);
+        assert_eq!(covered_at_apex_said(&alike.covered, 9), None);
         // A plain mask from below the nose to below the lips.
         let (unit, mouth) = (face.eye_distance, nodes[7] + (nodes[8] - nodes[7]) / 2.0);
         let mut masked = frame.image().clone();
@@ -119,7 +111,7 @@ mod tests {
         assert_eq!(Ends::look((&masked, &nodes), (&masked, &nodes)), Ends::default());
         let put_on = Ends::look((frame.image(), &nodes), (&masked, &nodes));
         assert!(put_on.mouth_moved.is_none() && put_on.covered.contains(&FacePart::Mouth), "{put_on:?}");
-        let said = put_on.covered_said(9).unwrap();
+        let said = covered_at_apex_said(&put_on.covered, 9).unwrap();
         assert!(said.contains("the mouth") && said.contains(" in frame 9: what was tracked there"), "{said}");
     }
 

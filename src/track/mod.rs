@@ -32,6 +32,7 @@ use nalgebra::{Matrix2, Point2, Vector2};
 use crate::{
     companion::CompanionError,
     fit::{FittedWireframe, MarkKind, SpringError},
+    locate::FacePart,
     model::{DynamicExpressionModel, FrameExpressionModel, ModelError},
     sequence::{Frame, ImageSize, SequenceError},
     units::{NodeId, Px},
@@ -46,8 +47,7 @@ pub use corrections::{
     SavedCorrections, TrackCorrections, corrections_in_track, corrections_path, far_corrections, fitting_corrections,
     read_corrections, write_corrections,
 };
-pub use ends::Ends;
-pub(crate) use ends::{backwards_said, mouth_back_said};
+pub(crate) use ends::{Ends, backwards_said, covered_at_apex_said, mouth_back_said};
 pub use file::{
     TRACK_SCHEMA, TrackFileError, TrackHashes, TrackInfo, neutral_first, parse_track, parse_track_info, read_track,
     read_track_info, track_csv, track_units, write_track,
@@ -156,8 +156,11 @@ pub struct Track {
     pub size: ImageSize,
     /// Its frames, at least two.
     pub frames: Vec<TrackedFrame>,
-    /// What the locator sees in the first and in the last frame; nothing if it was not used.
-    pub ends: Ends,
+    /// By how much the mouth moved away from that of a neutral face, from the first to the last frame, as the locator reads it: the corners
+    /// of the mouth and the distance between the lips, over the eye distance. `None` if the locator was not used or saw no face there.
+    pub mouth_moved: Option<[f64; 2]>,
+    /// Parts of the face that something covers in the last frame, but not in the first.
+    pub covered_at_apex: Vec<FacePart>,
 }
 
 /// Why a sequence cannot be tracked.
@@ -470,8 +473,8 @@ pub fn track_with(
     match running.zip(last) {
         Some((running, last)) if out.len() >= 2 => {
             expect_errors(&mut out, wireframe, &plan.tables, Confidence::shipped());
-            let ends = running.leap.map(|leap| leap.ends(&last, &running.last)).unwrap_or_default();
-            Ok(Track { size: running.size, frames: out, ends })
+            let Ends { mouth_moved, covered } = running.leap.map(|leap| leap.ends(&last, &running.last)).unwrap_or_default();
+            Ok(Track { size: running.size, frames: out, mouth_moved, covered_at_apex: covered })
         }
         _ => Err(TrackError::TooFewFrames { found: out.len() }),
     }

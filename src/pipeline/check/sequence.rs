@@ -16,8 +16,8 @@ use crate::{
     dataset::{CorrespondenceSource, FailedEntry, FrameSource, LandmarkSelection, SequenceEntry, unread_beside},
     sequence::{ImageSize, SequenceError, SequenceReader, read_first_frame},
     track::{
-        Ends, TrackSummary, TrackedFrame, Verdict, missing_said, mouth_back_said, neutral_nodes, read_corrections, summarize,
-        two_pictures_said,
+        Ends, TrackSummary, TrackedFrame, Verdict, covered_at_apex_said, missing_said, mouth_back_said, neutral_nodes,
+        read_corrections, summarize, two_pictures_said,
     },
     units::SequenceId,
 };
@@ -220,7 +220,7 @@ impl CheckedSequence {
                 let ends = Ends::look((first.image(), nodes), (last.image(), nodes));
                 summary = summary
                     .with_mouth_back(mouth_back_said(ends.mouth_moved, first.number(), last.number()))
-                    .with_covered_at_apex(ends.covered_said(last.number()));
+                    .with_covered_at_apex(covered_at_apex_said(&ends.covered, last.number()));
             }
         }
         let two = match &source.frames {
