@@ -76,7 +76,7 @@ class Mixture {
       most = 0;
       for (let i = 0; i < n; i++) {
         const step = Math.max((gradient[i] - extra * z[i]) / (at(i, i) + extra), -z[i]);
-        if (!(step !== 0)) continue;
+        if (!step) continue;
         z[i] += step;
         most = Math.max(most, Math.abs(step) / (1 + z[i]));
         for (let j = 0; j < n; j++) gradient[j] -= step * at(i, j);
