@@ -20,6 +20,7 @@ pub mod scale;
 mod spelling;
 mod sum;
 pub mod trimming;
+mod values;
 pub mod variation;
 mod weights;
 
@@ -37,13 +38,16 @@ use median::SearchEnding;
 pub(crate) use amplitude::{t_above, t_quantile};
 use compare::Strata;
 pub use groups::{
-    EMOTIONS, GroupError, LabelledModel, SequenceLabels, UNKNOWN_GROUP, check_columns, check_groups, check_numbers,
-    far_numbers_said, group_models, group_models_unchecked, group_sequences, is_missing, measures_said, missing_words_said,
-    no_numbers_said, number_of, perhaps_missing_said, spell_as_groups,
+    EMOTIONS, GroupError, LabelledModel, check_columns, check_groups, check_numbers, group_models, group_models_unchecked,
+    group_sequences, spell_as_groups,
 };
 pub use representative::{NEUTRAL_TOLERANCE, check_models, representative};
 pub use spelling::{abbreviations, common_spellings, likely_emotion, near_twins, spelling_key, synonyms};
 pub use trimming::TrimLevel;
+pub use values::{
+    SequenceLabels, UNKNOWN_GROUP, far_numbers_said, is_missing, measures_said, missing_words_said, no_numbers_said, number_of,
+    perhaps_missing_said,
+};
 pub use weights::Weighting;
 pub(crate) use weights::sequence_weights;
 

@@ -21,7 +21,10 @@ use crate::{
         figures::{self, FieldScale, Lines, Model, StripRow, view_box},
         mean_course, p_value,
     },
-    statistics::{compare::group_values, scale::MANY_MODELS},
+    statistics::{
+        compare::{group_values, is_of_whole},
+        scale::MANY_MODELS,
+    },
 };
 
 /// Why figures cannot be made.
@@ -344,8 +347,7 @@ fn difference(pair: &read::Pair, results: &Results, bench: &Workbench, lines: &L
     let energy = |n| pair.nodes.get(&n).map_or(0.0, |(energy, _)| energy.max(0.0));
     let title = format!("{}: {first} and {second}", pair.emotion);
     let drawing = figures::difference(&title, [first, second], [&a.model, &b.model], &energy, &differing, &words, lines);
-    // As `Tested::is_of_whole`.
-    let of_whole = |&(p, holm): &(f64, f64)| holm <= results.significance || pair.clearest.is_none_or(|node| p <= node);
+    let of_whole = |&(p, holm): &(f64, f64)| is_of_whole([p, holm], pair.clearest.unwrap_or(1.0), results.significance);
     let not_whole = pair.whole.filter(|whole| differs && !of_whole(whole));
     let verdict = match (pair.p, differs) {
         (Some(p), true) if let Some((_, whole)) = not_whole => format!(

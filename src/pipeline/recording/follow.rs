@@ -108,13 +108,9 @@ pub(super) fn follow(
     let mut portraits: Vec<Portrait> = frame.iter().filter_map(|frame| Portrait::of(frame, start.marks)).collect();
     let eye_distance = eye_distance_px(&bench.tables, fitted.model.nodes()).unwrap_or(1.0);
     let options = &bench.options.track;
-    let places = fitted.model.nodes();
-    let moved_in = |tracked: &TrackedFrame| -> Vec<Correspondence> {
-        let moved = |mark: &Correspondence| {
-            let (from, to) = (places.get(mark.node.index())?, tracked.nodes.get(mark.node.index())?.position);
-            Some(Correspondence { position: mark.position + (to - from), ..*mark })
-        };
-        start.marks.iter().filter_map(moved).collect()
+    let moved_in = |tracked: &TrackedFrame| {
+        let at = |node: usize| tracked.nodes.get(node).map(|node| node.position);
+        carried(start.marks, |node| fitted.model.nodes().get(node).copied(), at)
     };
     let one_way = |to: usize, end: &mut Option<Portrait>| -> Result<(Vec<CompactFrame>, Option<String>), RecordingError> {
         let mut out: Vec<CompactFrame> = Vec::new();
@@ -187,6 +183,19 @@ pub(super) fn follow(
     left.extend(lost_behind.filter(|_| first > stretch.first).map(|why| (before, why)));
     left.extend(lost_ahead.filter(|_| last < stretch.last).map(|why| (after, why)));
     Ok(Followed { frames, first, fitted: behind, marks: start.marks.to_vec(), eye_distance, portraits, left })
+}
+
+/// Marks that move with their nodes, whose positions are known before and after.
+pub(super) fn carried(
+    marks: &[Correspondence],
+    before: impl Fn(usize) -> Option<Point2<f64>>,
+    after: impl Fn(usize) -> Option<Point2<f64>>,
+) -> Vec<Correspondence> {
+    let moved = |mark: &Correspondence| {
+        let k = mark.node.index();
+        Some(Correspondence { position: mark.position + (after(k)? - before(k)?), ..*mark })
+    };
+    marks.iter().filter_map(moved).collect()
 }
 
 /// Message that a face was lost, with the reason.

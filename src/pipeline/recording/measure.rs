@@ -2,7 +2,10 @@
 
 use nalgebra::Point2;
 
-use super::{RecordingError, RecordingStep, Tick, follow::Followed};
+use super::{
+    RecordingError, RecordingStep, Tick,
+    follow::{Followed, carried},
+};
 use crate::{
     features::{ACTION_UNITS, FrameFeatures, Intensity},
     fit::Correspondence,
@@ -47,11 +50,7 @@ impl From<&FrameFeatures> for Shown {
 /// Positions of the fitted frame's marks in another frame: each moves with its node.
 pub(super) fn marks_in(followed: &Followed, place: usize) -> Vec<Correspondence> {
     let (Some(from), Some(to)) = (followed.frames.get(followed.fitted), followed.frames.get(place)) else { return Vec::new() };
-    let moved = |mark: &Correspondence| {
-        let k = mark.node.index();
-        Some(Correspondence { position: mark.position + (to.position(k)? - from.position(k)?), ..*mark })
-    };
-    followed.marks.iter().filter_map(moved).collect()
+    carried(&followed.marks, |node| from.position(node), |node| to.position(node))
 }
 
 /// A neutral frame, and the places of its marks.

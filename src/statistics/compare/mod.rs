@@ -199,6 +199,12 @@ pub struct Tested {
     pub p_either_adjusted: f64,
 }
 
+/// Returns whether what a test shows is of the whole face: its p, corrected, is significant, or it is no larger than that of the clearest
+/// node, as it is. Otherwise it rests on single nodes. The first argument is the p of the whole face, before and after correction.
+pub fn is_of_whole([p, p_adjusted]: [f64; 2], least_node_p: f64, significance: f64) -> bool {
+    p_adjusted <= significance || p <= least_node_p
+}
+
 impl Tested {
     /// Returns the smallest possible [`Tested::p_either_adjusted`]: twice [`Tested::least_p_adjusted`], at most 1.
     pub fn least_either_adjusted(&self) -> f64 {
@@ -210,10 +216,9 @@ impl Tested {
         self.node_p.iter().copied().fold(1.0, f64::min)
     }
 
-    /// Returns whether a difference is one of the whole face: E is significant after correction, or its p is no larger than that of the
-    /// clearest node. Otherwise a difference rests on single nodes.
+    /// Returns whether a difference is one of the whole face ([`is_of_whole`]).
     pub fn is_of_whole(&self, significance: f64) -> bool {
-        self.p_adjusted <= significance || self.p <= self.least_node_p()
+        is_of_whole([self.p, self.p_adjusted], self.least_node_p(), significance)
     }
 
     /// Returns the node with the smallest p; of equal ones the one with the largest energy distance.

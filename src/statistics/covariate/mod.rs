@@ -30,7 +30,7 @@ use rayon::prelude::*;
 
 use super::{
     SequenceModel, Strata,
-    compare::{CompareOptions, Exchange, StrataError, by_subject, distance_matrix, draw, holm},
+    compare::{CompareOptions, Exchange, StrataError, by_subject, distance_matrix, draw, holm, is_of_whole},
     distance::DisplacementFields,
     variation::{Band, moved, offsets_of},
 };
@@ -187,10 +187,9 @@ impl Covariate {
         self.node_p.iter().copied().fold(1.0, f64::min)
     }
 
-    /// Returns whether a change is one of the whole face: its F is significant after correction, or its p is no larger than that of the
-    /// clearest node. Otherwise a change rests on single nodes.
+    /// Returns whether a change is one of the whole face ([`is_of_whole`]).
     pub fn is_of_whole(&self, significance: f64) -> bool {
-        self.p_adjusted <= significance || self.p <= self.least_node_p()
+        is_of_whole([self.p, self.p_adjusted], self.least_node_p(), significance)
     }
 }
 
