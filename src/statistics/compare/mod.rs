@@ -216,7 +216,7 @@ impl Tested {
         self.node_p.iter().copied().fold(1.0, f64::min)
     }
 
-    /// Returns whether a difference is one of the whole face ([`is_of_whole`]).
+    /// Returns whether a difference is one of the whole face (`is_of_whole`).
     pub fn is_of_whole(&self, significance: f64) -> bool {
         is_of_whole([self.p, self.p_adjusted], self.least_node_p(), significance)
     }
