@@ -60,7 +60,7 @@ pub mod fap {
     };
 }
 pub mod features {
-    pub use crate::modules::features::{ACTION_UNITS, ActionUnit, Course, FULL, FrameFeatures, Intensity};
+    pub use crate::modules::features::{ACTION_UNITS, ActionUnit, Course, FULL, FrameFeatures, Intensity, seconds_of};
 }
 pub mod fit {
     pub use crate::modules::fit::placement;
@@ -138,7 +138,7 @@ pub mod segment {
 }
 pub mod sequence {
     pub use crate::modules::sequence::{
-        DecodeError, Frame, GrayDecoder, ImageSize, Portrait, SequenceError, SequenceReader, content_blake3, grey_of,
+        Clock, DecodeError, Frame, GrayDecoder, ImageSize, Portrait, SequenceError, SequenceReader, content_blake3, grey_of,
         read_colour, read_colour_frames, read_first_frame, read_frame,
     };
 }

@@ -6,7 +6,7 @@ use std::{
 };
 
 use grimace::{
-    features::{ActionUnit, ColumnNames, read_blendshapes, write_features},
+    features::{ActionUnit, ColumnNames, read_blendshapes, seconds_of, write_features},
     normalize::NormalizeOptions,
     normalize::PoseMode,
     output::count,
@@ -165,7 +165,7 @@ fn one(path: &Path, args: &Args, bench: &Workbench, own: &OwnFolder) -> anyhow::
     let marks = info.as_ref().map(TrackInfo::mark_places).unwrap_or_default();
     let fit = bench.fit_head(&track, &marks)?;
     let model = bench.frontal_model(&fit, &track)?;
-    let mut features = bench.features(&track, &fit, &model).map_err(anyhow::Error::msg)?;
+    let mut features = bench.features(&track, &fit, &model, &seconds_of(&track, &clock)).map_err(anyhow::Error::msg)?;
     let wanted = |number: u8| args.units.is_empty() || args.units.iter().any(|unit| unit.number == number);
     features.iter_mut().for_each(|row| row.action_units.retain(|unit| wanted(unit.number)));
     let columns = match args.names {

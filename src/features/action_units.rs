@@ -15,94 +15,17 @@ use nalgebra::{DMatrix, DVector, Point2, SMatrix, SVector, Vector2, Vector3};
 use super::{
     FeaturesError,
     alignment::{ALIGNMENTS, AlignmentErrors, MEDIAN},
+    facs::{ACTION_UNITS, ActionUnit},
+    strengths::{System, non_negative, non_negative_from, together},
 };
 use crate::{
     least_squares::{Rows, add_mixture},
     model::{DynamicExpressionModel, FrameExpressionModel},
     normalize::{EyeCorners, Normalizer},
     pose::HeadModel,
-    text::excerpt,
     units::NodeId,
     wireframe::{UnitKind, embedded_rows},
 };
-
-/// An action unit of FACS and its expression shapes.
-///
-/// ```
-/// use grimace::features::ActionUnit;
-///
-/// let smile: ActionUnit = "AU12".parse()?;
-/// assert_eq!((smile.number, smile.name), (12, "lip corner puller"));
-/// assert!("AU99".parse::<ActionUnit>().is_err());
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct ActionUnit {
-    /// Number in FACS.
-    pub number: u8,
-    /// Its name.
-    pub name: &'static str,
-    /// Stems of the shapes; with sides they end in `_L` and `_R`.
-    pub shapes: &'static [&'static str],
-}
-
-const fn unit(number: u8, name: &'static str, shapes: &'static [&'static str]) -> ActionUnit {
-    ActionUnit { number, name, shapes }
-}
-
-/// Lips part: the one action unit without shapes of its own.
-pub const LIPS_PART: u8 = 25;
-
-/// The action units measured, ascending.
-pub const ACTION_UNITS: [ActionUnit; 21] = [
-    unit(1, "inner brow raiser", &["browInnerUp"]),
-    unit(2, "outer brow raiser", &["browOuterUp"]),
-    unit(4, "brow lowerer", &["browDown"]),
-    unit(5, "upper lid raiser", &["eyeWide"]),
-    unit(6, "cheek raiser", &["cheekSquint"]),
-    unit(7, "lid tightener", &["eyeSquint"]),
-    unit(9, "nose wrinkler", &["noseSneer"]),
-    unit(10, "upper lip raiser", &["mouthUpperUp"]),
-    unit(12, "lip corner puller", &["mouthSmile"]),
-    unit(14, "dimpler", &["mouthDimple"]),
-    unit(15, "lip corner depressor", &["mouthFrown"]),
-    unit(16, "lower lip depressor", &["mouthLowerDown"]),
-    unit(17, "chin raiser", &["mouthShrugLower"]),
-    unit(18, "lip puckerer", &["mouthPucker"]),
-    unit(20, "lip stretcher", &["mouthStretch"]),
-    unit(22, "lip funneler", &["mouthFunnel"]),
-    unit(23, "lip tightener", &["mouthPress"]),
-    unit(24, "lip presser", &["mouthRollUpper", "mouthRollLower"]),
-    // Measured on the lips themselves, whatever parts them.
-    unit(LIPS_PART, "lips part", &[]),
-    unit(26, "jaw drop", &["jawOpen"]),
-    unit(45, "blink", &["eyeBlink"]),
-];
-
-/// A name that is no action unit of the list.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("`{}` is not an action unit that grimace measures; choose from {}", excerpt(name), known())]
-pub struct UnknownActionUnit {
-    /// What was given.
-    pub name: String,
-}
-
-fn known() -> String {
-    ACTION_UNITS.iter().map(|unit| format!("AU{:02}", unit.number)).collect::<Vec<_>>().join(" ")
-}
-
-impl std::str::FromStr for ActionUnit {
-    type Err = UnknownActionUnit;
-
-    /// Parses `AU12`, `au12` or `12`.
-    fn from_str(name: &str) -> Result<Self, UnknownActionUnit> {
-        let text = name.trim();
-        let digits = text.strip_prefix("AU").or_else(|| text.strip_prefix("au")).unwrap_or(text);
-        let number: Option<u8> = digits.parse().ok();
-        let found = ACTION_UNITS.iter().find(|unit| Some(unit.number) == number);
-        found.copied().ok_or_else(|| UnknownActionUnit { name: name.to_owned() })
-    }
-}
 
 /// Action units and the Candide-3 action unit vectors that also represent them, both sides at once.
 const CANDIDE: [(u8, u16); 11] =
@@ -123,8 +46,14 @@ const RARITY: f64 = 1.0;
 const CANDIDE_RARITY: f64 = 8.0;
 /// Standard deviation of an additional normal factor of the prior, which excludes strengths far beyond 1.
 const STRENGTH: f64 = 1.0;
-/// Iterations of the non-negative solution.
-const TURNS: usize = 300;
+/// Variance of the change of a strength within a second: half of full strength within 0.3 s is one standard deviation.
+const RATE: f64 = 0.8;
+/// The same for blinks, which close the eye within a tenth of a second.
+const BLINK_RATE: f64 = 10.0;
+/// The action unit of blinks.
+const BLINK: u8 = 45;
+/// Frames of a film that are explained together, and further ones on either side, whose strengths are only used for those between.
+const TOGETHER: (usize, usize) = (128, 16);
 /// Median difference of a person's shapes from those of the head model, face units, as for nodes slightly beside their position. Without
 /// it, small accurate offsets are explained by shapes that cancel each other: of 45 sequences of photographs and videos, eight showed
 /// raised lids and a blink at once, and one broad smile had no lip corner puller.
@@ -203,6 +132,8 @@ pub struct ActionUnits {
     shapes: Vec<f64>,
     /// Rate of the exponential prior of each unknown.
     rarities: Vec<f64>,
+    /// Variance of the change of each unknown within a second.
+    rates: Vec<f64>,
     /// Unknowns of each action unit and their weights in its strength: one half for each of two sides.
     members: Vec<Vec<(usize, f64)>>,
     alignment: AlignmentErrors,
@@ -227,7 +158,7 @@ impl ActionUnits {
             let model = normalizer.normalize_every_frame(&DynamicExpressionModel::new(vec![frame(0.0), frame(1.0)])?)?;
             Ok(model.neutral_offsets(1))
         };
-        let (mut shapes, mut rarities, mut members) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut shapes, mut rarities, mut rates, mut members) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let listed = ACTION_UNITS.iter().map(|u| (u.number, u.shapes)).chain(OTHERS.iter().map(|s| (0, std::slice::from_ref(s))));
         for (number, stems) in listed {
             let first = shapes.len();
@@ -254,6 +185,7 @@ impl ActionUnits {
                 shapes.push(smile_shape(wireframe.node_count()));
                 rarities.push(RARITY);
             }
+            rates.resize(shapes.len(), if number == BLINK { BLINK_RATE } else { RATE });
             members.push(unknowns);
         }
         members.truncate(ACTION_UNITS.len());
@@ -261,7 +193,7 @@ impl ActionUnits {
         let shapes = axes.flat_map(|(k, axis)| shapes.iter().map(move |shape: &Vec<Vector2<f64>>| shape[k][axis])).collect();
         let corners = EyeCorners::new(tables, wireframe.node_count());
         let alignment = AlignmentErrors::new(normalizer.canonical().neutral.nodes(), &corners);
-        Ok(Self { shapes, rarities, members, alignment })
+        Ok(Self { shapes, rarities, rates, members, alignment })
     }
 
     /// Returns the offsets of a node along x and along y, for each unknown.
@@ -345,15 +277,42 @@ impl ActionUnits {
 
     /// Returns the intensities that explain neutral offsets (face units) of nodes with these expected errors (face units).
     pub fn intensities(&self, offsets: &[Vector2<f64>], nodes: &[(NodeId, f64)]) -> Vec<Intensity> {
-        let (normal, seen) = self.system(offsets, nodes);
-        let right = seen - DVector::from_column_slice(&self.rarities);
-        let strengths = non_negative(&normal, &right);
+        let system =
+            self.of_frame(&SeenFrame { offsets: offsets.to_vec(), nodes: nodes.to_vec(), seconds: None, is_neutral: false });
+        let alone = system.alone();
+        self.read(&system, &alone, &alone)
+    }
+
+    /// Returns the intensities of the frames of a film, in order of time, as [`ActionUnits::intensities`], but explained together: strengths
+    /// change within a second by a variance of [`RATE`]. `frame` returns a frame by its index.
+    pub(super) fn over_time(&self, count: usize, frame: impl Fn(usize) -> SeenFrame) -> Vec<Vec<Intensity>> {
+        let (block, margin) = TOGETHER;
+        let mut out = Vec::with_capacity(count);
+        for start in (0..count).step_by(block) {
+            let (end, from) = ((start + block).min(count), start.saturating_sub(margin));
+            let systems: Vec<System> = (from..(end + margin).min(count)).map(|k| self.of_frame(&frame(k))).collect();
+            let alone: Vec<DVector<f64>> = systems.iter().map(System::alone).collect();
+            let strengths = together(&systems, &alone, &self.rates);
+            let kept = systems.iter().zip(alone.iter().zip(&strengths)).skip(start - from).take(end - start);
+            out.extend(kept.map(|(system, (alone, strengths))| self.read(system, alone, strengths)));
+        }
+        out
+    }
+
+    fn of_frame(&self, seen: &SeenFrame) -> System {
+        let (normal, right) = self.system(&seen.offsets, &seen.nodes);
+        let right = right - DVector::from_column_slice(&self.rarities);
+        System { normal, right, seconds: seen.seconds, is_neutral: seen.is_neutral }
+    }
+
+    /// Returns the intensities of these strengths. What a unit adds to the explanation of a frame is determined from that frame alone.
+    fn read(&self, system: &System, alone: &DVector<f64>, strengths: &DVector<f64>) -> Vec<Intensity> {
+        let System { normal, right, .. } = system;
         let covariance = normal.clone().cholesky().map(|factor| factor.inverse());
-        let log_posterior = |x: &DVector<f64>| right.dot(x) - 0.5 * (&normal * x).dot(x);
-        let best = log_posterior(&strengths);
+        let best = system.log_posterior(alone);
         let evidence = |members: &[(usize, f64)]| {
-            let others = non_negative_from(&strengths, &normal, &right, |i| members.iter().all(|(member, _)| *member != i));
-            (best - log_posterior(&others)).max(0.0)
+            let others = non_negative_from(alone, normal, right, |i| members.iter().all(|(member, _)| *member != i));
+            (best - system.log_posterior(&others)).max(0.0)
         };
         let one = |(unit, members): (&ActionUnit, &Vec<(usize, f64)>)| {
             let value = (FULL * members.iter().map(|&(i, share)| share * strengths[i]).sum::<f64>()).min(FULL);
@@ -373,35 +332,17 @@ impl ActionUnits {
     }
 }
 
-/// Returns the non-negative minimum of `x' N x / 2 - r' x`, by coordinate descent.
-fn non_negative(normal: &DMatrix<f64>, right: &DVector<f64>) -> DVector<f64> {
-    non_negative_from(&DVector::zeros(right.len()), normal, right, |_| true)
-}
-
-/// Returns the non-negative minimum of `x' N x / 2 - r' x` over the unknowns that are `used`, the others being 0, by coordinate descent from
-/// a start.
-fn non_negative_from(
-    start: &DVector<f64>,
-    normal: &DMatrix<f64>,
-    right: &DVector<f64>,
-    used: impl Fn(usize) -> bool,
-) -> DVector<f64> {
-    let used: Vec<usize> = (0..start.len()).filter(|&i| used(i)).collect();
-    let mut x = DVector::<f64>::zeros(start.len());
-    used.iter().for_each(|&i| x[i] = start[i]);
-    for _ in 0..TURNS {
-        let mut largest: f64 = 0.0;
-        for &i in &used {
-            let slope = right[i] - normal.column(i).dot(&x);
-            let to = (x[i] + slope / normal[(i, i)]).max(0.0);
-            largest = largest.max((to - x[i]).abs());
-            x[i] = to;
-        }
-        if largest < 1e-7 {
-            break;
-        }
-    }
-    x
+/// What is seen of a frame.
+#[derive(Clone, Debug)]
+pub(super) struct SeenFrame {
+    /// Neutral offsets of all nodes, face units.
+    pub offsets: Vec<Vector2<f64>>,
+    /// Observed nodes and their expected errors, face units.
+    pub nodes: Vec<(NodeId, f64)>,
+    /// The frame's time, if known.
+    pub seconds: Option<f64>,
+    /// Whether it is the neutral frame.
+    pub is_neutral: bool,
 }
 
 #[cfg(test)]
@@ -411,24 +352,6 @@ mod tests {
         normalize::NormalizeOptions,
         wireframe::{Tables, Wireframe},
     };
-
-    #[test]
-    fn action_units_are_named_by_their_numbers() {
-        for name in ["AU04", "AU4", "au4", " 4 "] {
-            assert_eq!(name.parse::<ActionUnit>().unwrap().name, "brow lowerer");
-        }
-        for name in ["AU3", "smile", "AU", "-4", "AU400"] {
-            let error = name.parse::<ActionUnit>().unwrap_err().to_string();
-            assert!(error.starts_with(&format!("`{name}` is not an action unit")) && error.contains("AU45"), "{error}");
-        }
-    }
-
-    #[test]
-    fn the_non_negative_minimum_has_no_negative_part() {
-        // The unconstrained x1 is -1 and x2 is 2: x1 becomes 0.
-        let x = non_negative(&DMatrix::identity(2, 2), &DVector::from_vec(vec![-1.0, 2.0]));
-        assert_eq!(x.as_slice(), [0.0, 2.0]);
-    }
 
     /// Returns the shipped action units and the live nodes, all with one expected error.
     fn shipped(expected: f64) -> (ActionUnits, Vec<(NodeId, f64)>) {
@@ -504,6 +427,41 @@ mod tests {
             let expected = FULL * strength(found.number);
             assert!((found.value - expected).abs() < 0.4, "AU {}: {} for {expected}", found.number, found.value);
             assert!(found.expected_error > 0.0);
+        }
+    }
+
+    #[test]
+    fn frames_of_a_film_are_known_better_together_than_alone() {
+        let (units, nodes) = shipped(10.0);
+        let smile = smile_shape(113);
+        let strength = |m: usize| 0.5 * (1.0 - (m as f64 / 6.0).cos());
+        // The nodes are off by up to 20 face units, in another direction in every frame.
+        let off = |m: usize, k: usize| {
+            let turn = ((m * 113 + k) as f64 * 12.9898).sin() * 43758.5453;
+            let size = ((m * 113 + k) as f64 * 78.233).sin();
+            Vector2::new(turn.cos(), turn.sin()) * size * 20.0
+        };
+        let frame = |m: usize, seconds: Option<f64>| SeenFrame {
+            offsets: (0..113).map(|k| smile[k] * strength(m) + if m == 0 { Vector2::zeros() } else { off(m, k) }).collect(),
+            nodes: nodes.clone(),
+            seconds,
+            is_neutral: m == 0,
+        };
+        let error = |found: &[Vec<Intensity>]| {
+            let truth = |unit: &Intensity, m: usize| if unit.number == SMILE { FULL * strength(m) } else { 0.0 };
+            let square =
+                |(m, units): (usize, &Vec<Intensity>)| units.iter().map(|u| (u.value - truth(u, m)).powi(2)).sum::<f64>();
+            (found.iter().enumerate().map(square).sum::<f64>() / found.len() as f64).sqrt()
+        };
+        let film = units.over_time(200, |m| frame(m, Some(m as f64 / 25.0)));
+        let alone = units.over_time(200, |m| frame(m, None));
+        assert!(error(&film) < 0.6 * error(&alone), "{} {}", error(&film), error(&alone));
+        assert!(film[0].iter().all(|unit| unit.value == 0.0));
+        assert_eq!(alone[5], units.intensities(&frame(5, None).offsets, &nodes));
+        // Two blocks meet at frame 128: a film that begins later says nearly the same of it.
+        let later = units.over_time(140, |m| frame(m + 60, Some(m as f64 / 25.0)));
+        for (a, b) in film[128].iter().zip(&later[68]) {
+            assert!((a.value - b.value).abs() < 0.02, "AU {}: {} {}", a.number, a.value, b.value);
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, path::Path};
 
-use super::{ColumnsBeside, FrameFeatures, action_units::ACTION_UNITS, in_time, openface};
+use super::{ACTION_UNITS, ColumnsBeside, FrameFeatures, in_time, openface};
 use crate::{
     fap::{FapCatalog, FapNumber},
     output::{self, OutputError, nine_digits, write_records},

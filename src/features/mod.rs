@@ -7,30 +7,38 @@ mod action_units;
 mod alignment;
 mod blendshapes;
 mod course;
+mod facs;
 mod file;
+mod in_time;
 mod openface;
+mod strengths;
 mod warnings;
+
+use std::cmp::Ordering;
 
 use nalgebra::{Point2, Vector2};
 
 use crate::{
     dataset::LANDMARK_COUNT,
-    fap::{ConvertError, FapCatalog, FapFrame, FapNumber, FapSequence, whole_rate},
+    fap::{ConvertError, FapCatalog, FapNumber, FapSequence},
     model::{DynamicExpressionModel, ModelError},
     normalize::{IrisdMode, NormalizeError, NormalizeOptions, Normalizer},
     pose::{HEAD_ES, HeadFit, HeadModel},
-    sequence::Clock,
-    track::{LossReason, MOST_FILLED, NodeState, TrackedFrame, eye_distance_px, whole_steps},
+    track::{LossReason, NodeState, TrackedFrame, eye_distance_px},
     units::{FaceUnit, NodeId},
     wireframe::Tables,
 };
 
-use action_units::EVIDENCE;
-pub use action_units::{ACTION_UNITS, ActionUnit, ActionUnits, FULL, Intensity, LIPS_PART};
+pub use action_units::{ActionUnits, FULL, Intensity};
+use action_units::{EVIDENCE, SeenFrame};
 pub use blendshapes::{COEFFICIENTS, ColumnsBeside, read_blendshapes};
 pub use course::{COURSE_POINTS, Course};
+pub use facs::{ACTION_UNITS, ActionUnit, LIPS_PART};
 pub use file::{ColumnNames, write_features};
 pub(crate) use file::{fap_column, measured, unit_column};
+pub(crate) use in_time::frame_steps;
+use in_time::in_time;
+pub use in_time::{fap_sequence, seconds_of};
 pub(crate) use openface::{ABOUT as OPENFACE_UNITS, OpenFaceFace, OpenFaceRow, openface_csv};
 pub use warnings::{apex_warning, order_warning, pose_warning, turn_warning};
 
@@ -126,7 +134,7 @@ pub enum FeaturesError {
 /// // `track` holds the ten frames of a smile.
 /// let normalizer = Normalizer::new(&wireframe, &tables, Default::default())?;
 /// let model = normalizer.normalize_every_frame(&fitter.frontal((&wireframe, &tables), &fit, &track)?)?;
-/// let measured = Measured { track: &track, fit: &fit, model: &model };
+/// let measured = Measured { track: &track, fit: &fit, model: &model, seconds: &[] };
 /// assert_eq!((measured.track.len(), measured.model.frame_count()), (10, 10));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
@@ -138,6 +146,9 @@ pub struct Measured<'a> {
     pub fit: &'a HeadFit,
     /// All frames without the head's motion, face units.
     pub model: &'a DynamicExpressionModel<FaceUnit>,
+    /// Seconds of the frames from any start, in the order of the track; empty if unknown. Action units of frames that follow each other are
+    /// measured together.
+    pub seconds: &'a [f64],
 }
 
 /// Measures features of a face; holds everything that is the same for all tracks.
@@ -154,7 +165,7 @@ pub struct Measured<'a> {
 /// let normalizer = Normalizer::new(&wireframe, &tables, options)?;
 /// let model = normalizer.normalize_every_frame(&fitter.frontal((&wireframe, &tables), &fit, &track)?)?;
 /// let meter = FeatureMeter::new(fitter.model(), &normalizer)?;
-/// let rows = meter.measure(Measured { track: &track, fit: &fit, model: &model }, &normalizer, &tables)?;
+/// let rows = meter.measure(Measured { track: &track, fit: &fit, model: &model, seconds: &[] }, &normalizer, &tables)?;
 /// let smile = rows[9].action_units.iter().find(|unit| unit.number == 12).expect("AU12");
 /// assert!(smile.is_present());
 /// // An eye is open by what the FAPs of its lids, which are whole numbers, leave: 19 and 21 on the left.
@@ -203,6 +214,27 @@ impl FeatureMeter {
         self.live.iter().filter_map(one).collect()
     }
 
+    /// Returns the action units of all frames, in the order of the track. `es`, `es_px`: eye distance in face units and px.
+    fn action_units(&self, measured: Measured<'_>, es: (f64, f64)) -> Vec<Vec<Intensity>> {
+        let Measured { track, model, seconds, .. } = measured;
+        let mut by_time: Vec<usize> = (0..track.len()).collect();
+        by_time.sort_by(|&a, &b| seconds.get(a).partial_cmp(&seconds.get(b)).unwrap_or(Ordering::Equal));
+        let frame = |k: usize| {
+            let m = by_time[k];
+            SeenFrame {
+                offsets: model.neutral_offsets(m),
+                nodes: self.deviations(&track[m], m == 0, es),
+                seconds: seconds.get(m).copied(),
+                is_neutral: m == 0,
+            }
+        };
+        let mut units = vec![Vec::new(); track.len()];
+        for (k, found) in self.units.over_time(track.len(), frame).into_iter().enumerate() {
+            units[by_time[k]] = found;
+        }
+        units
+    }
+
     /// Returns how much better the action units explain the motion from the first frame of a track to its last than the reverse motion, -1
     /// to 1 ([`ActionUnits::order`]). `model` is that of the track without head motion, normalized, or its first and last frame alone. The
     /// top of the skull does not count.
@@ -231,13 +263,14 @@ impl FeatureMeter {
         normalizer: &Normalizer<'_>,
         tables: &Tables,
     ) -> Result<Vec<FrameFeatures>, FeaturesError> {
-        let Measured { track, fit, model } = measured;
+        let Measured { track, fit, model, .. } = measured;
         let canonical = normalizer.canonical();
         let catalog = FapCatalog::mpeg4();
         let neutral: Vec<Point2<f64>> = track.first().map(|f| f.nodes.iter().map(|n| n.position).collect()).unwrap_or_default();
         let lid_units = normalizer.lid_units(&neutral);
         let (faps, _) = FapSequence::from_measured(model, (&canonical.fapus, lid_units), catalog, "track", 1, 0)?;
         let es = eye_distance_px(tables, &neutral).unwrap_or(1.0);
+        let mut action_units = self.action_units(measured, (canonical.fapus.es, es));
         let mut features = Vec::with_capacity(track.len());
         for (m, frame) in track.iter().enumerate() {
             let pose = &fit.poses[m];
@@ -272,7 +305,7 @@ impl FeatureMeter {
                 landmarks: landmarks(fit, m, frame, tables),
                 eye_distance: pose.scale * HEAD_ES,
                 faps: FapNumber::all().filter_map(|fap| Some((fap, faps.frames[m].value(fap)?))).collect(),
-                action_units: self.units.intensities(&offsets, &deviations),
+                action_units: std::mem::take(&mut action_units[m]),
                 eye_opening: LIDS.map(opening),
                 mouth_opening: gap(nodes, LIPS) / canonical.fapus.mns,
                 iris,
@@ -313,83 +346,6 @@ fn landmarks(fit: &HeadFit, m: usize, frame: &TrackedFrame, tables: &Tables) -> 
     points
 }
 
-/// Returns the rows in order of time, whatever the tracking order.
-fn in_time(features: &[FrameFeatures]) -> Vec<&FrameFeatures> {
-    let mut rows: Vec<&FrameFeatures> = features.iter().collect();
-    rows.sort_by_key(|row| row.frame);
-    rows
-}
-
-/// Returns the FAPs of a track as a file, frames by ascending number; missing frames are interpolated. Frames with uneven times are
-/// resampled evenly at a whole frame rate ([`FapSequence::at_whole_rate`]). `usual` is the frame rate for tracks of unknown rate.
-pub fn fap_sequence(features: &[FrameFeatures], name: &str, clock: &Clock, usual: f64) -> FapSequence {
-    let rows = in_time(features);
-    let own = clock.fps.unwrap_or(usual);
-    // Resampled frames are placed at the times of the written rate.
-    let fps = if clock.times.is_some() { whole_rate(own).written } else { own };
-    let frame = |(k, share): (usize, f64)| {
-        let mut frame = FapFrame::default();
-        for &(fap, value) in &rows[k].faps {
-            let next = rows.get(k + 1).filter(|_| share > 0.0);
-            let next = next.and_then(|next| next.faps.iter().find(|(other, _)| *other == fap));
-            let after = next.map_or(value, |(_, after)| *after);
-            frame.set_value(fap, Some(value + (after - value) * share));
-        }
-        frame
-    };
-    let numbers: Vec<u32> = rows.iter().map(|row| row.frame).collect();
-    let frames = even_frames(&numbers, clock, fps).into_iter().map(frame).collect();
-    let mut sequence = FapSequence { version: "2.1".to_owned(), name: crate::fap::name_token(name), fps, frames }.at_whole_rate();
-    sequence.round();
-    sequence
-}
-
-/// Returns [`every_frame`] for frames that are even in time; otherwise the positions of even frames between the existing ones.
-fn even_frames(numbers: &[u32], clock: &Clock, fps: f64) -> Vec<(usize, f64)> {
-    let first = numbers.first().copied().unwrap_or_default();
-    let own = |times: &Vec<f64>| numbers.iter().map(|n| times.get(n.saturating_sub(first) as usize).copied()).collect();
-    let Some(times): Option<Vec<f64>> = clock.times.as_ref().and_then(own) else { return every_frame(numbers) };
-    let count = (times.last().copied().unwrap_or_default() * fps).round() as usize;
-    if count as u64 > MOST_FILLED * numbers.len() as u64 {
-        return every_frame(numbers);
-    }
-    let at = |m: usize| {
-        let time = m as f64 / fps;
-        let k = times.partition_point(|t| *t <= time).saturating_sub(1);
-        let share = times.get(k + 1).map_or(0.0, |next| (time - times[k]) / (next - times[k]));
-        (k, share)
-    };
-    (0..=count).map(at).collect()
-}
-
-/// Returns the number of frames between the first and each of ascending numbers, counted as in [`every_frame`]: folders may be numbered in
-/// steps.
-pub(crate) fn frame_steps(numbers: &[u32]) -> Vec<u32> {
-    let mut steps = vec![0; numbers.len()];
-    for (step, (k, share)) in (0..).zip(every_frame(numbers)) {
-        if share == 0.0
-            && let Some(place) = steps.get_mut(k)
-        {
-            *place = step;
-        }
-    }
-    steps
-}
-
-/// Returns all frames from the first to the last of ascending numbers, each as the index of the last existing frame and the share of the
-/// way to the next one. If the numbers do not count frames, returns the existing frames only.
-fn every_frame(numbers: &[u32]) -> Vec<(usize, f64)> {
-    let steps: Vec<u32> = numbers.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    let whole = whole_steps(numbers);
-    let usual = whole.map_or(1, |(usual, _)| usual);
-    let frames = whole.is_some_and(|(_, total)| total <= MOST_FILLED * numbers.len() as u64);
-    let of = |k: usize| {
-        let count = steps.get(k).filter(|_| frames).map_or(1, |step| step / usual).max(1);
-        (0..count).map(move |m| (k, f64::from(m) / f64::from(count)))
-    };
-    (0..numbers.len()).flat_map(of).collect()
-}
-
 /// Returns FAPs 48 to 50 for yaw, pitch and roll in degrees, in 1e-5 rad: positive down, left, and towards the right shoulder.
 pub fn head_faps([yaw, pitch, roll]: [f64; 3]) -> Vec<(FapNumber, f64)> {
     let units = |degrees: f64| degrees.to_radians() / 1e-5;
@@ -422,21 +378,6 @@ fn reason(row: &FrameFeatures, fit: &HeadFit, m: usize) -> Option<String> {
 mod tests {
     use super::*;
     use crate::{model::FrameExpressionModel, wireframe::Wireframe};
-
-    #[test]
-    fn missing_frames_are_filled_where_numbers_count_frames() {
-        assert_eq!(every_frame(&[3, 4, 7, 8]), [(0, 0.0), (1, 0.0), (1, 1.0 / 3.0), (1, 2.0 / 3.0), (2, 0.0), (3, 0.0)]);
-        assert_eq!(every_frame(&[10, 20, 30]), [(0, 0.0), (1, 0.0), (2, 0.0)]);
-        assert_eq!(
-            (frame_steps(&[3, 4, 7, 8]), frame_steps(&[10, 20, 40]), frame_steps(&[7])),
-            (vec![0, 1, 4, 5], vec![0, 1, 3], vec![0])
-        );
-        // Milliseconds, and a neutral frame from another time.
-        assert_eq!(every_frame(&[33, 66, 100]).len(), 3);
-        assert_eq!(every_frame(&[1, 500, 501]).len(), 3);
-        assert_eq!(every_frame(&[5]), [(0, 0.0)]);
-        assert!(every_frame(&[]).is_empty());
-    }
 
     #[test]
     fn the_top_of_the_skull_does_not_decide_the_order() {

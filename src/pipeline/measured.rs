@@ -8,12 +8,14 @@ use super::{SequenceFailure, Stage, Workbench};
 use crate::{
     fap::{ValueFormat, write_fap_as},
     features::{
-        ColumnNames, FrameFeatures, apex_warning, fap_sequence, order_warning, pose_warning, turn_warning, write_features,
+        ColumnNames, FrameFeatures, apex_warning, fap_sequence, order_warning, pose_warning, seconds_of, turn_warning,
+        write_features,
     },
     model::DynamicExpressionModel,
     normalize::PoseMode,
     plausible::FaceSize,
     pose::{HeadFit, PoseError},
+    sequence::Clock,
     track::{TrackInfo, TrackSummary, TrackedFrame, Verdict, track_model},
     units::{FaceUnit, NodeId, Px, SequenceId},
 };
@@ -108,14 +110,15 @@ pub(super) fn measured_files(id: &SequenceId) -> [String; 3] {
     [format!("features/{id}.csv"), format!("features/{id}.json"), format!("fap/tracks/{id}.fap")]
 }
 
-/// Pose, FAPs and action units of every frame; `None` without a fitted head.
+/// Pose, FAPs and action units of every frame; `None` without a fitted head. `clock` is by number.
 pub(super) fn measure(
     normalized: &Normalized,
     frames: &[TrackedFrame],
+    clock: &Clock,
     bench: &Workbench,
 ) -> Result<Option<Vec<FrameFeatures>>, SequenceFailure> {
     let Some(fit) = &normalized.fit else { return Ok(None) };
-    let features = bench.features(frames, fit, &normalized.head_free);
+    let features = bench.features(frames, fit, &normalized.head_free, &seconds_of(frames, clock));
     features.map(Some).map_err(|reason| SequenceFailure { stage: Stage::Normalize, reason, fatal: false })
 }
 

@@ -366,7 +366,8 @@ impl Workbench {
         self.head_fitter().frontal((&self.wireframe, &self.tables), fit, track)
     }
 
-    /// Returns pose, FAPs and action units of every frame of a track. `model` is its model without head motion.
+    /// Returns pose, FAPs and action units of every frame of a track. `model` is its model without head motion, `seconds` are the times of
+    /// its frames, empty if unknown ([`seconds_of`](crate::features::seconds_of)).
     ///
     /// # Errors
     /// A message when the track has no features.
@@ -375,9 +376,10 @@ impl Workbench {
         track: &[TrackedFrame],
         fit: &HeadFit,
         model: &DynamicExpressionModel<Px>,
+        seconds: &[f64],
     ) -> Result<Vec<FrameFeatures>, String> {
         self.measured(model, |meter, normalizer, model| {
-            meter.measure(Measured { track, fit, model }, normalizer, &self.tables).map_err(|e| e.to_string())
+            meter.measure(Measured { track, fit, model, seconds }, normalizer, &self.tables).map_err(|e| e.to_string())
         })?
     }
 

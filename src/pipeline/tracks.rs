@@ -166,6 +166,7 @@ fn load(
     };
     let marks = info.as_ref().map(TrackInfo::mark_places).unwrap_or_default();
     let times = info.as_ref().and_then(|info| info.times.clone());
+    let clock = info.as_ref().map(|info| info.clock_of_numbers(frames.iter().map(|f| f.number))).unwrap_or_default();
     let earlier = info.as_ref().map(|info| info.summary.clone());
     let content = file_blake3(path).map(|csv| content_of(info.as_ref(), &csv)).unwrap_or_default();
     let pictures = info.as_ref().and_then(pictures_of);
@@ -194,7 +195,7 @@ fn load(
         None => summary,
     };
     normalized.judge(&mut summary, &frames, bench);
-    let course = measure(&normalized, &frames, bench)?.as_deref().and_then(Course::of);
+    let course = measure(&normalized, &frames, &clock, bench)?.as_deref().and_then(Course::of);
     let model = normalized.model;
     let mut quality = TrackQuality::new(id.clone(), emotion.clone(), summary, &frames, &bench.wireframe);
     quality.content = content;

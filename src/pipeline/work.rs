@@ -369,7 +369,8 @@ fn process(
     normalized.judge(&mut summary, &frames, bench);
     let content = content_of(Some(&info), &hashes.csv);
     let mut outputs = BTreeMap::from([(csv_name, hashes.csv), (json_name, hashes.json)]);
-    let features = measure(&normalized, &frames, bench)?;
+    let clock = info.clock_of_numbers(frames.iter().map(|frame| frame.number));
+    let features = measure(&normalized, &frames, &clock, bench)?;
     if let Some(features) = &features {
         outputs.extend(write_measured(features, &info, out, bench)?);
     }

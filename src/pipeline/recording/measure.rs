@@ -5,9 +5,10 @@ use nalgebra::Point2;
 use super::{
     RecordingError, RecordingStep, Tick,
     follow::{Followed, carried},
+    survey::Survey,
 };
 use crate::{
-    features::{ACTION_UNITS, FrameFeatures, Intensity},
+    features::{ACTION_UNITS, FrameFeatures, Intensity, frame_steps},
     fit::Correspondence,
     pipeline::Workbench,
     pose::{HeadFit, HeadPose},
@@ -18,8 +19,8 @@ use crate::{
 
 /// Number of evenly spread frames that the head is fitted to.
 const HEAD_FRAMES: usize = 40;
-/// Frames that are measured together.
-const BLOCK: usize = 100;
+/// Frames that are measured together, and further ones on either side: action units depend on the frames before and after.
+const BLOCK: (usize, usize) = (200, 16);
 
 /// Measurements of a stretch, by frame.
 pub(super) struct Measured {
@@ -90,7 +91,7 @@ impl Neutral {
         let block = [self.frame.clone(), self.expanded(followed, place)];
         let fit = bench.fit_head(&block, &self.marks)?;
         let model = bench.frontal_model(&fit, &block)?;
-        let rows = bench.features(&block, &fit, &model).map_err(failed)?;
+        let rows = bench.features(&block, &fit, &model, &[]).map_err(failed)?;
         let row = rows.last().map(RecordedFrame::from).ok_or(RecordingError::NoFrames)?;
         // The order is known for frames of one stretch; with the larger errors between two it would never be decided.
         let order = bench.order(&[self.tracked.clone(), followed.frames[place].expanded(followed.eye_distance)], &model);
@@ -102,8 +103,9 @@ impl Neutral {
 pub(super) fn measure(
     followed: &Followed,
     neutral: &Neutral,
+    survey: &Survey,
     bench: &Workbench,
-    (of, tick): (usize, Tick<'_>),
+    tick: Tick<'_>,
 ) -> Result<Measured, RecordingError> {
     let count = followed.frames.len();
     let spread = count.min(HEAD_FRAMES);
@@ -114,18 +116,27 @@ pub(super) fn measure(
     let mut out =
         Measured { frames: Vec::with_capacity(count), poses: Vec::with_capacity(count), shown: Vec::with_capacity(count) };
     let mut from: Option<HeadPose> = None;
-    for start in (0..count).step_by(BLOCK) {
-        let frames = (start..(start + BLOCK).min(count)).map(|k| neutral.expanded(followed, k));
+    let steps = frame_steps(&survey.numbers);
+    // The neutral frame is compared with every frame; it is none of the film.
+    let seconds = |k: usize| survey.clock.seconds(steps[followed.first + k]).unwrap_or(f64::NEG_INFINITY);
+    let (length, margin) = BLOCK;
+    for start in (0..count).step_by(length) {
+        let (end, first) = ((start + length).min(count), start.saturating_sub(margin));
+        let last = (end + margin).min(count);
+        let frames = (first..last).map(|k| neutral.expanded(followed, k));
         let block: Vec<TrackedFrame> = std::iter::once(neutral.frame.clone()).chain(frames).collect();
         let fit = bench.head_fitter().follow(&bench.tables, (&known, from), &block, &neutral.marks)?;
         let model = bench.frontal_model(&fit, &block)?;
-        let rows = bench.features(&block, &fit, &model).map_err(|reason| RecordingError::Features { reason })?;
-        out.frames.extend(rows.iter().skip(1).map(RecordedFrame::from));
-        out.shown.extend(rows.iter().skip(1).map(Shown::from));
-        let poses = fit.poses.iter().zip(&fit.failures).skip(1);
+        let times: Vec<f64> = std::iter::once(f64::NEG_INFINITY).chain((first..last).map(seconds)).collect();
+        let rows = bench.features(&block, &fit, &model, &times).map_err(|reason| RecordingError::Features { reason })?;
+        // Behind the neutral frame, which comes first.
+        let own = 1 + start - first..1 + end - first;
+        out.frames.extend(rows[own.clone()].iter().map(RecordedFrame::from));
+        out.shown.extend(rows[own.clone()].iter().map(Shown::from));
+        let poses = fit.poses.iter().zip(&fit.failures).skip(own.start).take(own.len());
         out.poses.extend(poses.map(|(pose, failure)| failure.is_none().then_some(*pose)));
-        from = fit.poses.last().copied();
-        if !tick(RecordingStep::Measuring, block.len() - 1, Some(of)) {
+        from = (own.end - 1).checked_sub(margin).and_then(|before| fit.poses.get(before)).copied();
+        if !tick(RecordingStep::Measuring, own.len(), Some(survey.numbers.len())) {
             return Err(RecordingError::Interrupted);
         }
     }

@@ -437,7 +437,7 @@ fn measure_seen(
     bench: &Workbench,
     tick: Tick<'_>,
 ) -> Result<Measured, RecordingError> {
-    let mut measured = measure(followed, neutral, bench, (survey.numbers.len(), tick))?;
+    let mut measured = measure(followed, neutral, survey, bench, tick)?;
     for covered in survey.covered() {
         let reason = FacePart::said_covered(&covered.parts).unwrap_or_default();
         for (k, frame) in measured.frames.iter_mut().enumerate() {

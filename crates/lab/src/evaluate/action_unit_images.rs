@@ -10,17 +10,17 @@ use rayon::prelude::*;
 
 use super::{
     EvaluateError,
-    action_units::{ActionUnitOptions, ActionUnitTrial, bursts, judge},
+    action_units::{ActionUnitOptions, ActionUnitTrial, FPS, bursts, judge},
     image_marks::marks_of_picture,
     pose::failed,
 };
 use crate::simulate::{SimulateOptions, SimulatedFrame, Subject, show_units};
 use grimace::internal::{
-    features::ACTION_UNITS,
+    features::{ACTION_UNITS, seconds_of},
     pipeline::{SequenceFailure, Workbench},
     pose::PoseError,
     report::Stage,
-    sequence::Frame,
+    sequence::{Clock, Frame},
     track::track_sequence,
 };
 
@@ -77,7 +77,9 @@ fn one_person(head: usize, bench: &Workbench, options: &ActionUnitOptions) -> Re
     let pose_failed = |e: PoseError| failed(&SequenceFailure::at(Stage::Normalize)(e));
     let fit = bench.fit_head(&track, &places).map_err(pose_failed)?;
     let frontal = bench.frontal_model(&fit, &track).map_err(pose_failed)?;
-    let features = bench.features(&track, &fit, &frontal).map_err(|reason| EvaluateError::Sequences { reason })?;
+    let features = bench
+        .features(&track, &fit, &frontal, &seconds_of(&track, &Clock::even(Some(FPS))))
+        .map_err(|reason| EvaluateError::Sequences { reason })?;
     let shown = UNITS.iter().map(|(number, _)| *number).zip(&strengths).chain([(BLINK, &lids)]);
     Ok(shown
         .filter_map(|(number, truth)| Some(judge(head, ACTION_UNITS.iter().find(|u| u.number == number)?, truth, &features)))

@@ -17,10 +17,11 @@ use super::{
 };
 use grimace::internal::{
     dataset::{LandmarkFrame, LandmarkSelection, LandmarkSequence},
-    features::{ACTION_UNITS, ActionUnit, FULL, FrameFeatures, Intensity},
+    features::{ACTION_UNITS, ActionUnit, FULL, FrameFeatures, Intensity, seconds_of},
     pipeline::{SequenceFailure, Workbench},
     pose::PoseError,
     report::Stage,
+    sequence::Clock,
 };
 
 /// FACS numbers of the action units in the reported mean correlation.
@@ -31,6 +32,8 @@ const ACTIVE: f64 = 0.3;
 const SHOWN: f64 = 1.5;
 /// True intensity below which it should not.
 const ABSENT: f64 = 0.5;
+/// Frames a second.
+pub(super) const FPS: f64 = 30.0;
 /// Shortest and longest duration of a burst, frames.
 const BURST: (usize, usize) = (8, 24);
 
@@ -134,7 +137,9 @@ pub fn evaluate_action_units(
         let pose_failed = |e: PoseError| failed(&SequenceFailure::at(Stage::Normalize)(e));
         let fit = bench.fit_head(&track, &marks).map_err(pose_failed)?;
         let frontal = bench.frontal_model(&fit, &track).map_err(pose_failed)?;
-        let features = bench.features(&track, &fit, &frontal).map_err(|reason| EvaluateError::Sequences { reason })?;
+        let features = bench
+            .features(&track, &fit, &frontal, &seconds_of(&track, &Clock::even(Some(FPS))))
+            .map_err(|reason| EvaluateError::Sequences { reason })?;
         let seen = ACTION_UNITS.iter().zip(&strengths).filter(|(unit, _)| !unit.shapes.is_empty());
         Ok(seen.map(|(unit, truth)| judge(h, unit, truth, &features)).collect())
     };
