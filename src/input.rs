@@ -29,7 +29,7 @@ pub use open::{MAX_BYTES, file_blake3, is_stdin, open_file, open_or_stdin, read,
 pub use record::{RecordError, read_record, record_at};
 
 /// First bytes of files that users mistake for tables, with a description.
-const KINDS: [(&[u8], &str); 9] = [
+const KINDS: [(&[u8], &str); 11] = [
     (b"\xFF\xD8\xFF", "JPEG picture"),
     (b"\x89PNG", "PNG picture"),
     (b"GIF8", "GIF picture"),
@@ -39,7 +39,12 @@ const KINDS: [(&[u8], &str); 9] = [
     (b"%PDF", "PDF document"),
     (b"PAR1", "Parquet file"),
     (b"\x1F\x8B", "compressed file"),
+    (b"\xFF\xFE", UTF_16),
+    (b"\xFE\xFF", UTF_16),
 ];
+
+/// What `Unicode Text` of spreadsheets is.
+const UTF_16: &str = "text in UTF-16 (in a spreadsheet, save it as CSV in UTF-8)";
 
 /// Most lines in a row.
 const MOST_LINES: usize = 100;
@@ -88,7 +93,8 @@ impl CsvFile {
             return Err(error(None, InputErrorKind::NotText { what }));
         }
         let mut lines = lines_of(&bytes);
-        let (line, text) = lines.by_ref().find(|(_, text)| !is_blank(text)).ok_or_else(|| error(None, InputErrorKind::Empty))?;
+        let (line, text) =
+            lines.by_ref().find(|(_, text)| may_be_header(text)).ok_or_else(|| error(None, InputErrorKind::Empty))?;
         let header =
             names(text, b',').map_err(|kind| error(Some(line), with_encoding(kind, || encoding::is_windows_1252(&bytes))))?;
         let body = (lines.offset, lines.line);
@@ -112,7 +118,7 @@ impl CsvFile {
     pub fn or_semicolons(self, columns: &[&str]) -> Result<Self, InputError> {
         let known =
             |header: &[String]| columns.iter().filter(|name| header.iter().any(|found| found.eq_ignore_ascii_case(name))).count();
-        let text = lines_of(&self.bytes).find(|(_, text)| !is_blank(text)).map(|(_, text)| text).unwrap_or_default();
+        let text = lines_of(&self.bytes).find(|(_, text)| may_be_header(text)).map(|(_, text)| text).unwrap_or_default();
         match names(text, b';') {
             Ok(header) if known(&header) > known(&self.header) => {
                 let file = Self { separator: b';', header, ..self };
@@ -302,6 +308,11 @@ impl CsvRow<'_> {
     }
 }
 
+/// Whether a line is neither blank nor the line `sep=;` with which spreadsheets begin files for others of their kind.
+fn may_be_header(line: &[u8]) -> bool {
+    !is_blank(line) && ![&b"sep=;"[..], b"sep=,"].contains(&line.trim_ascii())
+}
+
 /// Lines after the byte order mark.
 fn lines_of(bytes: &[u8]) -> Lines<'_> {
     let mark: &[u8] = b"\xEF\xBB\xBF";
@@ -414,6 +425,12 @@ mod tests {
         assert_eq!(rows.iter().map(CsvRow::line).collect::<Vec<_>>(), [2, 4]);
         assert_eq!((rows[0].number(1).unwrap(), rows[0].number(2).unwrap(), rows[0].get(3)), (1.5, -2.25, "a; b, \"c\""));
         assert_eq!((rows[1].number(1).unwrap(), rows[1].number(2).unwrap(), rows[1].get(3)), (3.5, 1000.0, "d\n\ne"));
+        // Spreadsheets name the separator in a line of its own.
+        let told = file(b"sep=;\r\nnode;x;y\r\n10;1,5;2\r\n").unwrap().or_semicolons(&MARKS).unwrap();
+        let row = told.rows().next().unwrap().unwrap();
+        assert_eq!((told.separator(), row.line(), row.number(1).unwrap()), (b';', 3, 1.5));
+        let error = file(b"\xFF\xFEn\0o\0d\0e\0").unwrap_err().to_string();
+        assert!(error.contains("a.csv: is a text in UTF-16") && error.ends_with("a table in CSV was expected"), "{error}");
         // A file with the columns by commas is separated by commas, whatever else it contains.
         let commas = file(b"node,x,y,a;node;x;y\n1,2,3,4;5\n").unwrap().or_semicolons(&MARKS).unwrap();
         assert_eq!((commas.separator(), commas.rows().next().unwrap().unwrap().get(3)), (b',', "4;5"));

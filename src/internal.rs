@@ -60,7 +60,7 @@ pub mod fap {
     };
 }
 pub mod features {
-    pub use crate::modules::features::{ACTION_UNITS, ActionUnit, Course, FULL, FrameFeatures, Intensity, seconds_of};
+    pub use crate::modules::features::{ACTION_UNITS, ActionUnit, Course, FULL, FrameFeatures, Intensity};
 }
 pub mod fit {
     pub use crate::modules::fit::placement;
@@ -181,8 +181,8 @@ pub mod track {
     pub use crate::modules::track::{
         AlignOptions, Confidence, Found, FrameQuality, Klt, LossReason, NodeFeatures, NodeState, OpenCvKlt, PointTracker, Probe,
         Slot, Track, TrackError, TrackFileError, TrackInfo, TrackOptions, TrackPlan, TrackQuality, TrackSummary, TrackedFrame,
-        TrackedNode, Verdict, expect_errors, eye_distance_px, node_features, read_track, read_track_info, summarize, track_csv,
-        track_model, track_sequence, track_with, window_px, write_track,
+        TrackedNode, Verdict, expect_errors, eye_distance_px, node_features, read_track, read_track_info, seconds_of, summarize,
+        track_csv, track_model, track_sequence, track_with, window_px, write_track,
     };
 }
 pub mod units {

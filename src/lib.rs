@@ -215,8 +215,8 @@ facade! {
 facade! {
     /// Method: tracks the wireframe from the neutral to the apex frame \[KP, section 3\], with a [`PointTracker`](track::PointTracker) or
     /// with landmarks.
-    track: AlignOptions, Evidence, Forces, Found, Klt, KltKind, LandmarkPlan, LossReason, NodeState, PointTracker, Probe, Slot, Track,
-    TrackError, TrackFileError, TrackInfo, TrackOptions, TrackPlan, TrackSummary, TrackedFrame, TrackedNode, read_track,
+    track: AlignOptions, Evidence, Forces, Found, Klt, KltKind, LandmarkPlan, LossReason, NodeState, Patch, PointTracker, Probe, Slot, Track,
+    TrackError, TrackFileError, TrackInfo, TrackOptions, TrackPlan, TrackSummary, TrackedFrame, TrackedNode, Verdict, read_track,
     read_track_info, summarize, track_model, track_sequence, track_with, write_track
 }
 facade! {
@@ -226,7 +226,7 @@ facade! {
 facade! {
     /// Method: the representative of the models of one expression by trimming, generalized median and dispersion \[KP, sections 4.2 to
     /// 4.4\]; variation of people around it; recognition of a model's expression.
-    statistics: ClassLabel, MedianKind, MedianSearch, MedianSums, Representative, SequenceModel, StatisticsError, StatisticsOptions,
+    statistics: ClassLabel, MedianKind, MedianSearch, Representative, SequenceModel, StatisticsError, StatisticsOptions,
     TrimLevel, TrimmingRow, Weighting, compare::{CompareOptions, NotTested, Strata, StrataError, Tested, compare},
     distance::DisplacementFields, recognize::{RecognizeError, Recognized, Recognizer}, representative,
     median::SearchEnding, variation::{Component, Variation, VariationError}
@@ -234,7 +234,7 @@ facade! {
 facade! {
     /// Method: facial animation parameters of MPEG-4 and their files.
     fap: Clamped, ConvertError, Directionality, FapCatalog, FapFile, FapFrame, FapMask, FapMotion, FapNumber, FapReadError, FapRow,
-    FapSequence, FapWriteError, FapWriteErrorKind, Finding, FrontalRating, HighLevelField, InterpolateError,
+    FapSequence, FapWriteError, FapWriteErrorKind, Finding, InterpolateError,
     ParseFapNumberError, Profile, Rule, Severity, TidyError, ValueFormat, check_fap, measure_faps, read_fap,
     read_tidy_csv, write_fap, write_fap_as, write_tidy_csv
 }
@@ -257,7 +257,7 @@ facade! {
 facade! {
     /// Output: dense surfaces from a bank of expressions \[ZL\].
     synthesis: Bank, BankError, BankInfo, BuildOptions, BuildSummary, Composition, Crossover, FeaturePointVertex, FpMotion,
-    FrameAnswer, GaOptions, Motion, MotionKind, RegionScheme, Solver, SynthesisError, SynthesisOptions, Synthesizer,
+    FrameAnswer, GaOptions, Motion, MotionKind, RegionScheme, Signs, Solver, SynthesisError, SynthesisOptions, Synthesizer,
     build_bank, candide_bank, head_bank, read_motion
 }
 facade! {

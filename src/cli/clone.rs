@@ -512,7 +512,7 @@ impl Job<'_> {
                 folder.display()
             );
         }
-        if let Some(said) = not_as_asked_said(&written.faps_cut, &written.faps_changed) {
+        if let Some(said) = not_as_asked_said(&written.faps_cut, &written.faps_changed).filter(|_| !self.args.general.quiet) {
             self.bar.suspend(|| eprintln!("{} on {}: {said}", source.label, target.name));
         }
         for name in &written.kept {

@@ -3,15 +3,16 @@
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
+    sync::atomic::{AtomicBool, Ordering},
 };
 
 use grimace::{
-    features::{ActionUnit, ColumnNames, read_blendshapes, seconds_of, write_features},
+    features::{ActionUnit, ColumnNames, read_blendshapes, write_features},
     normalize::NormalizeOptions,
     normalize::PoseMode,
-    output::count,
+    output::{OutputError, count},
     pipeline::{PipelineOptions, Workbench, id_of, track_files},
-    track::{TrackInfo, read_track, read_track_info},
+    track::{TrackInfo, read_track, read_track_info, seconds_of},
     units::SequenceId,
 };
 use rayon::prelude::*;
@@ -102,9 +103,25 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         }
     }
     let own = OwnFolder::open(&args.output, "features")?;
-    let results: Vec<anyhow::Result<bool>> = files.par_iter().map(|path| one(path, args, &bench, &own)).collect();
+    let cannot_write = AtomicBool::new(false);
+    let table = |path: &PathBuf| {
+        // What this disk did not take is not the fault of the tracks.
+        if cannot_write.load(Ordering::Relaxed) {
+            return None;
+        }
+        let written = one(path, args, &bench, &own);
+        if written.as_ref().is_err_and(is_of_writing) {
+            cannot_write.store(true, Ordering::Relaxed);
+        }
+        Some(written)
+    };
+    let results: Vec<Option<anyhow::Result<bool>>> = files.par_iter().map(table).collect();
+    let mut results: Vec<anyhow::Result<bool>> = results.into_iter().flatten().collect();
     if results.iter().any(Result::is_ok) {
         own.end_beside_earlier()?;
+    }
+    if let Some(k) = results.iter().position(|result| result.as_ref().is_err_and(is_of_writing)) {
+        return results.swap_remove(k).map(|_| Outcome::Failed);
     }
     let mut failed = 0;
     for (path, result) in files.iter().zip(&results) {
@@ -131,6 +148,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     } else {
         Outcome::Done
     })
+}
+
+/// Whether an error is one of the place that is written to.
+fn is_of_writing(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| cause.is::<OutputError>())
 }
 
 /// Id of a track: from the file beside it, otherwise from its name.

@@ -44,6 +44,7 @@ mod recognize;
 mod run;
 mod segment;
 pub mod shared;
+mod signals;
 mod source_frames;
 mod synthesize;
 mod synthesize_options;
@@ -175,6 +176,7 @@ pub fn exit_code(result: anyhow::Result<Outcome>) -> ExitCode {
 /// Parses the arguments, runs the command, prints errors, returns the exit status: 0 done, 1 failed, 2 bad usage, 3 done but
 /// some sequences failed.
 pub fn main() -> ExitCode {
+    signals::let_large_writes_fail();
     if let Some((command, arguments)) = lab::asked(std::env::args_os().skip(1)) {
         return exit_code(lab::run(command, &arguments));
     }

@@ -12,7 +12,7 @@ use std::{
 use anyhow::Context;
 use grimace::{
     dataset::{check_file_name, list_recording},
-    output::{check_writable, count, listed},
+    output::{check_writable, claim_folder, count, listed},
     pipeline::{
         EarlierSegments, GivenForAll, ManifestColumns, PipelineOptions, Recording, RecordingError, RecordingFiles,
         RecordingOutputs, RecordingStep, SegmentRow, UNLABELLED, Workbench, reuse_recording, segment_recording, segments_folder,
@@ -163,12 +163,12 @@ impl<'a> Steps<'a> {
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    let options = args.thresholds.options();
+    let thresholds = args.thresholds.options();
     anyhow::ensure!(
-        options.low <= options.high,
+        thresholds.low <= thresholds.high,
         "--low {} is larger than --high {}: an expression begins and ends at --low and reaches --high; give a smaller --low",
-        options.low,
-        options.high
+        thresholds.low,
+        thresholds.high
     );
     set_threads(args.threads)?;
     let folder = segments_folder(&args.output);
@@ -205,6 +205,17 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let outputs: Vec<_> = maybe("--output", Some(&args.output)).chain(all("--overlay", &films)).collect();
     check_apart(&outputs, &inputs)?;
     args.overlay.as_deref().map_or(Ok(()), check_films_name)?;
+    // Of two commands that write the same table, one would lose its rows.
+    let claim = claim_folder(&folder)?;
+    let proposed = propose(args, &folder);
+    drop(claim);
+    // It is empty, and goes, if nothing was written.
+    let _ = std::fs::remove_dir(&folder);
+    proposed
+}
+
+/// Segments the recordings and writes the table and the files in its folder, which is claimed.
+fn propose(args: &Args, folder: &Path) -> anyhow::Result<Outcome> {
     args.general.check_free(&args.output)?;
     let earlier = EarlierSegments::read(&args.output).map_err(|error| {
         anyhow::anyhow!("{error}; it is not overwritten, because its content would be lost: repair it, or move it away")
@@ -236,7 +247,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let stop = stop_flag()?;
     let (mut done, mut failed): (Vec<(ManifestColumns, RecordingFiles)>, usize) = (Vec::new(), 0);
     for (path, recording) in &recordings {
-        match one(args, recording, &folder, &bench, &stop) {
+        match one(args, recording, folder, &bench, &stop) {
             Ok(files) => {
                 if !args.general.quiet {
                     let [all, seen] = files.frames;

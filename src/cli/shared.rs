@@ -1,11 +1,6 @@
 //! Flags that several commands share.
 
-use std::{
-    path::{Path, PathBuf},
-    sync::Arc,
-    sync::atomic::AtomicBool,
-    sync::atomic::Ordering,
-};
+use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use grimace::{
@@ -178,18 +173,7 @@ pub fn set_threads(threads: usize) -> anyhow::Result<()> {
     rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().context("cannot start the threads")
 }
 
-/// A flag that is set when the user interrupts (Ctrl-C) or the system requests the end. A second signal ends at once.
-pub fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
-    let stop = Arc::new(AtomicBool::new(false));
-    let flag = Arc::clone(&stop);
-    ctrlc::set_handler(move || {
-        if flag.swap(true, Ordering::SeqCst) {
-            std::process::exit(1);
-        }
-    })
-    .context("cannot watch for interruptions")?;
-    Ok(stop)
-}
+pub use super::signals::stop_flag;
 
 /// What commands that learn a file to be passed on have in common.
 #[derive(Debug, clap::Args)]

@@ -27,7 +27,7 @@ use super::{Dataset, DatasetError, Labels, MANIFEST_NAME, cohn_kanade, entry::is
 use crate::{
     input::CsvFile,
     output::{OutputError, write_records},
-    text::composed,
+    text::{composed, excerpt},
 };
 
 /// Placeholder for an emotion that neither folders nor file names contain.
@@ -325,6 +325,12 @@ fn of_folders(root: &Path) -> Result<ProposedManifest, DatasetError> {
     let mut rows: Vec<ProposedRow> = found.sequences.iter().zip(&names).map(row).collect();
     rows.extend(pairs.into_iter().map(|row| ProposedRow { sequence: unique(&row.subject, row.sequence.clone()), ..row }));
     rows.sort_by(|a, b| (&a.subject, &a.sequence).cmp(&(&b.subject, &b.sequence)));
+    let mut skipped = Vec::new();
+    rows.retain(|row| {
+        let reason = unlistable(row);
+        skipped.extend(reason.map(|reason| format!("{} ({reason}; rename it)", excerpt(&row.frames))));
+        reason.is_none()
+    });
     let (left_out, unread, results) = (relative_all(&found.left_out), relative_all(&found.unread), relative_all(&found.results));
     Ok(ProposedManifest {
         rows,
@@ -334,8 +340,22 @@ fn of_folders(root: &Path) -> Result<ProposedManifest, DatasetError> {
         unread,
         results,
         holds_all,
+        skipped,
         ..ProposedManifest::default()
     })
+}
+
+/// Why no row of a manifest can name a sequence.
+fn unlistable(row: &ProposedRow) -> Option<&'static str> {
+    if row.frames.contains(char::REPLACEMENT_CHARACTER) {
+        Some("its name is not UTF-8")
+    } else if row.frames.trim() != row.frames {
+        Some("its name begins or ends with a blank")
+    } else if row.frames.chars().any(char::is_control) || row.frames.contains('\\') {
+        Some("its name has a backslash or a control character")
+    } else {
+        None
+    }
 }
 
 /// Whether the first folder of all sequences, such as `videos`, is without meaning: it is neither an emotion nor has a form typical of

@@ -21,7 +21,7 @@ mod summary;
 mod tidy;
 mod writer;
 
-pub use catalog::{Directionality, FapCatalog, FapMotion, FapNumber, FapRow, FrontalRating, HighLevelField, ParseFapNumberError};
+pub use catalog::{Directionality, FapCatalog, FapMotion, FapNumber, FapRow, ParseFapNumberError};
 pub use check::{beyond_range, check_fap, check_lips};
 pub(crate) use convert::FAP_UNITS_PER_FAPU;
 pub use convert::{Clamped, ConvertError, measure_faps, offsets_from_frame, unlimited_faps};

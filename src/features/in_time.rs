@@ -4,16 +4,8 @@ use super::FrameFeatures;
 use crate::{
     fap::{FapFrame, FapSequence, whole_rate},
     sequence::Clock,
-    track::{MOST_FILLED, TrackedFrame, whole_steps},
+    track::{MOST_FILLED, whole_steps},
 };
-
-/// Returns the seconds of a track's frames from the one with the lowest number, in the order of the track; empty if the clock does not know
-/// them. `clock` is by number.
-pub fn seconds_of(track: &[TrackedFrame], clock: &Clock) -> Vec<f64> {
-    let first = track.iter().map(|frame| frame.number).min().unwrap_or_default();
-    let seconds: Option<Vec<f64>> = track.iter().map(|frame| clock.seconds(frame.number - first)).collect();
-    seconds.unwrap_or_default()
-}
 
 /// Returns the rows in order of time, whatever the tracking order.
 pub(super) fn in_time(features: &[FrameFeatures]) -> Vec<&FrameFeatures> {

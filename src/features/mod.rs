@@ -36,9 +36,9 @@ pub use course::{COURSE_POINTS, Course};
 pub use facs::{ACTION_UNITS, ActionUnit, LIPS_PART};
 pub use file::{ColumnNames, write_features};
 pub(crate) use file::{fap_column, measured, unit_column};
+pub use in_time::fap_sequence;
 pub(crate) use in_time::frame_steps;
 use in_time::in_time;
-pub use in_time::{fap_sequence, seconds_of};
 pub(crate) use openface::{ABOUT as OPENFACE_UNITS, OpenFaceFace, OpenFaceRow, openface_csv};
 pub use warnings::{apex_warning, order_warning, pose_warning, turn_warning};
 
@@ -64,7 +64,7 @@ const SKULL: [u16; 5] = [0, 11, 12, 44, 45];
 /// let bench = Workbench::new(None, Default::default())?;
 /// let track = read_track("fixtures/simulated/truth/S001_005.csv".as_ref())?;
 /// let fit = bench.fit_head(&track, &[])?;
-/// let rows = bench.features(&track, &fit, &bench.frontal_model(&fit, &track)?)?;
+/// let rows = bench.features(&track, &fit, &bench.frontal_model(&fit, &track)?, &[])?;
 /// let last = &rows[9];
 /// assert_eq!((last.frame, last.landmarks.len(), last.reason.as_deref()), (10, 68, None));
 /// // The subject looks into the camera.
@@ -146,7 +146,7 @@ pub struct Measured<'a> {
     pub fit: &'a HeadFit,
     /// All frames without the head's motion, face units.
     pub model: &'a DynamicExpressionModel<FaceUnit>,
-    /// Seconds of the frames from any start, in the order of the track; empty if unknown. Action units of frames that follow each other are
+    /// Seconds of the frames from any start, in the order of the track ([`TrackInfo::seconds`](crate::track::TrackInfo::seconds)); empty if unknown. Action units of frames that follow each other are
     /// measured together.
     pub seconds: &'a [f64],
 }

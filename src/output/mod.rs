@@ -19,8 +19,8 @@ use serde::Serialize;
 use crate::formula::FormulaGuard;
 
 pub use pending::{PendingFile, PendingFolder, target_of};
-pub use record::FolderRecord;
 pub(crate) use record::is_inside;
+pub use record::{FolderRecord, claim_folder};
 pub(crate) use sweep::once as sweep_once;
 pub(crate) use sync::create_folders;
 pub use sync::{remove_durably, sync_written};

@@ -46,7 +46,11 @@ fn locked(path: &Path) -> io::Result<fs::File> {
     if let Some(folder) = path.parent() {
         fs::create_dir_all(folder)?;
     }
-    let file = fs::File::options().create(true).append(true).open(path)?;
+    exclusive(fs::File::options().create(true).append(true).open(path)?)
+}
+
+/// Locks a file or folder.
+fn exclusive(file: fs::File) -> io::Result<fs::File> {
     match file.try_lock() {
         Err(fs::TryLockError::WouldBlock) => {
             let reason = "another command is writing into this folder; wait for it, or choose another folder";
@@ -55,6 +59,17 @@ fn locked(path: &Path) -> io::Result<fs::File> {
         // The file system has no locks.
         Err(fs::TryLockError::Error(_)) | Ok(()) => Ok(file),
     }
+}
+
+/// Claims a folder, which is created if necessary, until the result is dropped. Nothing is written into it. Where folders cannot be locked,
+/// nothing is claimed.
+///
+/// # Errors
+/// [`OutputError`] when the folder cannot be created; of the kind [`io::ErrorKind::ResourceBusy`] while another command has claimed it.
+pub fn claim_folder(folder: &Path) -> Result<Option<fs::File>, OutputError> {
+    fs::create_dir_all(folder).map_err(OutputError::at(folder))?;
+    let Ok(opened) = fs::File::open(folder) else { return Ok(None) };
+    exclusive(opened).map(Some).map_err(OutputError::at(folder))
 }
 
 impl FolderRecord {

@@ -8,15 +8,14 @@ use super::{SequenceFailure, Stage, Workbench};
 use crate::{
     fap::{ValueFormat, write_fap_as},
     features::{
-        ColumnNames, FrameFeatures, apex_warning, fap_sequence, order_warning, pose_warning, seconds_of, turn_warning,
-        write_features,
+        ColumnNames, FrameFeatures, apex_warning, fap_sequence, order_warning, pose_warning, turn_warning, write_features,
     },
     model::DynamicExpressionModel,
     normalize::PoseMode,
     plausible::FaceSize,
     pose::{HeadFit, PoseError},
     sequence::Clock,
-    track::{TrackInfo, TrackSummary, TrackedFrame, Verdict, track_model},
+    track::{TrackInfo, TrackSummary, TrackedFrame, Verdict, seconds_of, track_model},
     units::{FaceUnit, NodeId, Px, SequenceId},
 };
 

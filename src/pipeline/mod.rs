@@ -367,7 +367,7 @@ impl Workbench {
     }
 
     /// Returns pose, FAPs and action units of every frame of a track. `model` is its model without head motion, `seconds` are the times of
-    /// its frames, empty if unknown ([`seconds_of`](crate::features::seconds_of)).
+    /// its frames, empty if unknown ([`TrackInfo::seconds`](crate::track::TrackInfo::seconds)).
     ///
     /// # Errors
     /// A message when the track has no features.

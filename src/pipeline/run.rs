@@ -199,8 +199,8 @@ pub enum RunError {
     OverlayAmongFrames(#[from] AmongFrames),
     /// A file that no run wrote is in the place of a result.
     #[error(
-        "{}{more}: a result has this name, but no run wrote this file, or it was changed since; move it away, choose another folder, or \
-         give --force to replace it",
+        "{}{more}: a result has this name, but no run wrote this file, or it was changed since. If another command is writing \
+         into this folder now, wait for it; otherwise move the file away, choose another folder, or give --force to replace it",
         path.display()
     )]
     Foreign {

@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::units::SequenceId;
+use crate::{text::single_line, units::SequenceId};
 
 /// A stage of the main job, as named in `failures.csv`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -58,7 +58,7 @@ pub fn failed_id(subject: &str, sequence: &str) -> Option<SequenceId> {
 
 /// Name of a failed sequence in messages: its id or, for a row without one, the file and line at the beginning of the reason.
 pub fn failed_name(subject: &str, sequence: &str, reason: &str) -> String {
-    failed_id(subject, sequence).map_or_else(|| place_in(reason).to_owned(), |id| id.to_string())
+    failed_id(subject, sequence).map_or_else(|| place_in(reason).to_owned(), |id| single_line(&id.to_string()).into_owned())
 }
 
 /// File and line at the beginning of a reason, or the whole reason.
@@ -80,6 +80,7 @@ mod tests {
     #[test]
     fn failures_have_a_name() {
         assert_eq!(failed_name("S001", "5", "m.csv, line 3: no frames"), "S001_5");
+        assert_eq!(failed_name("a\nerror: b", "5", "no frames"), "a\\nerror: b_5");
         assert_eq!(failed_name("", "", "m.csv, line 3: a quotation mark is not closed"), "m.csv, line 3");
         // A folder's name may contain anything.
         let reason = "data/Study: joy, line of 2/m.csv, line 31: emotion is `a: b, line 4: c`";

@@ -119,10 +119,10 @@ impl Pace {
 /// # Errors
 /// As [`write_video`].
 pub fn check_video(path: &Path, fps: f64, size: (u32, u32)) -> Result<(), FilmError> {
-    let scratch = tempfile::tempdir().map_err(OutputError::at(path))?;
+    let scratch = PendingFolder::create(path)?;
     let (format, name) = format_of(path);
     let pace = Pace::of(path, fps)?;
-    Encoder::start(path, &scratch.path().join(name), format, pace.written, even(size)).map(drop)
+    Encoder::start(path, &scratch.file(name), format, pace.written, even(size)).map(drop)
 }
 
 /// Format of a film by its extension, and its temporary name. OpenCV chooses the container by the extension, so the temporary name has it,

@@ -82,7 +82,7 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// Number in the file name, or position in the video from 1.
+    /// Number in the file name, or position in the video from 1; 0 for a picture read alone ([`read_frame`]).
     pub fn number(&self) -> u32 {
         self.number
     }

@@ -50,7 +50,7 @@ pub use corrections::{
 pub(crate) use ends::{Ends, backwards_said, covered_at_apex_said, mouth_back_said};
 pub use file::{
     TRACK_SCHEMA, TrackFileError, TrackHashes, TrackInfo, neutral_first, parse_track, parse_track_info, read_track,
-    read_track_info, track_csv, track_units, write_track,
+    read_track_info, seconds_of, track_csv, track_units, write_track,
 };
 #[cfg(feature = "annotate")]
 pub(crate) use klt::smoothed;

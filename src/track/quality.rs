@@ -42,6 +42,16 @@ const GAP_STEPS: u32 = 3;
 const GAP_SHARE: f64 = 0.25;
 
 /// Whether a person should look at a tracked sequence again. A warning, never a failure.
+///
+/// ```
+/// use grimace::track::Verdict;
+///
+/// let said = |verdict| match verdict {
+///     Verdict::Good => "use it",
+///     Verdict::LookAgain => "look at it",
+/// };
+/// assert_eq!(said(Verdict::default()), "use it");
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {

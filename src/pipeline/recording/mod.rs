@@ -26,7 +26,7 @@ use self::{
     follow::{CompactFrame, Followed, Start, follow},
     measure::{Measured, Neutral, Shown, marks_in, measure},
     rests::share_rests,
-    survey::{Look, SHORTEST, Stretch, Survey, too_short},
+    survey::{Look, SHORTEST, SHORTEST_TRACKED, Stretch, Survey, too_short},
 };
 use super::{FoundMarksError, Workbench, found::fitting_marks};
 use crate::{
@@ -272,14 +272,19 @@ pub fn segment_recording(
         notes: Vec::new(),
         content_blake3: survey.content.to_hex().to_string(),
     };
-    let mut entries = Vec::new();
+    let (mut entries, mut short) = (Vec::new(), Vec::new());
     for (k, followed) in tracked.into_iter().enumerate() {
+        if (followed.frames.len() as f64) < SHORTEST * survey.fps {
+            short.push((k + 1, followed));
+            continue;
+        }
         match Entry::new((k + 1, followed), &survey, bench, (options, tick))? {
             Ok(entry) => entries.push(entry),
             Err(note) => notes.push(note),
         }
     }
-    notes.extend(share_rests(&mut entries, &survey, bench, (options, tick))?);
+    notes.extend(share_rests((&mut entries, short), &survey, bench, (options, tick))?);
+    entries.sort_by_key(|entry| entry.followed.first);
     entries.into_iter().for_each(|entry| entry.join(&mut result, &mut notes));
     if result.frames.is_empty() {
         return Err(RecordingError::Nothing { reasons: notes });
@@ -308,7 +313,7 @@ fn tracked_stretches(
             return Err(RecordingError::Interrupted);
         }
         let named = format!("frames {} to {}", number(stretch.first), number(stretch.last));
-        if ((stretch.last - stretch.first + 1) as f64) < SHORTEST * survey.fps {
+        if ((stretch.last - stretch.first + 1) as f64) < SHORTEST_TRACKED * survey.fps {
             notes.push(too_short(&named, stretch.last - stretch.first + 1, survey.fps));
             continue;
         }

@@ -115,8 +115,10 @@ pub(super) struct Covered {
 /// Number of looks in a row in which a face is covered, if it is: in a single one, a strong expression may look so.
 const COVERED_LOOKS: usize = 2;
 
-/// Shortest stretch that is tracked, seconds.
+/// Shortest stretch that may show a rest and an expression, seconds.
 pub(super) const SHORTEST: f64 = 1.0;
+/// Shortest stretch that is tracked, seconds: it can be measured against the rest of another one.
+pub(super) const SHORTEST_TRACKED: f64 = 0.3;
 
 /// Message about frames that last less than [`SHORTEST`].
 pub(super) fn too_short(named: &str, frames: usize, fps: f64) -> String {

@@ -16,6 +16,14 @@ use super::nonnegative::minimize;
 use crate::synthesis::{Goal, fitness};
 
 /// Allowed signs of the weights.
+///
+/// ```
+/// use grimace::synthesis::{Signs, SynthesisOptions};
+///
+/// let options = SynthesisOptions { signs: Signs::Nonnegative, ..SynthesisOptions::default() };
+/// options.check()?;
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Signs {

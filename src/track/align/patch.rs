@@ -1,6 +1,14 @@
 //! Grey values of a part of a frame, interpolated between pixels.
 
-/// A part of a frame: smoothed grey values, row by row.
+/// A part of a frame: smoothed grey values, row by row. A [`PointTracker`](crate::track::PointTracker) that has them lets the tracker align
+/// every frame with the neutral one.
+///
+/// ```
+/// use grimace::track::Patch;
+///
+/// let patch = Patch { left: 10, top: 20, width: 3, height: 2, values: vec![0.0, 80.0, 160.0, 0.0, 90.0, 170.0] };
+/// assert_eq!(patch.values[patch.width + 1], 90.0);
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Patch {
     /// Column of its leftmost pixels in the frame.

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     super::{
-        TrackCorrections, TrackOptions, TrackSummary,
+        TrackCorrections, TrackOptions, TrackSummary, TrackedFrame,
         clock::{Counted, by_number},
     },
     TrackFileError,
@@ -145,6 +145,23 @@ impl TrackInfo {
         by_number(self.clock(), counted, numbers)
     }
 
+    /// Returns the seconds of the frames of this track from the one with the lowest number, in the order of the track; empty if the frame
+    /// rate is not known.
+    ///
+    /// ```
+    /// use grimace::track::{read_track, read_track_info};
+    ///
+    /// let path = std::path::Path::new("fixtures/simulated/truth/S001_005.csv");
+    /// let track = read_track(path)?;
+    /// // Nothing beside the track says how fast its frames follow each other.
+    /// let seconds = read_track_info(path)?.map(|info| info.seconds(&track)).unwrap_or_default();
+    /// assert!(seconds.is_empty());
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn seconds(&self, track: &[TrackedFrame]) -> Vec<f64> {
+        seconds_of(track, &self.clock_of_numbers(track.iter().map(|frame| frame.number)))
+    }
+
     /// Whether the track was made from pictures or a video, not from landmarks.
     pub(crate) fn has_pictures(&self) -> bool {
         self.image_size.width > 0
@@ -236,4 +253,11 @@ pub(super) fn times_said(found: usize, frames: usize) -> String {
 pub(super) fn is_representative(bytes: &[u8]) -> bool {
     let read = serde_json::from_slice::<serde_json::Value>(bytes).unwrap_or_default();
     read.get("sequences").is_some_and(serde_json::Value::is_array) && read.get("image_size").is_none()
+}
+/// Returns the seconds of a track's frames from the one with the lowest number, in the order of the track; empty if the clock does not know
+/// them. `clock` is by number.
+pub fn seconds_of(track: &[TrackedFrame], clock: &Clock) -> Vec<f64> {
+    let first = track.iter().map(|frame| frame.number).min().unwrap_or_default();
+    let seconds: Option<Vec<f64>> = track.iter().map(|frame| clock.seconds(frame.number - first)).collect();
+    seconds.unwrap_or_default()
 }

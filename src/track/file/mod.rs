@@ -8,7 +8,7 @@ use std::{io::Write, path::Path};
 
 pub use self::{
     error::TrackFileError,
-    info::{TRACK_SCHEMA, TrackInfo, parse_track_info, read_track_info, track_units},
+    info::{TRACK_SCHEMA, TrackInfo, parse_track_info, read_track_info, seconds_of, track_units},
     read::{neutral_first, parse_track, read_track},
 };
 use super::TrackedFrame;

@@ -16,12 +16,12 @@ use super::{
 };
 use crate::simulate::{SimulateOptions, SimulatedFrame, Subject, show_units};
 use grimace::internal::{
-    features::{ACTION_UNITS, seconds_of},
+    features::ACTION_UNITS,
     pipeline::{SequenceFailure, Workbench},
     pose::PoseError,
     report::Stage,
     sequence::{Clock, Frame},
-    track::track_sequence,
+    track::{seconds_of, track_sequence},
 };
 
 /// Action units by FACS number, each with the number of the Candide-3 action unit vector that shows it.

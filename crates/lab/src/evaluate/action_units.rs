@@ -17,11 +17,12 @@ use super::{
 };
 use grimace::internal::{
     dataset::{LandmarkFrame, LandmarkSelection, LandmarkSequence},
-    features::{ACTION_UNITS, ActionUnit, FULL, FrameFeatures, Intensity, seconds_of},
+    features::{ACTION_UNITS, ActionUnit, FULL, FrameFeatures, Intensity},
     pipeline::{SequenceFailure, Workbench},
     pose::PoseError,
     report::Stage,
     sequence::Clock,
+    track::seconds_of,
 };
 
 /// FACS numbers of the action units in the reported mean correlation.
