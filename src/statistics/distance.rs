@@ -53,7 +53,7 @@ impl DisplacementFields {
     /// Computes the displacement fields of a model over its live nodes.
     ///
     /// # Panics
-    /// If the model lacks a live node (a programmer's error: the caller checks shapes).
+    /// If the model lacks a live node or there is none (a programmer's error: the caller checks shapes).
     pub fn of_model<U: Unit>(model: &DynamicExpressionModel<U>, live: &[NodeId]) -> Self {
         let fields = (0..model.frame_count() - 1).map(|m| model.displacement_field(m));
         let vectors: Vec<_> = fields.flat_map(|field| live.iter().map(move |n| field[n.index()]).collect::<Vec<_>>()).collect();
@@ -63,7 +63,7 @@ impl DisplacementFields {
     /// Makes fields from vectors in slot order: field 0 of all nodes, then field 1, and so on.
     ///
     /// # Panics
-    /// If the vectors do not fill whole fields of `node_count` nodes (a programmer's error).
+    /// If `node_count` is 0 or the vectors do not fill whole fields of as many nodes (a programmer's error).
     pub fn from_vectors(node_count: usize, vectors: &[Vector2<f64>]) -> Self {
         assert!(
             node_count > 0 && vectors.len().is_multiple_of(node_count),

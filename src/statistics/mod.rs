@@ -8,6 +8,7 @@
 
 pub mod amplitude;
 pub mod bootstrap;
+mod comparable;
 pub mod compare;
 pub mod covariate;
 pub mod dispersion;

@@ -9,7 +9,11 @@
 use nalgebra::{DMatrix, DVector, SymmetricEigen, Vector2};
 use rayon::prelude::*;
 
-use super::{SequenceModel, Weighting, weights::sequence_weights};
+use super::{
+    SequenceModel, Weighting,
+    comparable::{NotComparable, comparable_fields},
+    weights::sequence_weights,
+};
 use crate::{
     model::{DynamicExpressionModel, FrameExpressionModel, ModelError},
     units::{FaceUnit, NodeId, SequenceId},
@@ -75,6 +79,21 @@ pub enum VariationError {
     /// Positions that are not finite.
     #[error(transparent)]
     Model(#[from] ModelError),
+    /// Models that cannot be compared: other shapes than the others or the wireframe, or an impossible motion.
+    #[error(transparent)]
+    Models(#[from] NotComparable),
+    /// Models of another wireframe.
+    #[error(
+        "{id}: it has {found} nodes, but the wireframe has {expected}; give the wireframe that the sequences were normalized with"
+    )]
+    Nodes {
+        /// The sequence.
+        id: SequenceId,
+        /// Number of its nodes.
+        found: usize,
+        /// Number of nodes of the wireframe.
+        expected: usize,
+    },
 }
 
 /// One direction in which people differ: a principal component.
@@ -181,7 +200,8 @@ impl Variation {
     /// The models must have one shape and one neutral frame, as [`super::representative`] checks.
     ///
     /// # Errors
-    /// [`VariationError`] for fewer than 3 people, more than 2048 sequences, and sequences that are all equal.
+    /// [`VariationError`] for fewer than 3 people, more than 2048 sequences, sequences that are all equal, of differing shapes or
+    /// of another wireframe, and displacements of 20 eye distances or more.
     pub fn new(models: &[&SequenceModel], wireframe: &Wireframe) -> Result<Self, VariationError> {
         let mut models = models.to_vec();
         models.sort_by(|a, b| a.id.cmp(&b.id));
@@ -194,6 +214,11 @@ impl Variation {
             return Err(VariationError::TooFewPeople { found: people });
         }
         let live = wireframe.live_nodes();
+        if let Some(odd) = models.iter().find(|m| m.model.node_count() != wireframe.node_count()) {
+            let (found, expected) = (odd.model.node_count(), wireframe.node_count());
+            return Err(VariationError::Nodes { id: odd.id.clone(), found, expected });
+        }
+        comparable_fields(&models, live, None)?;
         let data: Vec<DVector<f64>> = models.par_iter().map(|m| offsets_of(m, live)).collect();
         let (size, total) = (data[0].len(), weights.iter().sum::<f64>());
         let mut mean = DVector::zeros(size);
@@ -409,6 +434,20 @@ mod tests {
             "found 1 person; principal components need at least 3 people"
         );
         assert_eq!(variation(&[("a", 1.0, 0.5), ("b", 1.0, 0.5), ("c", 1.0, 0.5)]).unwrap_err(), VariationError::Equal);
+    }
+
+    #[test]
+    fn models_of_other_shapes_and_impossible_ones_are_an_error() {
+        let far = variation(&[("a", 1e300, 0.0), ("b", 2.0, 0.0), ("c", 3.0, 0.0)]).unwrap_err();
+        assert!(matches!(far, VariationError::Models(NotComparable::Displacement { found: 1e300, .. })), "{far}");
+        let (mut models, wireframe) = models(&[("a", 1.0, 0.0), ("b", 2.0, 0.0), ("c", 3.0, 0.0)]);
+        let of = |models: &[SequenceModel]| Variation::new(&models.iter().collect::<Vec<_>>(), &wireframe).unwrap_err();
+        let whole = models[1].model.clone();
+        models[1].model = DynamicExpressionModel::new([whole.frames(), whole.frames()].concat()).unwrap();
+        assert!(matches!(of(&models), VariationError::Models(NotComparable::Shape { .. })));
+        let cut = |frame: &FrameExpressionModel<FaceUnit>| FrameExpressionModel::new(frame.nodes()[..9].to_vec());
+        models[1].model = DynamicExpressionModel::new(whole.frames().iter().map(cut).collect()).unwrap();
+        assert_eq!(of(&models), VariationError::Nodes { id: models[1].id.clone(), found: 9, expected: 113 });
     }
 
     #[test]

@@ -46,7 +46,11 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 
-use super::{SequenceModel, distance::DisplacementFields};
+use super::{
+    SequenceModel,
+    comparable::{NotComparable, comparable_fields},
+    distance::DisplacementFields,
+};
 use crate::units::NodeId;
 
 pub(crate) use arrangements::Arrangements;
@@ -87,6 +91,20 @@ impl Default for CompareOptions {
     }
 }
 
+impl CompareOptions {
+    /// Checks that the options make a test.
+    fn check(&self) -> Result<(), NotTested> {
+        let Self { permutations, people, significance, .. } = *self;
+        if !(significance > 0.0 && significance < 1.0) {
+            return Err(NotTested::Significance { significance });
+        }
+        if permutations == 0 || people < LEAST_PEOPLE {
+            return Err(NotTested::Options { permutations, people });
+        }
+        Ok(())
+    }
+}
+
 /// Smallest number of people per group of a test.
 pub const LEAST_PEOPLE: usize = 2;
 
@@ -114,7 +132,7 @@ pub const LEAST_PEOPLE: usize = 2;
 /// assert_eq!(outcome.unwrap_err(), NotTested::TooFewPeople { people: 1 });
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
 pub enum NotTested {
     /// A group of one person, whose scatter is unknown.
     #[error("a group of {people} is too small for a test")]
@@ -133,6 +151,25 @@ pub enum NotTested {
     /// People cannot be permuted within strata.
     #[error(transparent)]
     Strata(#[from] StrataError),
+    /// Models that cannot be compared: no live nodes, a node that a model lacks, differing shapes, or an impossible motion.
+    #[error(transparent)]
+    Models(#[from] NotComparable),
+    /// A level of significance that is no probability.
+    #[error("the significance is {significance}; it must be above 0 and below 1 (0.05 is usual)")]
+    Significance {
+        /// The given level.
+        significance: f64,
+    },
+    /// Too few permutations or people for any test.
+    #[error(
+        "{permutations} permutations of at most {people} people per group are no test; use at least 1 permutation and {LEAST_PEOPLE} people"
+    )]
+    Options {
+        /// Number of permutations.
+        permutations: usize,
+        /// Largest number of people per group.
+        people: usize,
+    },
 }
 
 /// Largest number of shared people that are named.
@@ -259,6 +296,15 @@ pub(super) fn by_subject<'a>(models: &[&'a SequenceModel]) -> People<'a> {
     people
 }
 
+/// Returns the displacement fields of the sequences of people.
+///
+/// # Errors
+/// [`NotComparable`] for the models of all people together.
+fn fields_of_people(people: &[Vec<&SequenceModel>], live: &[NodeId]) -> Result<Vec<Vec<DisplacementFields>>, NotComparable> {
+    let mut fields = comparable_fields(&people.concat(), live, None)?.into_iter();
+    Ok(people.iter().map(|models| fields.by_ref().take(models.len()).collect()).collect())
+}
+
 /// Compares two groups of models of one emotion.
 ///
 /// The models are normalized and of one shape (as [`super::representative`] checks), in any order. Distances are over the `live` nodes.
@@ -291,15 +337,17 @@ pub(super) fn by_subject<'a>(models: &[&'a SequenceModel]) -> People<'a> {
 /// ```
 ///
 /// # Errors
-/// [`NotTested`] for a group of one person, people in both groups, or strata that allow no test.
-pub fn compare(
-    a: &[&SequenceModel],
-    b: &[&SequenceModel],
+/// [`NotTested`] for a group of one person, people in both groups, strata that allow no test, options out of range, no live nodes
+/// or ones that a model lacks, models of differing shapes, and displacements of 20 eye distances or more.
+pub fn compare<'a>(
+    a: &[&'a SequenceModel],
+    b: &[&'a SequenceModel],
     live: &[NodeId],
     options: &CompareOptions,
     strata: Option<&Strata>,
     stream: u32,
 ) -> Result<Tested, NotTested> {
+    options.check()?;
     let (a, b) = (by_subject(a), by_subject(b));
     let shared: BTreeSet<&str> = a.keys().filter(|subject| b.contains_key(*subject)).copied().collect();
     if !shared.is_empty() {
@@ -311,12 +359,11 @@ pub fn compare(
         return Err(NotTested::TooFewPeople { people });
     }
     let chosen = [permutation::draw(a.len(), options, stream, 0), permutation::draw(b.len(), options, stream, 1)];
-    let of = |people: &People<'_>, chosen: &[usize]| -> Vec<Vec<DisplacementFields>> {
-        let fields = |models: &Vec<&SequenceModel>| models.iter().map(|m| DisplacementFields::of_model(&m.model, live)).collect();
+    let of = |people: &People<'a>, chosen: &[usize]| -> Vec<Vec<&'a SequenceModel>> {
         let all: Vec<&Vec<&SequenceModel>> = people.values().collect();
-        chosen.iter().map(|&i| fields(all[i])).collect()
+        chosen.iter().map(|&i| all[i].clone()).collect()
     };
-    let people: Vec<Vec<DisplacementFields>> = of(&a, &chosen[0]).into_iter().chain(of(&b, &chosen[1])).collect();
+    let people = fields_of_people(&[of(&a, &chosen[0]), of(&b, &chosen[1])].concat(), live)?;
     let design = match strata {
         None => Design::Free,
         Some(strata) => {

@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 use super::{
     CompareOptions, Exchange, NotTested, SequenceModel, Strata, by_subject, holm::holm, pairs::distance_matrix, permutation::draw,
 };
-use crate::{statistics::distance::DisplacementFields, units::NodeId};
+use crate::units::NodeId;
 
 /// Results of the tests over all groups of an emotion.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -85,6 +85,7 @@ pub fn omnibus(
     if groups.len() < 2 {
         return Err(format!("{} group; two or more can be compared", groups.len()));
     }
+    options.check().map_err(|why| why.to_string())?;
     let by_group: Vec<_> = groups.iter().map(|models| by_subject(models)).collect();
     if let Some(alone) = by_group.iter().find(|people| people.len() < super::LEAST_PEOPLE) {
         return Err(NotTested::TooFewPeople { people: alone.len() }.to_string());
@@ -98,10 +99,11 @@ pub fn omnibus(
             }
             subjects.push(all[i].0);
             labels.push(g);
-            people.push(all[i].1.iter().map(|m| DisplacementFields::of_model(&m.model, live)).collect::<Vec<_>>());
+            people.push(all[i].1.clone());
         }
     }
     let exchange = Exchange::new(labels, &subjects, strata).map_err(|why| why.to_string())?;
+    let people = super::fields_of_people(&people, live).map_err(|why| why.to_string())?;
     test(&distance_matrix(&people), &exchange, options, stream)
 }
 

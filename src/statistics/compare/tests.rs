@@ -87,6 +87,26 @@ fn groups_that_can_not_be_tested_say_why() {
 }
 
 #[test]
+fn models_and_options_without_a_test_are_an_error() {
+    let models = ["a", "b", "c", "d"].map(|name| model(name, "1", 1.0));
+    let [a, b, c, d] = models.each_ref();
+    let far = model("e", "1", 1e300);
+    let options = CompareOptions::default();
+    let why = |e, live: &[NodeId], options: &CompareOptions| compare(&[a, b], &[c, e], live, options, None, 0).unwrap_err();
+    assert_eq!(why(d, &[], &options), NotTested::Models(NotComparable::NoNodes));
+    assert!(matches!(why(d, &[NodeId(1)], &options), NotTested::Models(NotComparable::Node { node: NodeId(1), nodes: 1, .. })));
+    assert!(matches!(why(&far, &[NodeId(0)], &options), NotTested::Models(NotComparable::Displacement { found: 1e300, .. })));
+    for significance in [f64::NAN, 0.0, 1.0, -1.0] {
+        let odd = CompareOptions { significance, ..options };
+        assert!(matches!(why(d, &[NodeId(0)], &odd), NotTested::Significance { .. }));
+    }
+    for (permutations, people) in [(0, 200), (9, 1)] {
+        let odd = CompareOptions { permutations, people, ..options };
+        assert_eq!(why(d, &[NodeId(0)], &odd), NotTested::Options { permutations, people });
+    }
+}
+
+#[test]
 fn a_group_of_one_is_left_out_of_the_test_of_all() {
     let models: Vec<SequenceModel> = (0..7).map(|i| model(&format!("s{i}"), "1", f64::from(i * i))).collect();
     let group = |name: &str, range: std::ops::Range<usize>| {

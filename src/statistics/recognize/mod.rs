@@ -23,7 +23,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::{EMOTIONS, SequenceModel, distance::DisplacementFields, t_above};
+use super::{
+    EMOTIONS, SequenceModel,
+    comparable::{NotComparable, comparable_fields},
+    distance::DisplacementFields,
+    t_above,
+};
 use crate::units::NodeId;
 
 pub use lda::DiscriminantError;
@@ -111,7 +116,7 @@ impl Recognized {
 /// assert_eq!(error, RecognizeError::TooFewLabels { found: 1 });
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RecognizeError {
     /// Too few labels to distinguish.
     #[error("found {found} label{}; recognition needs sequences of at least two labels", if *found == 1 { "" } else { "s" })]
@@ -145,6 +150,9 @@ pub enum RecognizeError {
         /// Number of vectors of the others.
         expected: usize,
     },
+    /// Models that cannot be compared: no live nodes, a node that a model lacks, or an impossible motion.
+    #[error(transparent)]
+    Models(NotComparable),
     /// The discriminants cannot be computed.
     #[error(transparent)]
     Discriminants(#[from] DiscriminantError),
@@ -247,8 +255,16 @@ impl LeftOut {
     }
 }
 
-fn vector(model: &SequenceModel, live: &[NodeId]) -> DVector<f64> {
-    let fields = DisplacementFields::of_model(&model.model, live);
+impl From<NotComparable> for RecognizeError {
+    fn from(why: NotComparable) -> Self {
+        match why {
+            NotComparable::Shape { id, found, expected } => Self::Shape { id: id.to_string(), found, expected },
+            why => Self::Models(why),
+        }
+    }
+}
+
+fn vector(fields: &DisplacementFields) -> DVector<f64> {
     let slots = (0..fields.field_count()).flat_map(|m| (0..fields.node_count()).map(move |k| (m, k)));
     DVector::from_vec(slots.flat_map(|(m, k)| [fields.vector(m, k).x, fields.vector(m, k).y]).collect())
 }
@@ -261,18 +277,15 @@ impl Recognizer {
     /// Trains a recognizer on models with one label each. `tick` is called, from many threads, for every fold of people left out.
     ///
     /// # Errors
-    /// [`RecognizeError`] for fewer than two labels or three people, a label that only one person shows, and sequences without scatter or
-    /// of differing shapes.
+    /// [`RecognizeError`] for fewer than two labels or three people, a label that only one person shows, sequences without
+    /// scatter or of differing shapes, no live nodes or ones that a model lacks, and displacements of 20 eye distances or more.
     pub fn new(models: &[(&SequenceModel, &str)], live: &[NodeId], tick: impl Fn() + Sync) -> Result<Self, RecognizeError> {
         let labels = labels_to_learn(models.iter().map(|(m, label)| (m.id.subject.as_str(), *label)))?;
         let people: BTreeSet<&str> = models.iter().map(|(m, _)| m.id.subject.as_str()).collect();
         let place: BTreeMap<&str, usize> = people.into_iter().enumerate().map(|(k, s)| (s, k)).collect();
-        let data: Vec<DVector<f64>> = models.par_iter().map(|(m, _)| vector(m, live)).collect();
-        let size = data[0].len();
-        if let Some((k, odd)) = data.iter().enumerate().find(|(_, v)| v.len() != size) {
-            let id = models[k].0.id.to_string();
-            return Err(RecognizeError::Shape { id, found: odd.len() / 2, expected: size / 2 });
-        }
+        let fields = comparable_fields(&models.iter().map(|(m, _)| *m).collect::<Vec<_>>(), live, None)?;
+        let data: Vec<DVector<f64>> = fields.iter().map(vector).collect();
+        let size = data.first().map_or(0, DVector::len);
         let label_of: Vec<usize> = models.iter().map(|(_, label)| labels.iter().position(|l| l == label).unwrap_or(0)).collect();
         let subject_of: Vec<usize> = models.iter().map(|(m, _)| place[m.id.subject.as_str()]).collect();
         let folds = place.len().min(MOST_FOLDS[usize::from(data.len() > FEW_SEQUENCES)]);
@@ -326,12 +339,11 @@ impl Recognizer {
     /// Recognizes a sequence of a person outside the training data.
     ///
     /// # Errors
-    /// [`RecognizeError::Shape`].
+    /// [`RecognizeError::Shape`] for another number of displacement vectors, and [`RecognizeError::Models`] for a model that
+    /// lacks a live node or has displacements of 20 eye distances or more.
     pub fn recognize(&self, model: &SequenceModel) -> Result<Recognized, RecognizeError> {
-        let data = vector(model, &self.live);
-        if data.len() != self.size {
-            return Err(RecognizeError::Shape { id: model.id.to_string(), found: data.len() / 2, expected: self.size / 2 });
-        }
+        let fields = comparable_fields(&[model], &self.live, Some(self.size / 2))?;
+        let data = fields.first().map_or_else(|| DVector::zeros(self.size), vector);
         let distances = self.discriminants.distances(&data);
         Ok(recognized(&self.labels, (&distances, data.norm()), self.calibration, &self.usual))
     }

@@ -160,3 +160,28 @@ fn no_label_is_left_out_with_all_who_show_it() {
     assert!((0..60).filter(|&k| k != 50).all(|k| fold_of[k] == k % 50), "no other person changes the fold");
     assert!(fold_of.iter().all(|&f| f < 50));
 }
+
+#[test]
+fn models_of_other_shapes_and_impossible_ones_are_an_error() {
+    let people = people(4, 0.5, 3);
+    let live: Vec<NodeId> = (0..NODES).map(NodeId).collect();
+    let with = |odd: &SequenceModel, live: &[NodeId]| {
+        let mut labelled: Vec<_> = people.iter().map(|(m, label)| (m, *label)).collect();
+        labelled[0].0 = odd;
+        Recognizer::new(&labelled, live, || ()).map(|_| ()).unwrap_err()
+    };
+    let model = |nodes: usize, frames: usize, x: f64| {
+        let frame = |m: usize| FrameExpressionModel::new(vec![Point2::new(x * m as f64, 0.0); nodes]);
+        SequenceModel { model: DynamicExpressionModel::new((0..frames).map(frame).collect()).unwrap(), ..people[0].0.clone() }
+    };
+    let known = recognizer(&people).unwrap();
+    // The six nodes move twice.
+    let odd = model(6, 3, 1.0);
+    assert_eq!(known.recognize(&odd).unwrap_err(), RecognizeError::Shape { id: odd.id.to_string(), found: 12, expected: 6 });
+    assert!(matches!(with(&odd, &live), RecognizeError::Shape { .. }));
+    for odd in [model(5, 2, 1.0), model(6, 2, 1e300)] {
+        assert!(matches!(known.recognize(&odd).unwrap_err(), RecognizeError::Models(_)));
+        assert!(matches!(with(&odd, &live), RecognizeError::Models(_)));
+    }
+    assert_eq!(with(&people[0].0, &[]), RecognizeError::Models(NotComparable::NoNodes));
+}
