@@ -15,6 +15,7 @@ use nalgebra::{DMatrix, DVector, Point2, SMatrix, SVector, Vector2, Vector3};
 use super::{
     FeaturesError,
     alignment::{ALIGNMENTS, AlignmentErrors, MEDIAN},
+    check_nodes,
     facs::{ACTION_UNITS, ActionUnit},
     strengths::{System, non_negative, non_negative_from, together},
 };
@@ -143,10 +144,11 @@ impl ActionUnits {
     /// Creates the shapes of a head model, normalized as tracks are.
     ///
     /// # Errors
-    /// [`FeaturesError`] when the head does not normalize.
+    /// [`FeaturesError`] when the head does not normalize, or has another number of nodes than the normalizer's wireframe.
     pub fn new(head: &HeadModel, normalizer: &Normalizer<'_>) -> Result<Self, FeaturesError> {
         const PX: f64 = 100.0;
         let (wireframe, tables) = normalizer.face();
+        check_nodes("head model", head.node_count(), wireframe.node_count())?;
         let canonical = |offset: &dyn Fn(usize) -> Vector3<f64>| -> Result<Vec<Vector2<f64>>, FeaturesError> {
             let frame = |share: f64| {
                 let place = |k: usize| {
@@ -196,14 +198,23 @@ impl ActionUnits {
         Ok(Self { shapes, rarities, rates, members, alignment })
     }
 
+    /// Number of nodes of the wireframe.
+    pub(super) fn node_count(&self) -> usize {
+        self.alignment.motions.len()
+    }
+
     /// Returns the offsets of a node along x and along y, for each unknown.
     fn along(&self, node: usize) -> [&[f64]; 2] {
         let count = self.rarities.len();
         [0, 1].map(|axis| &self.shapes[(2 * node + axis) * count..(2 * node + axis + 1) * count])
     }
 
-    /// Returns the gap, face units, that a half-dropped jaw makes between two nodes one above the other.
+    /// Returns the gap, face units, that a half-dropped jaw makes between two nodes one above the other; 0 if the wireframe lacks
+    /// one.
     pub fn gap_of_jaw(&self, [above, below]: [usize; 2]) -> f64 {
+        if above.max(below) >= self.node_count() {
+            return 0.0;
+        }
         let jaw = ACTION_UNITS.iter().zip(&self.members).filter(|(unit, _)| unit.shapes.contains(&"jawOpen"));
         let gap = |&(i, _): &(usize, f64)| self.along(above)[1][i] - self.along(below)[1][i];
         0.5 * jaw.filter_map(|(_, members)| members.first()).map(gap).sum::<f64>()
@@ -216,12 +227,18 @@ impl ActionUnits {
         let mut normal = DMatrix::<f64>::identity(count, count) / (STRENGTH * STRENGTH);
         let mut seen = DVector::<f64>::zeros(count);
         let mut rows = Rows::new(count);
-        let deviation = self.alignment.deviation(nodes);
+        // What is unknown or no number says nothing.
+        let is_seen = |(node, expected): &(NodeId, f64)| {
+            let offset = offsets.get(node.index()).filter(|_| node.index() < self.node_count());
+            offset.is_some_and(|offset| offset.iter().all(|c| c.is_finite())) && !expected.is_nan()
+        };
+        let nodes: Vec<(NodeId, f64)> = nodes.iter().copied().filter(is_seen).collect();
+        let deviation = self.alignment.deviation(&nodes);
         // With the motions `B` of a misaligned face: `I + B' W B`, `A' W B` and `B' W d`.
         let mut between = SMatrix::<f64, ALIGNMENTS, ALIGNMENTS>::identity();
         let mut shared = DMatrix::<f64>::zeros(count, ALIGNMENTS);
         let mut misaligned = SVector::<f64, ALIGNMENTS>::zeros();
-        for &(node, expected) in nodes {
+        for (node, expected) in nodes {
             let k = node.index();
             let inverse = MEDIAN / expected.hypot(SHAPE_ERROR);
             let weight = inverse * inverse;
@@ -275,7 +292,8 @@ impl ActionUnits {
         if (there - back).abs() < SURE { 0.0 } else { (there - back) / (there + back) }
     }
 
-    /// Returns the intensities that explain neutral offsets (face units) of nodes with these expected errors (face units).
+    /// Returns the intensities that explain neutral offsets (face units) of nodes with these expected errors (face units). Nodes
+    /// that the wireframe or `offsets` lack, and values that are no numbers, do not count.
     pub fn intensities(&self, offsets: &[Vector2<f64>], nodes: &[(NodeId, f64)]) -> Vec<Intensity> {
         let system =
             self.of_frame(&SeenFrame { offsets: offsets.to_vec(), nodes: nodes.to_vec(), seconds: None, is_neutral: false });
@@ -360,6 +378,19 @@ mod tests {
         let units = ActionUnits::new(&HeadModel::shipped(&w, &tables), &normalizer).unwrap();
         let nodes = w.live_nodes().iter().map(|&n| (n, expected)).collect();
         (units, nodes)
+    }
+
+    #[test]
+    fn nodes_that_are_not_there_and_values_that_are_no_numbers_say_nothing() {
+        let (units, mut nodes) = shipped(5.0);
+        let mut smile: Vec<Vector2<f64>> = smile_shape(113).into_iter().map(|offset| offset * 0.5).collect();
+        let known = units.intensities(&smile, &nodes[..50]);
+        nodes.truncate(50);
+        nodes.extend([(NodeId(113), 5.0), (NodeId(60), f64::NAN), (NodeId(112), 5.0), (NodeId(61), 5.0)]);
+        smile[61].x = f64::NAN;
+        smile.truncate(112);
+        assert_eq!(units.intensities(&smile, &nodes), known);
+        assert_eq!((units.gap_of_jaw([87, 113]), units.gap_of_jaw([usize::MAX, 40])), (0.0, 0.0));
     }
 
     #[test]

@@ -120,6 +120,36 @@ pub enum FeaturesError {
     /// FAPs cannot be computed.
     #[error(transparent)]
     Convert(#[from] ConvertError),
+    /// A part of [`Measured`] with another number of frames than the track.
+    #[error("the {what} has {found} frames, but the track has {expected}; give the {what} of this track, all frames of it")]
+    FrameCount {
+        /// The part: the model, the head fit or the times.
+        what: &'static str,
+        /// Its number of frames.
+        found: usize,
+        /// Number of frames of the track.
+        expected: usize,
+    },
+    /// A part with another number of nodes than the meter's wireframe.
+    #[error(
+        "the {what} has {found} nodes, but the meter's wireframe has {expected}; use one wireframe for track, model and meter"
+    )]
+    NodeCount {
+        /// The part: the track, the model, the head model or the normalizer.
+        what: &'static str,
+        /// Its number of nodes.
+        found: usize,
+        /// Number of nodes of the wireframe.
+        expected: usize,
+    },
+    /// A time that is no number.
+    #[error("the time of frame {frame} is {seconds} s; times are finite, or minus infinity for a frame without a time")]
+    Time {
+        /// Frame number.
+        frame: u32,
+        /// The time.
+        seconds: f64,
+    },
 }
 
 /// A track to be measured.
@@ -146,9 +176,33 @@ pub struct Measured<'a> {
     pub fit: &'a HeadFit,
     /// All frames without the head's motion, face units.
     pub model: &'a DynamicExpressionModel<FaceUnit>,
-    /// Seconds of the frames from any start, in the order of the track ([`TrackInfo::seconds`](crate::track::TrackInfo::seconds)); empty if unknown. Action units of frames that follow each other are
-    /// measured together.
+    /// Seconds of the frames from any start, in the order of the track ([`TrackInfo::seconds`](crate::track::TrackInfo::seconds)); empty
+    /// if unknown. Minus infinity is a frame without a time. Action units of frames that follow each other are measured together.
     pub seconds: &'a [f64],
+}
+
+impl Measured<'_> {
+    /// Checks that all parts have the frames of the track, and `nodes` nodes.
+    fn check(&self, nodes: usize) -> Result<(), FeaturesError> {
+        let Self { track, fit, model, seconds } = self;
+        let expected = track.len();
+        let frames =
+            |what, found| if found == expected { Ok(()) } else { Err(FeaturesError::FrameCount { what, found, expected }) };
+        frames("model", model.frame_count())?;
+        frames("head fit", fit.poses.len().min(expected))?;
+        if !seconds.is_empty() {
+            frames("list of times", seconds.len())?;
+        }
+        if let Some((frame, &seconds)) = track.iter().zip(*seconds).find(|(_, s)| s.is_nan() || **s == f64::INFINITY) {
+            return Err(FeaturesError::Time { frame: frame.number, seconds });
+        }
+        check_nodes("model", model.node_count(), nodes)?;
+        track.iter().try_for_each(|frame| check_nodes("track", frame.nodes.len(), nodes))
+    }
+}
+
+fn check_nodes(what: &'static str, found: usize, expected: usize) -> Result<(), FeaturesError> {
+    if found == expected { Ok(()) } else { Err(FeaturesError::NodeCount { what, found, expected }) }
 }
 
 /// Measures features of a face; holds everything that is the same for all tracks.
@@ -186,7 +240,7 @@ impl FeatureMeter {
     /// Creates a meter for the wireframe of a normalizer.
     ///
     /// # Errors
-    /// [`FeaturesError`] when the head model does not normalize.
+    /// [`FeaturesError`] when the head model does not normalize, or is of another wireframe.
     pub fn new(head: &HeadModel, normalizer: &Normalizer<'_>) -> Result<Self, FeaturesError> {
         let units = ActionUnits::new(head, normalizer)?;
         let lips_full = units.gap_of_jaw(LIPS).max(1.0);
@@ -237,7 +291,7 @@ impl FeatureMeter {
 
     /// Returns how much better the action units explain the motion from the first frame of a track to its last than the reverse motion, -1
     /// to 1 ([`ActionUnits::order`]). `model` is that of the track without head motion, normalized, or its first and last frame alone. The
-    /// top of the skull does not count.
+    /// top of the skull does not count. 0 for a track or model of another wireframe than the meter's, which has no order.
     pub fn order(
         &self,
         track: &[TrackedFrame],
@@ -246,6 +300,10 @@ impl FeatureMeter {
         tables: &Tables,
     ) -> f64 {
         let [neutral, .., apex] = track else { return 0.0 };
+        let count = self.units.node_count();
+        if [neutral.nodes.len(), apex.nodes.len(), model.node_count()].iter().any(|&found| found != count) {
+            return 0.0;
+        }
         let positions: Vec<Point2<f64>> = neutral.nodes.iter().map(|n| n.position).collect();
         let es_px = eye_distance_px(tables, &positions).unwrap_or(1.0);
         let mut nodes = self.deviations(apex, false, (normalizer.canonical().fapus.es, es_px));
@@ -256,7 +314,8 @@ impl FeatureMeter {
     /// Returns the values of all frames, in the order of the track.
     ///
     /// # Errors
-    /// [`FeaturesError`] when the model has no FAPs.
+    /// [`FeaturesError`] when the model has no FAPs, a part has another number of frames than the track or another number of
+    /// nodes than the meter, or a time is no number.
     pub fn measure(
         &self,
         measured: Measured<'_>,
@@ -264,7 +323,9 @@ impl FeatureMeter {
         tables: &Tables,
     ) -> Result<Vec<FrameFeatures>, FeaturesError> {
         let Measured { track, fit, model, .. } = measured;
+        measured.check(self.units.node_count())?;
         let canonical = normalizer.canonical();
+        check_nodes("normalizer", canonical.neutral.node_count(), self.units.node_count())?;
         let catalog = FapCatalog::mpeg4();
         let neutral: Vec<Point2<f64>> = track.first().map(|f| f.nodes.iter().map(|n| n.position).collect()).unwrap_or_default();
         let lid_units = normalizer.lid_units(&neutral);
@@ -397,6 +458,36 @@ mod tests {
         let moved = DynamicExpressionModel::new(frames).unwrap();
         let [order, of_moved] = [&model, &moved].map(|model| meter.order(&track, model, &normalizer, &t));
         assert!(order > 0.05 && (order - of_moved).abs() < 1e-12, "{order} {of_moved}");
+    }
+
+    #[test]
+    fn parts_of_other_tracks_and_times_that_are_none_are_an_error() {
+        let (w, t) = (Wireframe::candide3(), Tables::candide3());
+        let truth = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/simulated/truth/S001_005.csv");
+        let track = crate::track::read_track(&truth).unwrap();
+        let fitter = crate::pose::HeadFitter::new(&w, &t);
+        let fit = fitter.fit(&t, &track, &[]).unwrap();
+        let normalizer = Normalizer::new(&w, &t, FeatureMeter::normalize_options(NormalizeOptions::default())).unwrap();
+        let model = normalizer.normalize_every_frame(&fitter.frontal((&w, &t), &fit, &track).unwrap()).unwrap();
+        let meter = FeatureMeter::new(fitter.model(), &normalizer).unwrap();
+        let why = |measured: Measured<'_>| meter.measure(measured, &normalizer, &t).unwrap_err().to_string();
+        let good = Measured { track: &track, fit: &fit, model: &model, seconds: &[] };
+        let mut times = [0.0; 10];
+        times[0] = f64::NEG_INFINITY;
+        assert_eq!(meter.measure(Measured { seconds: &times, ..good }, &normalizer, &t).unwrap().len(), 10);
+        let five = DynamicExpressionModel::new(model.frames()[..5].to_vec()).unwrap();
+        assert!(why(Measured { model: &five, ..good }).starts_with("the model has 5 frames, but the track has 10"));
+        let mut short = fit.clone();
+        short.poses.truncate(3);
+        assert!(why(Measured { fit: &short, ..good }).starts_with("the head fit has 3 frames, but the track has 10"));
+        assert!(why(Measured { seconds: &[1.0; 4], ..good }).starts_with("the list of times has 4 frames"));
+        times[2] = f64::NAN;
+        assert!(why(Measured { seconds: &times, ..good }).starts_with("the time of frame 3 is NaN s"));
+        let mut cut = track.clone();
+        cut[9].nodes.truncate(7);
+        assert!(why(Measured { track: &cut, ..good }).starts_with("the track has 7 nodes, but the meter's wireframe has 113"));
+        assert_eq!(meter.order(&cut, &model, &normalizer, &t), 0.0);
+        assert!(meter.order(&track, &five, &normalizer, &t).is_finite());
     }
 
     #[test]
