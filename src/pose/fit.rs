@@ -78,6 +78,40 @@ pub enum PoseError {
     /// The frames do not form a model.
     #[error(transparent)]
     Model(#[from] ModelError),
+    /// Too few frames for a head.
+    #[error("a head needs a track of at least 2 frames, from neutral to apex, found {found}")]
+    TooFewFrames {
+        /// Number of frames.
+        found: usize,
+    },
+    /// A head fit of another track.
+    #[error(
+        "the head fit has {found} frames, but the track has {expected}; fit or follow the head in all frames of the track first"
+    )]
+    FrameCount {
+        /// Frames of the head fit.
+        found: usize,
+        /// Frames of the track.
+        expected: usize,
+    },
+    /// A head fit or wireframe of another head model.
+    #[error("the {what} has {found} nodes, but the head model has {expected}; use the wireframe of the head model")]
+    OtherWireframe {
+        /// The head fit, or the wireframe.
+        what: &'static str,
+        /// Its number of nodes.
+        found: usize,
+        /// Nodes of the model.
+        expected: usize,
+    },
+    /// A mark at a node that the head model does not have.
+    #[error("there is a mark of node {node}, but the head model has {count} nodes (0 to {})", count.saturating_sub(1))]
+    NoSuchNode {
+        /// The node.
+        node: NodeId,
+        /// Nodes of the model.
+        count: usize,
+    },
     /// The track has another wireframe.
     #[error("frame {frame} has {found} nodes, but the head model has {expected}")]
     NodeCount {
@@ -126,20 +160,49 @@ impl HeadFit {
     }
 }
 
+/// Checks that a track and marks are over the nodes of a head model.
+fn check_input(model: &HeadModel, track: &[TrackedFrame], marks: &[(NodeId, Point2<f64>)]) -> Result<(), PoseError> {
+    let count = model.node_count();
+    if let Some(odd) = track.iter().find(|frame| frame.nodes.len() != count) {
+        return Err(PoseError::NodeCount { frame: odd.number, found: odd.nodes.len(), expected: count });
+    }
+    match marks.iter().find(|(node, _)| node.index() >= count) {
+        Some(&(node, _)) => Err(PoseError::NoSuchNode { node, count }),
+        None if track.is_empty() => Err(PoseError::TooFewFrames { found: 0 }),
+        None => Ok(()),
+    }
+}
+
+/// Checks that a head fit is one of a head model, and has at least the frames of a track.
+pub(super) fn check_fit(model: &HeadModel, fit: &HeadFit, track: &[TrackedFrame]) -> Result<(), PoseError> {
+    check_input(model, track, &[])?;
+    let (found, expected) = (fit.poses.len().min(fit.shapes.len()), track.len());
+    if found < expected {
+        return Err(PoseError::FrameCount { found, expected });
+    }
+    let count = model.node_count();
+    match fit.shapes.iter().chain([&fit.neutral]).find(|shape| shape.len() != count) {
+        Some(odd) => Err(PoseError::OtherWireframe { what: "head fit", found: odd.len(), expected: count }),
+        None => Ok(()),
+    }
+}
+
 /// Fits a head to tracked frames, the neutral one first. `marks` are those of the neutral frame: where a mark differs from its node, the
 /// mark determines the head.
 ///
 /// A later frame without a pose does not fail the fit: [`HeadFit::failures`] gives the reason.
 ///
 /// # Errors
-/// [`PoseError`] for another wireframe, and for a neutral frame with too few nodes or with nodes that no head explains.
+/// [`PoseError`] for too few frames, another wireframe, a mark that it lacks, and for a neutral frame with too few nodes or with
+/// nodes that no head explains.
 pub fn fit_head(
     model: &HeadModel,
     tables: &Tables,
     track: &[TrackedFrame],
     marks: &[(NodeId, Point2<f64>)],
 ) -> Result<HeadFit, PoseError> {
-    let Some(neutral) = track.first() else { return Err(PoseError::NoHead { frame: 0 }) };
+    check_input(model, track, marks)?;
+    let Some(neutral) = track.first() else { return Err(PoseError::TooFewFrames { found: 0 }) };
     let shifts = mark_shifts(model, tables, track, marks);
     let mut frames = vec![observe(model, neutral, &shifts[0], None)?];
     if !frames[0].is_seen() {
@@ -163,7 +226,9 @@ pub fn fit_head(
         expression: Directions::new(&model.expression, model.node_count()),
         identity: Directions::new(&model.identity, model.node_count()),
     };
-    let found = sequence.head()?;
+    // A single frame has a head only if enough of its nodes are marked.
+    let found =
+        sequence.head().map_err(|why| if track.len() < 2 { PoseError::TooFewFrames { found: track.len() } } else { why })?;
     let pose = found.views.first().map_or(start, |neutral| neutral.pose);
     let shape = sequence.problem().shape(&found.head);
     Sequence { start: pose, ..sequence }.every_frame(shape, pose, shifts)
@@ -173,7 +238,8 @@ pub fn fit_head(
 /// the frames. The search in the first of them starts at the pose `from`.
 ///
 /// # Errors
-/// [`PoseError::NodeCount`] for another wireframe.
+/// [`PoseError`] for an empty track, another wireframe, a mark that it lacks, and for a head fit without frames or of another
+/// wireframe.
 pub fn follow_head(
     model: &HeadModel,
     tables: &Tables,
@@ -181,7 +247,9 @@ pub fn follow_head(
     track: &[TrackedFrame],
     marks: &[(NodeId, Point2<f64>)],
 ) -> Result<HeadFit, PoseError> {
-    let neutral_pose = *known.poses.first().ok_or(PoseError::NoHead { frame: 0 })?;
+    check_input(model, track, marks)?;
+    check_fit(model, known, &track[..track.len().min(1)])?;
+    let neutral_pose = *known.poses.first().ok_or(PoseError::FrameCount { found: 0, expected: track.len() })?;
     let shifts = mark_shifts(model, tables, track, marks);
     let mut frames = Vec::with_capacity(track.len());
     for (m, (frame, shifts)) in track.iter().zip(&shifts).enumerate() {

@@ -136,7 +136,7 @@ pub fn frontalized(
             unturned + (turned - unturned) * turned_share
         };
         let marked: Vec<Point2<f64>> =
-            (0..shape.len()).map(|k| carried(k, frame.nodes[k].position + fit.mark_shifts[m][k])).collect();
+            (0..shape.len()).map(|k| carried(k, frame.nodes[k].position + fit.mark_shift(m, k))).collect();
         if m == 0 {
             let node = |k: usize| carried(k, frame.nodes[k].position) - marked[k];
             from_mark = (0..shape.len()).map(node).collect();
