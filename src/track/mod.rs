@@ -217,6 +217,44 @@ pub enum TrackError {
         /// What it says.
         reason: String,
     },
+    /// A part for another wireframe.
+    #[error("the {what} has {found} nodes, but the wireframe has {expected}; give the {what} that was made for this wireframe")]
+    OtherWireframe {
+        /// The part: the fitted wireframe, the plan or the track.
+        what: &'static str,
+        /// Its number of nodes.
+        found: usize,
+        /// Nodes of the wireframe.
+        expected: usize,
+    },
+    /// A frame without pixels.
+    #[error("frame {frame} has {size} pixels; a track needs frames that show a face")]
+    NoPixels {
+        /// Frame number.
+        frame: u32,
+        /// Its size.
+        size: ImageSize,
+    },
+    /// A frame of another size than the first.
+    #[error("frame {frame} has {found} pixels, but the first has {expected}; all frames of a sequence have one size")]
+    FrameSize {
+        /// Frame number.
+        frame: u32,
+        /// Its size.
+        found: ImageSize,
+        /// Size of the first frame.
+        expected: ImageSize,
+    },
+    /// An option out of range.
+    #[error("the option `{name}` of the tracker is {value}; it must be {allowed}")]
+    Option {
+        /// Name of the field.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+        /// What is allowed.
+        allowed: &'static str,
+    },
     /// The program of the point tracker is missing or ended early.
     #[error("{0}")]
     Program(#[from] CompanionError),
@@ -390,7 +428,8 @@ impl<P: std::ops::DerefMut<Target: PointTracker>> PointTracker for P {
 /// ```
 ///
 /// # Errors
-/// [`TrackError`] for frames that do not read, a lost face, or an interruption.
+/// [`TrackError`] for frames that do not read, a lost face, or an interruption; for a plan or a fitted wireframe with other
+/// nodes, frames of no or of differing size, and options out of range.
 pub fn track_sequence(
     wireframe: &Wireframe,
     plan: &TrackPlan,
@@ -502,7 +541,8 @@ impl<'a, T: PointTracker> FrameTracker<'a, T> {
     /// Starts with the frame that the wireframe was fitted to.
     ///
     /// # Errors
-    /// [`TrackError`] when the tracker cannot take the frame.
+    /// [`TrackError`] when the tracker cannot take the frame, for a plan or a fitted wireframe with other nodes, a frame without
+    /// pixels, and options out of range.
     pub fn start(
         mut tracker: T,
         wireframe: &'a Wireframe,
@@ -511,7 +551,11 @@ impl<'a, T: PointTracker> FrameTracker<'a, T> {
         frame: &Frame,
         options: &'a TrackOptions,
     ) -> Result<Self, TrackError> {
+        options.check()?;
+        plan.check_wireframe(wireframe)?;
         let nodes = fitted.model.nodes();
+        check_nodes("fitted wireframe", nodes.len(), wireframe.node_count())?;
+        check_size(frame, frame.size())?;
         let eye_distance = eye_distance_px(&plan.tables, nodes).unwrap_or(100.0);
         let window = window_px(&plan.tables, nodes, options);
         tracker.advance(frame)?;
@@ -533,8 +577,9 @@ impl<'a, T: PointTracker> FrameTracker<'a, T> {
     /// Tracks the next frame, forward or backward in time.
     ///
     /// # Errors
-    /// [`TrackError`] for a lost face.
+    /// [`TrackError`] for a lost face, and for a frame of another size than the first.
     pub fn step(&mut self, frame: &Frame) -> Result<&TrackedFrame, TrackError> {
+        check_size(frame, self.size)?;
         let even = self.light.as_ref().and_then(|light| light.undone_at(frame, self.wireframe, &self.last));
         self.tracker.advance(even.as_ref().unwrap_or(frame))?;
         let Self { wireframe, plan, options, window, eye_distance, .. } = *self;
@@ -546,6 +591,20 @@ impl<'a, T: PointTracker> FrameTracker<'a, T> {
     }
 }
 
+/// Checks that a part has as many nodes as the wireframe.
+fn check_nodes(what: &'static str, found: usize, expected: usize) -> Result<(), TrackError> {
+    if found == expected { Ok(()) } else { Err(TrackError::OtherWireframe { what, found, expected }) }
+}
+
+/// Checks that a frame has pixels, and as many as the first one.
+fn check_size(frame: &Frame, expected: ImageSize) -> Result<(), TrackError> {
+    let (frame, size) = (frame.number(), frame.size());
+    if size.width == 0 || size.height == 0 {
+        return Err(TrackError::NoPixels { frame, size });
+    }
+    if size == expected { Ok(()) } else { Err(TrackError::FrameSize { frame, found: size, expected }) }
+}
+
 /// Returns the nodes of the neutral frame with their states: marked, corrected (set by hand), fitted, or following. Their expected error is
 /// the error of their position on the face.
 pub fn neutral_nodes(wireframe: &Wireframe, fitted: &FittedWireframe) -> Vec<TrackedNode> {
@@ -555,10 +614,12 @@ pub fn neutral_nodes(wireframe: &Wireframe, fitted: &FittedWireframe) -> Vec<Tra
         node.expected_error = Some(expected);
     }
     for follower in wireframe.followers() {
-        nodes[follower.node.index()].state = NodeState::Follows;
+        if let Some(node) = nodes.get_mut(follower.node.index()) {
+            node.state = NodeState::Follows;
+        }
     }
     for (mark, residual) in fitted.correspondences.iter().zip(&fitted.residuals) {
-        let node = &mut nodes[mark.node.index()];
+        let Some(node) = nodes.get_mut(mark.node.index()) else { continue };
         node.residual = Some(*residual);
         node.state = match mark.kind {
             MarkKind::Mark => NodeState::Marked,

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{AlignOptions, KltKind};
+use super::{AlignOptions, KltKind, TrackError};
 
 /// Forces with which tracked nodes drive the springs.
 ///
@@ -99,6 +99,34 @@ impl Default for TrackOptions {
 }
 
 impl TrackOptions {
+    /// Checks the numbers.
+    ///
+    /// # Errors
+    /// [`TrackError::Option`] for the first one out of range.
+    pub(super) fn check(&self) -> Result<(), TrackError> {
+        const FINITE: (f64, &str) = (f64::MAX, "a finite number of at least 0");
+        // These two can be switched off by infinity.
+        const ANY: (f64, &str) = (f64::INFINITY, "at least 0");
+        let AlignOptions { gain, anchor, stiffness, reach, smoothing, corners } = self.align;
+        let all = [
+            ("window", self.window, FINITE),
+            ("forward_backward", self.forward_backward, ANY),
+            ("extreme", self.extreme, ANY),
+            ("force", self.force, FINITE),
+            ("mismatch", self.mismatch, FINITE),
+            ("align.gain", gain, FINITE),
+            ("align.anchor", anchor, FINITE),
+            ("align.stiffness", stiffness, FINITE),
+            ("align.reach", reach, FINITE),
+            ("align.smoothing", smoothing, (MOST_SMOOTHING_PX, "0 to 20 px")),
+            ("align.corners", corners, FINITE),
+        ];
+        match all.into_iter().find(|(_, value, (most, _))| !(*value >= 0.0 && value <= most)) {
+            Some((name, value, (_, allowed))) => Err(TrackError::Option { name, value, allowed }),
+            None => Ok(()),
+        }
+    }
+
     /// Whether anything is read by the locator in later frames.
     pub(crate) fn locates(&self) -> bool {
         self.locate_lost || self.read_lips
@@ -107,3 +135,36 @@ impl TrackOptions {
 
 /// Smallest KLT window, px.
 pub const MIN_WINDOW_PX: u32 = 7;
+
+/// Largest smoothing of the frames for the alignment, px: beyond it a face has no texture left, and smoothing takes long.
+const MOST_SMOOTHING_PX: f64 = 20.0;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_out_of_range_are_named() {
+        let (base, align) = (TrackOptions::default(), AlignOptions::default());
+        assert!(base.check().is_ok());
+        assert!(TrackOptions { extreme: f64::INFINITY, forward_backward: f64::INFINITY, ..base }.check().is_ok());
+        let of_align = |align: AlignOptions| TrackOptions { align, ..base };
+        for (options, message) in [
+            (
+                TrackOptions { window: f64::NAN, ..base },
+                "`window` of the tracker is NaN; it must be a finite number of at least 0",
+            ),
+            (TrackOptions { extreme: f64::NAN, ..base }, "`extreme` of the tracker is NaN; it must be at least 0"),
+            (TrackOptions { force: -1.0, ..base }, "`force` of the tracker is -1; it must be a finite number of at least 0"),
+            (TrackOptions { mismatch: f64::INFINITY, ..base }, "`mismatch` of the tracker is inf"),
+            (
+                of_align(AlignOptions { smoothing: 1000.0, ..align }),
+                "`align.smoothing` of the tracker is 1000; it must be 0 to 20 px",
+            ),
+            (of_align(AlignOptions { reach: f64::NAN, ..align }), "`align.reach` of the tracker is NaN"),
+        ] {
+            let found = options.check().unwrap_err().to_string();
+            assert!(found.contains(message), "{found}");
+        }
+    }
+}

@@ -9,8 +9,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::Point2;
 
 use super::{
-    NodeState, PointTracker, TrackError, TrackOptions, TrackPlan, TrackedFrame, TrackedNode, align::Template, eye_distance_px,
-    leap::Leap, lids::Lids, light::Light, lips::Lips, step::Step, window_px,
+    NodeState, PointTracker, TrackError, TrackOptions, TrackPlan, TrackedFrame, TrackedNode, align::Template, check_nodes,
+    check_size, eye_distance_px, leap::Leap, lids::Lids, light::Light, lips::Lips, step::Step, window_px,
 };
 use crate::{
     fit::{DrivenNode, Pull, Springs},
@@ -85,6 +85,10 @@ pub fn resume_with(
     frames: impl IntoIterator<Item = Result<Frame, SequenceError>>,
     options: &TrackOptions,
 ) -> Result<Vec<TrackedFrame>, TrackError> {
+    options.check()?;
+    plan.check_wireframe(wireframe)?;
+    track.iter().try_for_each(|frame| check_nodes("track", frame.nodes.len(), wireframe.node_count()))?;
+    let mut size = None;
     let rest: Vec<_> = track.first().map(|f| f.nodes.iter().map(|n| n.position).collect()).unwrap_or_default();
     let eye_distance = eye_distance_px(&plan.tables, &rest).unwrap_or(100.0);
     let window = window_px(&plan.tables, &rest, options);
@@ -101,6 +105,7 @@ pub fn resume_with(
     for (index, frame) in frames.into_iter().enumerate() {
         let frame = frame?;
         let number = frame.number();
+        check_size(&frame, *size.get_or_insert(frame.size()))?;
         if index == 0 || number == start || !passed.contains(&number) {
             // As in the original tracking, from the nodes of the previous frame.
             let before = if number == start { before_start.unwrap_or(&previous) } else { &previous };
@@ -166,14 +171,14 @@ fn release(
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::Vector2;
+    use nalgebra::{Matrix2, Vector2};
 
     use super::*;
     use crate::{
         fit::FittedWireframe,
         geometry::Similarity,
         model::FrameExpressionModel,
-        track::{Found, LossReason, Probe, Slot, Track, track_with},
+        track::{Found, LossReason, Patch, Probe, Slot, Track, track_with},
         wireframe::Tables,
     };
 
@@ -206,16 +211,7 @@ mod tests {
     fn bench() -> Bench {
         let wireframe = Wireframe::candide3();
         let plan = TrackPlan::new(&wireframe, &Tables::candide3());
-        let nodes = wireframe.frontal().iter().map(|p| Point2::new(200.0 + 100.0 * p.x, 200.0 - 100.0 * p.y)).collect();
-        let fitted = FittedWireframe {
-            model: FrameExpressionModel::new(nodes),
-            image_from_face: Similarity::identity(),
-            correspondences: vec![],
-            read: Vec::new(),
-            residuals: vec![],
-            spreads: None,
-            warnings: Vec::new(),
-        };
+        let fitted = fitted(&wireframe);
         let track = track_with(&mut Drift, &wireframe, &plan, &fitted, frames(), &TrackOptions::default(), |_| true).unwrap();
         Bench { wireframe, plan, track }
     }
@@ -223,6 +219,86 @@ mod tests {
     fn resume(bench: &Bench, track: &[TrackedFrame], start: u32, corrections: &Corrections) -> Vec<TrackedFrame> {
         let options = TrackOptions::default();
         resume_with(&mut Drift, &bench.wireframe, &bench.plan, track, start, corrections, frames(), &options).unwrap()
+    }
+
+    /// A point tracker that returns one result, or gradient, too few, or a patch without grey values.
+    struct Short(&'static str);
+
+    impl PointTracker for Short {
+        fn advance(&mut self, _: &Frame) -> Result<(), TrackError> {
+            Ok(())
+        }
+
+        fn gradients(&self, _: Slot, _: u32, points: &[Point2<f64>]) -> Result<Vec<Matrix2<f64>>, TrackError> {
+            Ok(vec![Matrix2::identity(); points.len() - usize::from(self.0 == "gradients")])
+        }
+
+        fn patch(&self, _: Slot, _: &[Point2<f64>], _: f64, _: f64) -> Result<Option<Patch>, TrackError> {
+            let patch = Patch { left: 0, top: 0, width: 400, height: 400, values: Vec::new() };
+            Ok(Some(patch).filter(|_| self.0 == "patch"))
+        }
+
+        fn find(&mut self, _: Slot, _: Slot, _: u32, _: u32, probes: &[Probe]) -> Result<Vec<Found>, TrackError> {
+            let found = probes.iter().map(|p| Found::At { position: p.position, difference: 1.0 });
+            Ok(found.skip(usize::from(self.0 == "search results")).collect())
+        }
+    }
+
+    fn fitted(wireframe: &Wireframe) -> FittedWireframe {
+        let nodes = wireframe.frontal().iter().map(|p| Point2::new(200.0 + 100.0 * p.x, 200.0 - 100.0 * p.y)).collect();
+        FittedWireframe {
+            model: FrameExpressionModel::new(nodes),
+            image_from_face: Similarity::identity(),
+            correspondences: vec![],
+            read: Vec::new(),
+            residuals: vec![],
+            spreads: None,
+            warnings: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_point_tracker_that_returns_too_few_is_named() {
+        let wireframe = Wireframe::candide3();
+        let plan = TrackPlan::new(&wireframe, &Tables::candide3());
+        let (options, fitted) = (TrackOptions::default(), fitted(&wireframe));
+        for (what, said) in [
+            ("search results", "it returned 103 search results for 104 points"),
+            ("gradients", "it returned 103 gradients for 104 points"),
+            ("patch", "it returned a patch of 400x400 px with 0 grey values"),
+        ] {
+            let error = track_with(&mut Short(what), &wireframe, &plan, &fitted, frames(), &options, |_| true).unwrap_err();
+            assert!(matches!(&error, TrackError::PointTracker { reason } if reason.starts_with(said)), "{error}");
+        }
+    }
+
+    #[test]
+    fn plans_wireframes_and_frames_of_another_shape_are_an_error() {
+        let Bench { wireframe, plan, track } = bench();
+        let options = TrackOptions::default();
+        let with = |plan: &TrackPlan, fitted: &FittedWireframe, sizes: [(u32, u32); 2]| {
+            let frame = |(k, (width, height))| Ok(Frame::new(k, image::GrayImage::new(width, height)));
+            track_with(&mut Drift, &wireframe, plan, fitted, (1..).zip(sizes).map(frame), &options, |_| true)
+                .unwrap_err()
+                .to_string()
+        };
+        let small = {
+            let (vertices, triangles) = (wireframe.vertices()[..3].to_vec(), vec![[NodeId(0), NodeId(1), NodeId(2)]]);
+            Wireframe::new(vertices, triangles, vec![], vec![]).unwrap()
+        };
+        let good = fitted(&wireframe);
+        let sizes = [(400, 400), (400, 400)];
+        assert!(with(&plan, &fitted(&small), sizes).starts_with("the fitted wireframe has 3 nodes, but the wireframe has 113"));
+        let other = TrackPlan::new(&small, &Tables::candide3());
+        assert!(with(&other, &good, sizes).starts_with("the plan has 3 nodes, but the wireframe has 113"));
+        assert!(
+            with(&plan, &good, [(400, 400), (401, 400)]).starts_with("frame 2 has 401x400 pixels, but the first has 400x400")
+        );
+        assert!(with(&plan, &good, [(0, 0), (0, 0)]).starts_with("frame 1 has 0x0 pixels"));
+        let mut cut = track.frames;
+        cut[1].nodes.truncate(5);
+        let error = resume_with(&mut Drift, &wireframe, &plan, &cut, 1, &Corrections::new(), frames(), &options).unwrap_err();
+        assert!(matches!(error, TrackError::OtherWireframe { what: "track", found: 5, expected: 113 }), "{error}");
     }
 
     #[test]

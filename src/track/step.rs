@@ -16,7 +16,8 @@ use nalgebra::{Matrix2, Point2, Vector2};
 use super::{
     AlignOptions, Evidence, Forces, Found, LossReason, NodeState, PointTracker, Probe, Slot, TrackError, TrackOptions,
     TrackedFrame, TrackedNode,
-    align::{Template, Ties},
+    align::{Patch, Template, Ties},
+    check_nodes,
     leap::{FAR, Leap, PREDICTED_FORCE, is_large},
     lids::Lids,
     lips::Lips,
@@ -84,6 +85,9 @@ fn root_eigenvalues(matrix: &Matrix2<f64>) -> [f64; 2] {
 /// ```
 #[derive(Clone, Debug)]
 pub struct TrackPlan {
+    /// Live nodes of the wireframe, and the number of all its nodes.
+    live: Vec<NodeId>,
+    nodes: usize,
     springs: Springs,
     ties: Ties,
     neighbours: recover::Neighbours,
@@ -118,6 +122,8 @@ impl TrackPlan {
         let corners: Vec<_> = CORNERS.iter().filter_map(twin).collect();
         let held: Vec<_> = corners.iter().map(|corner| [corner.outer, corner.inner]).collect();
         Self {
+            live: wireframe.live_nodes().to_vec(),
+            nodes: wireframe.node_count(),
             ties: Ties::new(wireframe, &springs, &held),
             springs,
             neighbours: recover::Neighbours::new(wireframe),
@@ -129,7 +135,36 @@ impl TrackPlan {
     }
 }
 
+/// Checks that a point tracker returned one of each for every point.
+fn one_each<T>(what: &str, found: Vec<T>, asked: usize) -> Result<Vec<T>, TrackError> {
+    if found.len() == asked {
+        return Ok(found);
+    }
+    Err(TrackError::PointTracker {
+        reason: format!("it returned {} {what} for {asked} points; it must return one each", found.len()),
+    })
+}
+
+/// Checks that a patch of a point tracker has as many grey values as its size says.
+fn whole(patch: Option<Patch>) -> Result<Option<Patch>, TrackError> {
+    let Some(Patch { width, height, values, .. }) = &patch else { return Ok(None) };
+    let (width, height, found) = (*width, *height, values.len());
+    if found > 0 && width.checked_mul(height) == Some(found) {
+        return Ok(patch);
+    }
+    Err(TrackError::PointTracker { reason: format!("it returned a patch of {width}x{height} px with {found} grey values") })
+}
+
 impl TrackPlan {
+    /// Checks that the plan was made for a wireframe.
+    ///
+    /// # Errors
+    /// [`TrackError::OtherWireframe`].
+    pub(super) fn check_wireframe(&self, wireframe: &Wireframe) -> Result<(), TrackError> {
+        check_nodes("plan", self.nodes, wireframe.node_count())?;
+        check_nodes("plan", self.live.len(), wireframe.live_nodes().len())
+    }
+
     /// Returns the template of the neutral frame's skin, for a tracker that has images.
     pub(super) fn template(
         &self,
@@ -139,7 +174,7 @@ impl TrackPlan {
         lengths: (u32, f64),
         options: &AlignOptions,
     ) -> Result<Option<Template>, TrackError> {
-        let patch = tracker.patch(Slot::Neutral, nodes, PATCH_MARGIN_PX, options.smoothing)?;
+        let patch = whole(tracker.patch(Slot::Neutral, nodes, PATCH_MARGIN_PX, options.smoothing)?)?;
         Ok(patch.map(|patch| Template::new(wireframe, &self.ties, &self.rigid.concat(), nodes, &patch, lengths, options)))
     }
 }
@@ -185,6 +220,7 @@ impl Step<'_> {
             return Err(TrackError::FaceLost { frame: self.frame.number(), found: tracked, live: live.len() });
         }
         let gradients = tracker.gradients(Slot::Previous, self.window, &starts)?;
+        let gradients = one_each("gradients", gradients, starts.len())?;
         let mut moved = self.place(&positions, &steps, &gradients)?;
         self.align(tracker, &steps, &gradients, &mut moved)?;
         let follows = |&position| TrackedNode::new(position, NodeState::Follows, None);
@@ -273,6 +309,7 @@ impl Step<'_> {
         let guess = |k: usize, start: Point2<f64>| guesses.map_or(start, |guesses| guesses[k]);
         let probes: Vec<_> = starts.iter().enumerate().map(|(k, &p)| Probe { position: p, guess: guess(k, p) }).collect();
         let forward = tracker.find(Slot::Previous, Slot::Current, self.window, levels, &probes)?;
+        let forward = one_each("search results", forward, probes.len())?;
         let live = self.wireframe.live_nodes().iter().zip(starts);
         if self.options.forward_backward == 0.0 {
             return Ok(live.zip(forward).map(|((&node, &start), forward)| self.judge(node, start, forward, None)).collect());
@@ -283,6 +320,7 @@ impl Step<'_> {
         };
         let ends: Vec<_> = forward.iter().zip(starts).enumerate().map(end).collect();
         let backward = tracker.find(Slot::Current, Slot::Previous, self.window, levels, &ends)?;
+        let backward = one_each("search results", backward, ends.len())?;
         let ways = forward.into_iter().zip(backward);
         Ok(live.zip(ways).map(|((&node, &start), (there, back))| self.judge(node, start, there, Some(back))).collect())
     }
@@ -347,7 +385,8 @@ impl Step<'_> {
         if self.template.is_none() || options.gain <= 0.0 {
             return Ok(());
         }
-        let Some(patch) = tracker.patch(Slot::Current, nodes, PATCH_MARGIN_PX, options.smoothing)? else { return Ok(()) };
+        let patch = tracker.patch(Slot::Current, nodes, PATCH_MARGIN_PX, options.smoothing)?;
+        let Some(patch) = whole(patch)? else { return Ok(()) };
         let force = |(s, g): (&recover::NodeStep, &Matrix2<f64>)| {
             if s.loss.is_some() && !s.predicted { Matrix2::zeros() } else { self.force(s, g) }
         };
