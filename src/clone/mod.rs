@@ -277,6 +277,28 @@ pub enum CloneError {
     /// The user asked to stop.
     #[error("interrupted")]
     Interrupted,
+    /// A source whose parts have differing numbers of frames or nodes.
+    #[error("the source {name} has {found} {what}, but {expected} are needed; every frame has offsets of all nodes and a head")]
+    UnevenSource {
+        /// Name of the source.
+        name: String,
+        /// The part, with its unit.
+        what: &'static str,
+        /// Its number.
+        found: usize,
+        /// The number needed.
+        expected: usize,
+    },
+    /// A number out of range, of the options or of the source.
+    #[error("{what} is {value}; it must be {allowed}")]
+    Number {
+        /// The option, or the part of the source.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+        /// What is allowed.
+        allowed: &'static str,
+    },
 }
 
 /// Says which motion to name, for the end of a message.

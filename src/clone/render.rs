@@ -40,6 +40,32 @@ pub struct CloneOptions {
     pub timing: Timing,
 }
 
+/// Largest factor on a motion; no face moves a hundred times as far.
+const MOST_EMPHASIS: f64 = 100.0;
+
+impl CloneOptions {
+    /// Checks the factors; those of time are checked with the source.
+    fn check(&self) -> Result<(), CloneError> {
+        let out = |what, value, allowed| Err(CloneError::Number { what, value, allowed });
+        if !(self.emphasis.abs() <= MOST_EMPHASIS) {
+            return out("the emphasis", self.emphasis, "-100 to 100");
+        }
+        if !(self.wrinkles.is_finite() && self.wrinkles >= 0.0) {
+            return out("the strength of wrinkles", self.wrinkles, "a finite number of at least 0");
+        }
+        Ok(())
+    }
+}
+
+/// Checks that a motion has the nodes of a target.
+fn check_nodes(source: &SourceMotion, moments: &[Moment], target: &Target) -> Result<(), CloneError> {
+    let expected = target.fitted.model.node_count();
+    match moments.iter().find(|moment| moment.offsets.len() != expected) {
+        Some(odd) => Err(CloneError::Topology { what: source.name.clone(), found: odd.offsets.len(), expected }),
+        None => Ok(()),
+    }
+}
+
 impl Default for CloneOptions {
     fn default() -> Self {
         Self {
@@ -145,7 +171,8 @@ pub struct ClonedExpression<'a> {
 /// ```
 ///
 /// # Errors
-/// [`CloneError`] for too many frames.
+/// [`CloneError`] for too many frames, options out of range, a source whose parts do not fit together, and a source or face with
+/// other nodes than the target.
 pub fn clone_expression<'a>(
     source: &SourceMotion,
     target: &'a Target,
@@ -153,7 +180,9 @@ pub fn clone_expression<'a>(
     options: &CloneOptions,
     face: &Face,
 ) -> Result<ClonedExpression<'a>, CloneError> {
+    options.check()?;
     let (fps, moments) = options.timing.moments(source)?;
+    check_nodes(source, &moments, target)?;
     let frames = moments
         .iter()
         .enumerate()
@@ -215,6 +244,7 @@ impl<'a> ClonedExpression<'a> {
             return Ok(self);
         }
         let (_, moments) = self.options.timing.moments(source)?;
+        check_nodes(source, &moments, self.target)?;
         for (frame, moment) in self.frames.iter_mut().zip(&moments) {
             frame.skin = skin.growth(source, moment, self.options.emphasis);
         }
@@ -256,6 +286,7 @@ impl ClonedExpression<'_> {
     pub(super) fn unshaped(&self, source: &SourceMotion, face: &Face) -> Result<Vec<Vec<Point2<f64>>>, CloneError> {
         let CloneOptions { rescale, emphasis, timing, .. } = self.options;
         let (_, moments) = timing.moments(source)?;
+        check_nodes(source, &moments, self.target)?;
         Ok(moments.iter().map(|m| self.target.unshaped_nodes_at(source, m, rescale, emphasis, face)).collect())
     }
 
@@ -298,6 +329,26 @@ impl ClonedExpression<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn factors_out_of_range_and_other_nodes_are_an_error() {
+        let face = Face::candide3();
+        let source = SourceMotion::read("fixtures/golden/representatives/happiness.csv".as_ref(), &face).unwrap();
+        let target = crate::clone::test_target::portrait_target();
+        let why = |source: &SourceMotion, options: CloneOptions| {
+            clone_expression(source, target, None, &options, &face).unwrap_err().to_string()
+        };
+        let options = CloneOptions::default();
+        for emphasis in [f64::NAN, f64::INFINITY, 1e300, -101.0] {
+            let said = why(&source, CloneOptions { emphasis, ..options });
+            assert_eq!(said, format!("the emphasis is {emphasis}; it must be -100 to 100"));
+        }
+        assert!(why(&source, CloneOptions { wrinkles: f64::NAN, ..options }).starts_with("the strength of wrinkles is NaN"));
+        let mut small = source.clone();
+        small.offsets.iter_mut().for_each(|offsets| offsets.truncate(80));
+        assert!(why(&small, options).starts_with("happiness has 80 nodes, but the wireframe has 113"));
+        assert!(clone_expression(&source, target, None, &CloneOptions { emphasis: -1.0, ..options }, &face).is_ok());
+    }
 
     #[test]
     fn a_blink_shuts_the_lids_and_ends_in_the_film() {

@@ -263,6 +263,48 @@ impl SourceMotion {
         self.offsets.len()
     }
 
+    /// Checks that every frame has a head and plausible offsets of the same nodes, that there are as many turns, positions and
+    /// times as frames if any, and that lengths, times and the frame rate are numbers that a motion can have.
+    ///
+    /// # Errors
+    /// [`CloneError`].
+    pub(super) fn check_parts(&self) -> Result<(), CloneError> {
+        let Some(first) = self.offsets.first() else { return Err(CloneError::NoFrames { path: self.name.clone() }) };
+        let (frames, nodes) = (self.offsets.len(), first.len());
+        let equal = |what, found: usize, expected: usize| {
+            if found == expected {
+                Ok(())
+            } else {
+                Err(CloneError::UnevenSource { name: self.name.clone(), what, found, expected })
+            }
+        };
+        self.offsets.iter().try_for_each(|offsets| equal("offsets in a frame", offsets.len(), nodes))?;
+        equal("heads", self.head.len(), frames)?;
+        let of_all = |what, found| if found == 0 { Ok(()) } else { equal(what, found, frames) };
+        of_all("turns", self.turns.len())?;
+        of_all("frames with positions", self.frames.len())?;
+        self.frames.iter().try_for_each(|(_, positions)| equal("positions in a frame", positions.len(), nodes))?;
+        let number = |what, value: f64, allowed| Err(CloneError::Number { what, value, allowed });
+        if let Some(fps) = self.fps.filter(|fps| !(fps.is_finite() && *fps > 0.0)) {
+            return number("the frame rate of the source", fps, "a finite number above 0");
+        }
+        if let Some(times) = &self.times {
+            equal("times", times.len(), frames)?;
+            let ascends = times.windows(2).all(|pair| pair[0] <= pair[1]);
+            if let Some(&odd) = times.iter().find(|time| !(time.is_finite() && **time >= 0.0 && ascends)) {
+                return number("a time of the source", odd, "finite, at least 0 and not before the time of the frame before");
+            }
+        }
+        let Fapus { irisd, es, ens, mns, mw } = self.fapus;
+        if let Some(odd) = [es, ens, mns, mw, irisd].into_iter().find(|length| !(length.is_finite() && *length > 0.0)) {
+            return number("a length of the source's neutral face", odd, "a finite number above 0");
+        }
+        if let Some(&odd) = self.lid_gaps.iter().find(|gap| !gap.is_finite()) {
+            return number("a distance of the source's lids", odd, "a finite number");
+        }
+        self.check().map_err(|source| CloneError::Implausible { path: PathBuf::from(&self.name), source })
+    }
+
     /// Index of the frame with the largest sum of offsets; the first one of equals.
     pub fn apex(&self) -> usize {
         let size = |frame: &Vec<Vector2<f64>>| frame.iter().map(Vector2::norm).sum::<f64>();

@@ -112,8 +112,18 @@ impl Timing {
     /// Returns the frames per second and the moments of all frames, including the first and the last frame of the source.
     ///
     /// # Errors
-    /// [`CloneError::TooManyFrames`]; [`CloneError::TooFewFrames`] if duration and rate contradict each other.
+    /// [`CloneError::TooManyFrames`]; [`CloneError::TooFewFrames`] if duration and rate contradict each other;
+    /// [`CloneError::Number`] for a duration or rate that is no number above 0; [`CloneError`] for a source whose parts do not
+    /// fit together.
     pub fn moments(&self, source: &SourceMotion) -> Result<(f64, Vec<Moment>), CloneError> {
+        source.check_parts()?;
+        for (what, value) in
+            [("the frame rate of the clone", self.fps), ("the duration of the clone, in seconds,", self.duration)]
+        {
+            if let Some(value) = value.filter(|value| !(value.is_finite() && *value > 0.0)) {
+                return Err(CloneError::Number { what, value, allowed: "a finite number above 0" });
+            }
+        }
         let fps = self.fps.or(source.fps).unwrap_or(f64::from(FPS));
         let seconds = self.duration.unwrap_or(source.seconds());
         let steps = (seconds * fps).round();
@@ -172,7 +182,7 @@ impl SourceMotion {
             SourceKind::Model => MODEL_SECONDS,
             _ => match self.times.as_ref().and_then(|times| times.last()) {
                 Some(&last) => last,
-                None => (self.frame_count() - 1) as f64 / self.fps.unwrap_or(f64::from(FPS)),
+                None => self.frame_count().saturating_sub(1) as f64 / self.fps.unwrap_or(f64::from(FPS)),
             },
         }
     }
@@ -180,8 +190,10 @@ impl SourceMotion {
     /// Returns the motion resampled to evenly spaced frames at its own rate.
     ///
     /// # Errors
-    /// [`CloneError::TooManyBetween`] if this would take too many frames between its own.
+    /// [`CloneError::TooManyBetween`] if this would take too many frames between its own; [`CloneError`] for parts that do not
+    /// fit together.
     pub fn evenly(&self) -> Result<Self, CloneError> {
+        self.check_parts()?;
         let Some(Even { last, fps }) = self.even()? else { return Ok(self.clone()) };
         let course = self.course();
         let moments: Vec<Moment> = (0..=last).map(|k| course.at(self.place(k as f64 / last as f64))).collect();
@@ -213,15 +225,15 @@ impl SourceMotion {
 
     /// Fractional frame index after a fraction of the motion's time.
     fn place(&self, share: f64) -> f64 {
-        let last = (self.frame_count() - 1) as f64;
+        let last = self.frame_count().saturating_sub(1) as f64;
         let Some((times, end)) = self.times.as_ref().and_then(|times| Some((times, times.last()?))) else { return share * last };
         let moment = interpolation::Moment::at_time(times, share.clamp(0.0, 1.0) * end);
         moment.key as f64 + moment.share
     }
 
-    /// The motion as a function of time.
+    /// The motion as a function of time. Nodes that a frame lacks are left out.
     pub fn course(&self) -> Course<'_> {
-        let count = self.offsets.first().map_or(0, Vec::len);
+        let count = self.offsets.iter().map(Vec::len).min().unwrap_or(0);
         let mut slopes_of = vec![vec![Vector2::zeros(); count]; self.frame_count()];
         for node in 0..count {
             for axis in 0..2 {
@@ -273,20 +285,24 @@ impl Course<'_> {
         Vector2::new(axis(0), axis(1))
     }
 
-    /// The motion at a fractional frame index, from 0; an index outside the motion gives its first or last frame.
+    /// The motion at a fractional frame index, from 0; an index outside the motion gives its first or last frame. A motion
+    /// without frames has no offsets; a head that is not there is at rest.
     pub fn at(&self, place: f64) -> Moment {
         let motion = self.motion;
-        let last = motion.frame_count() - 1;
+        let Some(last) = motion.frame_count().checked_sub(1) else {
+            return Moment { offsets: Vec::new(), head: Similarity::identity(), turn: None, nearest: 0 };
+        };
+        let head_of = |frame: usize| motion.head.get(frame).copied().unwrap_or_else(Similarity::identity);
         let place = place.clamp(0.0, last as f64);
         let nearest = place.round() as usize;
         let i = (place.floor() as usize).min(last.saturating_sub(1));
         let t = place - i as f64;
         if (place - nearest as f64).abs() < 1e-9 || last == 0 {
             let turn = motion.turns.get(nearest).copied();
-            return Moment { offsets: motion.offsets[nearest].clone(), head: motion.head[nearest], turn, nearest };
+            return Moment { offsets: motion.offsets[nearest].clone(), head: head_of(nearest), turn, nearest };
         }
-        let offsets = (0..motion.offsets[i].len()).map(|n| self.offset(n, place)).collect();
-        let (p, q) = (motion.head[i], motion.head[i + 1]);
+        let offsets = (0..self.slopes[i].len()).map(|n| self.offset(n, place)).collect();
+        let (p, q) = (head_of(i), head_of(i + 1));
         let mix = |p: f64, q: f64| p + (q - p) * t;
         let head = Similarity {
             scale: mix(p.scale, q.scale),
@@ -331,6 +347,32 @@ mod tests {
         assert_eq!(moments.len(), 11);
         assert!((moments[2].offsets[31] - motion.offsets[2][31]).norm() < 1e-6);
         assert!((moments[10].offsets[31] - motion.offsets[4][31]).norm() < 1e-9);
+    }
+
+    #[test]
+    fn sources_with_uneven_parts_and_rates_that_are_none_are_refused() {
+        let why = |change: fn(&mut SourceMotion)| {
+            let mut motion = happiness();
+            change(&mut motion);
+            let error = Timing::default().moments(&motion).unwrap_err();
+            assert_eq!(motion.evenly().unwrap_err().to_string(), error.to_string());
+            error.to_string()
+        };
+        assert_eq!(why(|m| m.offsets.clear()), "happiness: the file has no frames");
+        assert!(
+            why(|m| m.offsets[2].truncate(7)).starts_with("the source happiness has 7 offsets in a frame, but 113 are needed")
+        );
+        assert!(why(|m| m.head.truncate(4)).starts_with("the source happiness has 4 heads, but 5 are needed"));
+        assert!(why(|m| m.times = Some(vec![0.0, 1.0])).starts_with("the source happiness has 2 times, but 5 are needed"));
+        assert!(why(|m| m.times = Some(vec![f64::NAN; 5])).starts_with("a time of the source is NaN; it must be"));
+        assert!(why(|m| m.fps = Some(0.0)).starts_with("the frame rate of the source is 0; it must be"));
+        assert!(why(|m| m.fapus.mw = 0.0).starts_with("a length of the source's neutral face is 0; it must be"));
+        assert!(why(|m| m.offsets[3][31].x = 1e300).contains("node 31"));
+        let of = |fps, duration| Timing { fps, duration, ..Timing::default() }.moments(&happiness()).unwrap_err().to_string();
+        for bad in [f64::NAN, f64::INFINITY, 0.0, -1.0] {
+            assert!(of(Some(bad), None).starts_with(&format!("the frame rate of the clone is {bad}; it must be")));
+            assert!(of(None, Some(bad)).starts_with(&format!("the duration of the clone, in seconds, is {bad}; it must be")));
+        }
     }
 
     #[test]
