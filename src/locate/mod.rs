@@ -73,7 +73,8 @@ const CROWDED: usize = 4;
 pub struct LocateOptions {
     /// Largest number of faces per picture.
     pub most_faces: usize,
-    /// Smallest eye distance, px; `None` for a share of the picture's longer side.
+    /// Smallest eye distance, px, at least 10; `None`, and what is no number, for a share of the picture's longer side. There is
+    /// no face with an eye distance larger than the picture.
     pub least_eye_distance: Option<f64>,
     /// Whether small faces are searched for in addition to large ones; otherwise only if there are no large ones.
     pub every_size: bool,
@@ -215,9 +216,13 @@ impl Locator {
     pub fn locate_counted(&self, image: &GrayImage, options: &LocateOptions) -> (Vec<LocatedFace>, usize) {
         let Some(picture) = Picture::new(image) else { return (Vec::new(), 0) };
         let (longer, shorter) = (picture.width().max(picture.height()) as f32, picture.width().min(picture.height()) as f32);
-        let least = options.least_eye_distance.map_or((0.055 * longer).max(18.0), |d| d.max(10.0) as f32);
+        let asked = options.least_eye_distance.filter(|d| !d.is_nan()).map(|d| d.max(10.0) as f32);
+        if asked.is_some_and(|d| d > longer) {
+            return (Vec::new(), 0);
+        }
+        let least = asked.unwrap_or((0.055 * longer).max(18.0));
         let most = (0.5 * shorter).max(least);
-        let smaller = options.least_eye_distance.map_or((0.02 * longer).clamp(10.0, least), |d| d as f32);
+        let smaller = asked.unwrap_or((0.02 * longer).clamp(10.0, least));
         let degrees = f32::to_radians;
         let searches = [
             (least, most, 0.0, 12),
@@ -498,6 +503,15 @@ impl Model {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_least_eye_distance_that_is_none_ends_the_search() {
+        let (locator, wall) = (Locator::shipped().unwrap(), GrayImage::from_pixel(60, 50, image::Luma([128])));
+        for distance in [f64::INFINITY, 1e300, f64::NAN, 0.0, -5.0, f64::NEG_INFINITY] {
+            let options = LocateOptions { least_eye_distance: Some(distance), ..LocateOptions::default() };
+            assert!(locator.locate(&wall, &options).is_empty(), "{distance}");
+        }
+    }
 
     #[test]
     fn a_face_that_is_read_twice_is_one() {
