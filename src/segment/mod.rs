@@ -261,6 +261,16 @@ pub enum SegmentError {
         /// Frames.
         frames: usize,
     },
+    /// A frame rate or option out of range.
+    #[error("{name} is {value}; it must be {allowed}")]
+    Option {
+        /// The frame rate, or the field of the options.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+        /// What is allowed.
+        allowed: &'static str,
+    },
 }
 
 /// Minimum total time at rest, seconds.
@@ -309,7 +319,7 @@ const MOST_WAY: f64 = 4.5;
 /// ```
 ///
 /// # Errors
-/// [`SegmentError`] when there is no rest, or too few frames are usable.
+/// [`SegmentError`] when there is no rest, too few frames are usable, or the frame rate or an option is out of range.
 pub fn segment(frames: &[RecordedFrame], fps: f64, options: &SegmentOptions) -> Result<Segmentation, SegmentError> {
     segment_with(frames, fps, options, |vectors, may_rest| rest::rest(vectors, may_rest))
 }
@@ -340,6 +350,14 @@ fn segment_with(
     options: &SegmentOptions,
     find_rest: impl FnOnce(&[Vec<f32>], &dyn Fn(usize) -> bool) -> Option<(usize, Vec<usize>)>,
 ) -> Result<Segmentation, SegmentError> {
+    let SegmentOptions { shortest, high, low, rest } = *options;
+    if !(fps.is_finite() && fps > 0.0) {
+        return Err(SegmentError::Option { name: "the frame rate", value: fps, allowed: "a finite number above 0" });
+    }
+    let all = [("`shortest`", shortest), ("`high`", high), ("`low`", low), ("`rest`", rest)];
+    if let Some((name, value)) = all.into_iter().find(|(_, value)| !(*value >= 0.0)) {
+        return Err(SegmentError::Option { name, value, allowed: "at least 0" });
+    }
     let usable = frames.iter().filter(|f| f.reason.is_none()).count();
     if (usable as f64) < SHORTEST_PIECE * fps {
         return Err(SegmentError::TooFew { found: usable, frames: frames.len() });

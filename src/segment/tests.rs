@@ -91,6 +91,19 @@ fn a_rest_that_is_not_quite_neutral_is_a_rest_all_the_same() {
 }
 
 #[test]
+fn rates_and_options_that_are_none_are_an_error() {
+    let frames = frames(100, |unit, t| if unit == 12 { hill(t, 40.0, 55.0, 75.0, 4.0) } else { 0.0 });
+    for fps in [0.0, -25.0, f64::NAN, f64::INFINITY] {
+        let said = segment(&frames, fps, &SegmentOptions::default()).unwrap_err().to_string();
+        assert_eq!(said, format!("the frame rate is {fps}; it must be a finite number above 0"));
+    }
+    let options = SegmentOptions { rest: f64::NAN, ..SegmentOptions::default() };
+    assert_eq!(segment(&frames, FPS, &options).unwrap_err().to_string(), "`rest` is NaN; it must be at least 0");
+    // Slow, but a rate.
+    assert!(segment(&frames, 1e-300, &SegmentOptions::default()).is_ok_and(|found| found.phases.len() == 100));
+}
+
+#[test]
 fn a_missing_rest_is_reported() {
     let restless = frames(120, |unit, t| match unit {
         12 => 2.5 + 2.5 * (t / 3.0).sin(),

@@ -398,7 +398,7 @@ impl Entry {
                 let text = error.to_string();
                 notes.push(match error {
                     SegmentError::TooFew { .. } => format!("{}: {text}", named(&followed)),
-                    SegmentError::NoRest { .. } => text,
+                    SegmentError::NoRest { .. } | SegmentError::Option { .. } => text,
                 });
                 (vec![Phase::Other; measured.frames.len()], vec![0.0; measured.frames.len()])
             }
