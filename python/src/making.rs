@@ -141,7 +141,7 @@ pub fn synthesize<'py>(
             })?,
         };
         let motion = read_motion(&motion, &bank, scale).map_err(to::<SynthesisError>)?;
-        let motion = motion.as_animated(between, noise).for_solver(wanted.solver);
+        let motion = motion.as_animated(between, noise).map_err(to::<SynthesisError>)?.for_solver(wanted.solver);
         let fps = fps.or(motion.fps).unwrap_or(f64::from(FPS));
         let synthesizer = Synthesizer::new(&bank, wanted).map_err(to::<SynthesisError>)?;
         let (done, total) = (AtomicUsize::new(0), Some(motion.frames.len()));

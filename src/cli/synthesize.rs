@@ -349,7 +349,7 @@ impl<'a> Played<'a> {
             "{}: the animation would have {frames} frames, more than {MOST_FRAMES}; give a smaller --between",
             path.display()
         );
-        let mut motion = motion.as_animated(between, Some(noise)).for_solver(synthesizer.options().solver);
+        let mut motion = motion.as_animated(between, Some(noise))?.for_solver(synthesizer.options().solver);
         if args.time.there_and_back {
             motion = motion.there_and_back((HOLD_S * fps).round() as usize);
         }

@@ -27,6 +27,7 @@ pub(crate) use convert::FAP_UNITS_PER_FAPU;
 pub use convert::{Clamped, ConvertError, measure_faps, offsets_from_frame, unlimited_faps};
 pub use finding::{Finding, Rule, Severity};
 pub use interpolate::InterpolateError;
+pub(crate) use interpolate::MAX_FRAMES;
 pub(crate) use interpolate::whole_rate;
 pub use mask::FapMask;
 pub use profile::Profile;

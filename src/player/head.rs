@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 
 use super::{PlayerError, Shown, pack};
 use crate::{
-    fap::{FAP_UNITS_PER_FAPU, FapCatalog, FapMotion, FapNumber, FapRow},
+    fap::{FAP_UNITS_PER_FAPU, FapCatalog, FapMotion, FapNumber, FapRow, InterpolateError},
     synthesis::{
         Bank, DrawnEye, FREE_FAR, FREE_NEAR, FREE_RIDGE, FaceScene, FpMotion, Motion, MotionKind, SMOOTHING_FRAMES, SingleFap,
         SingleFaps, Solver, SynthesisError, SynthesisOptions, Synthesizer, Unshown, fapu_length, interpolate,
@@ -54,13 +54,19 @@ impl Head<'_> {
         Synthesizer::new(self.bank, options).map_err(|e| PlayerError::Head { name: self.label.to_owned(), reason: e.to_string() })
     }
 
+    /// The motion as it is shown: its own frames, without noise.
+    fn animated(&self, motion: &Motion) -> Result<Motion, PlayerError> {
+        let failed = |e: InterpolateError| PlayerError::Head { name: self.label.to_owned(), reason: e.to_string() };
+        motion.as_animated(Some(0), None).map_err(failed)
+    }
+
     /// For each motion, what the head does not show.
     ///
     /// # Errors
     /// [`PlayerError::Head`] if the weights cannot be computed.
     pub(crate) fn unshown(&self) -> Result<Vec<Option<Unshown>>, PlayerError> {
         let of = |motion: &Motion| {
-            let motion = motion.as_animated(Some(0), None);
+            let motion = self.animated(motion)?;
             let synthesizer = self.synthesizer(motion.kind)?;
             Ok(synthesizer.unshown(&synthesizer.animate(&motion.frames, || {})))
         };
@@ -111,7 +117,7 @@ pub(super) fn payload(head: &Head, shown: &[Shown]) -> Result<Value, PlayerError
     let scene = FaceScene::new(bank);
     let (shapes, recipes) = head.mixed();
     let weights = |motion: &Motion| -> Result<Value, PlayerError> {
-        let motion = motion.as_animated(Some(0), None);
+        let motion = head.animated(motion)?;
         let answers = head.synthesizer(motion.kind)?.animate(&motion.frames, || {});
         let of_members = answers.iter().map(|a| a.weights.first().cloned().unwrap_or_default());
         let flat: Vec<f64> = of_members.flat_map(|weights| of_shapes(weights, recipes)).collect();

@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 
 use super::{FpMotion, Solver};
 use crate::{
-    fap::FapNumber,
+    fap::{FapNumber, InterpolateError, MAX_FRAMES},
     interpolation::{Curve, Even, FPS, FRAMES_BETWEEN, Moment},
     units::FeaturePoint,
 };
@@ -49,7 +49,7 @@ pub enum MotionKind {
 /// let motion = read_motion(Path::new("fixtures/golden/representatives/happiness.csv"), &candide_bank()?, None)?;
 /// assert!(!motion.is_still());
 /// // Five key frames, and two frames between every two of them.
-/// assert_eq!(motion.with_frames_between(2).frames.len(), 13);
+/// assert_eq!(motion.with_frames_between(2)?.frames.len(), 13);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug, PartialEq)]
@@ -81,7 +81,10 @@ impl Motion {
     ///
     /// By default, 5 frames are inserted between the key frames of a model, none in other kinds. Motion below `NOISE` counts as
     /// rest, except for feature points from a CSV file.
-    pub fn as_animated(&self, between: Option<usize>, noise: Option<f64>) -> Self {
+    ///
+    /// # Errors
+    /// As [`Motion::with_frames_between`].
+    pub fn as_animated(&self, between: Option<usize>, noise: Option<f64>) -> Result<Self, InterpolateError> {
         let between = between.unwrap_or(if self.kind == MotionKind::Model { FRAMES_BETWEEN } else { 0 });
         self.without_noise(noise.unwrap_or_else(|| self.default_noise())).with_frames_between(between)
     }
@@ -95,13 +98,19 @@ impl Motion {
     ///
     /// Every coordinate follows a monotone cubic, as in the FAP file of the same motion. A feature point is known in an inserted
     /// frame only if both neighbours know it.
-    pub fn with_frames_between(&self, between: usize) -> Self {
+    ///
+    /// # Errors
+    /// [`InterpolateError::TooManyFrames`], as for a FAP file.
+    pub fn with_frames_between(&self, between: usize) -> Result<Self, InterpolateError> {
         let steps = self.frames.len().saturating_sub(1);
         let last = steps.saturating_mul(between.saturating_add(1));
         if last == 0 || between == 0 {
-            return self.clone();
+            return Ok(self.clone());
         }
-        Self { frames: self.at((0..=last).map(|k| Moment::of_frame(k, last, steps))), ..self.clone() }
+        if last >= MAX_FRAMES {
+            return Err(InterpolateError::TooManyFrames { frames: last as f64 + 1.0 });
+        }
+        Ok(Self { frames: self.at((0..=last).map(|k| Moment::of_frame(k, last, steps))), ..self.clone() })
     }
 
     /// Resamples the motion to equally spaced frames at its own rate, from its first to its last frame, as clones and pages show
@@ -121,8 +130,9 @@ impl Motion {
     /// Interpolates frames at moments between the frames.
     fn at(&self, moments: impl Iterator<Item = Moment>) -> Vec<FpMotion> {
         let count = self.frames.first().map_or(0, |f| f.offsets.len());
-        let curve =
-            |point: usize, axis: usize| Curve::through(self.frames.iter().map(|f| Some(f.offsets[point]?[axis])).collect());
+        let curve = |point: usize, axis: usize| {
+            Curve::through(self.frames.iter().map(|f| Some(f.offsets.get(point)?.as_ref()?[axis])).collect())
+        };
         let curves: Vec<[Curve; 3]> = (0..count).map(|point| [0, 1, 2].map(|axis| curve(point, axis))).collect();
         let frame = |moment: Moment| {
             if moment.share == 0.0 {
@@ -317,13 +327,23 @@ mod tests {
     }
 
     #[test]
+    fn more_frames_in_between_than_a_fap_file_may_have_are_refused() {
+        let motion = read("frame,fp,dx,dy\n0,8.4,0,0\n1,8.4,3,6\n").unwrap();
+        for (between, frames) in [(50_000_000, 50_000_002.0), (MAX_FRAMES - 1, 360_001.0)] {
+            assert_eq!(motion.with_frames_between(between), Err(InterpolateError::TooManyFrames { frames }));
+        }
+        assert!(motion.as_animated(Some(usize::MAX), None).is_err());
+        assert!(motion.as_animated(Some(0), None).is_ok());
+    }
+
+    #[test]
     fn frames_in_between_lie_on_the_curve_of_fap_files() {
-        let motion = read("frame,fp,dx,dy\n0,8.4,0,0\n1,8.4,3,6\n").unwrap().with_frames_between(2);
+        let motion = read("frame,fp,dx,dy\n0,8.4,0,0\n1,8.4,3,6\n").unwrap().with_frames_between(2).unwrap();
         let x: Vec<f64> = motion.frames.iter().map(|f| f.offsets[0].unwrap().x).collect();
         assert_eq!(motion.frames.len(), 4);
         (0..4).for_each(|k| assert_relative_eq!(x[k], k as f64, epsilon = 1e-12));
         // Keys 0, 8, 8: 5 halfway through the first step, as for a FAP with the same keys; the second step is flat.
-        let keys = read("frame,fp,dx,dy\n0,8.4,0,0\n1,8.4,8,-8\n2,8.4,8,-8\n").unwrap().with_frames_between(1);
+        let keys = read("frame,fp,dx,dy\n0,8.4,0,0\n1,8.4,8,-8\n2,8.4,8,-8\n").unwrap().with_frames_between(1).unwrap();
         let offsets: Vec<_> = keys.frames.iter().map(|f| f.offsets[0].unwrap()).map(|o| (o.x, o.y)).collect();
         assert_eq!(offsets, [(0.0, 0.0), (5.0, -5.0), (8.0, -8.0), (8.0, -8.0), (8.0, -8.0)]);
         // 8.3 moves at most 0.1 while 8.4 moves 6.7: less than 5 %.

@@ -134,7 +134,7 @@ fn filled(frames: BTreeMap<u32, FpMotion>, of: impl FnOnce(Vec<FpMotion>) -> Mot
     }
     let steps: Vec<u32> = numbers.windows(2).map(|pair| pair[1] - pair[0]).collect();
     if let Some(&step) = steps.first().filter(|step| steps.iter().all(|other| other == *step)) {
-        return Ok(of(keys).with_frames_between(step as usize - 1));
+        return of(keys).with_frames_between(step as usize - 1).map_err(|e| e.to_string());
     }
     let mut all = Vec::new();
     for (pair, step) in keys.windows(2).zip(steps) {
