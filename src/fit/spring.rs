@@ -124,6 +124,18 @@ pub enum SpringError {
     /// The system could not be factored.
     #[error("the spring system is singular: a position is not finite")]
     Singular,
+    /// Positions or a wireframe with another number of nodes than the springs.
+    #[error(
+        "the {what} has {found} nodes, but the springs have {expected}; give the wireframe of the springs and a position for each node"
+    )]
+    NodeCount {
+        /// The wireframe, or the rest.
+        what: &'static str,
+        /// Its number of nodes.
+        found: usize,
+        /// Nodes of the springs.
+        expected: usize,
+    },
 }
 
 /// Gain that replaces an exact position; it leaves less than 1e-6 of the distance.
@@ -194,6 +206,11 @@ impl Springs {
         targets: &[DrivenNode],
         struts: &[Strut],
     ) -> Result<Vec<Point2<f64>>, SpringError> {
+        for (what, found) in [("wireframe", wireframe.node_count()), ("rest", rest.len())] {
+            if found != self.place.len() {
+                return Err(SpringError::NodeCount { what, found, expected: self.place.len() });
+            }
+        }
         if targets.is_empty() {
             return Err(SpringError::NoTarget);
         }
@@ -269,6 +286,16 @@ mod tests {
 
     fn target(node: u16, x: f64, y: f64, pull: Pull) -> DrivenNode {
         DrivenNode { node: NodeId(node), position: Point2::new(x, y), pull }
+    }
+
+    #[test]
+    fn positions_and_wireframes_of_other_nodes_are_refused() {
+        let (w, targets) = (triangle(), [target(0, 0.0, 0.0, Pull::Hard)]);
+        let (springs, rest) = (Springs::new(&w), w.frontal());
+        let of = |what, found| Err(SpringError::NodeCount { what, found, expected: 3 });
+        assert_eq!(springs.deform(&w, &rest[..2], &targets), of("rest", 2));
+        assert_eq!(springs.deform(&w, &[], &targets), of("rest", 0));
+        assert_eq!(springs.deform(&Wireframe::candide3(), &rest, &targets), of("wireframe", 113));
     }
 
     #[test]

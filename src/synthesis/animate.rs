@@ -159,8 +159,12 @@ impl<'b> Synthesizer<'b> {
         self.basis.near_points(moving)
     }
 
-    /// The goal of a region; `None` when nothing in it should move. `motion` must already be emphasized.
+    /// The goal of a region; `None` when nothing in it should move, or there is no such region. `motion` must already be
+    /// emphasized.
     pub fn goal(&self, motion: &FpMotion, region: usize) -> Option<Goal> {
+        if region >= self.regions.count() {
+            return None;
+        }
         Goal::new(&self.basis, motion, |point| self.regions.point_shares(region)[point] > 0.0)
     }
 
@@ -438,6 +442,17 @@ mod tests {
         (answer.weights, answer.region_bound) = (vec![vec![1.0, 1.0]], vec![Some(bound)]);
         synthesizer.measure(&mut answer, &motion);
         answer
+    }
+
+    #[test]
+    fn surfaces_and_regions_that_are_not_there_have_no_motion() {
+        let bank = testing::bank();
+        let synthesizer = Synthesizer::new(&bank, SynthesisOptions::default()).unwrap();
+        let none = FpMotion::of_surface(&bank, &[]);
+        assert!(!none.offsets.is_empty() && none.offsets.iter().all(Option::is_none));
+        let motion = FpMotion::of_surface(&bank, bank.displacements(0));
+        assert!((0..synthesizer.regions().count()).any(|region| synthesizer.goal(&motion, region).is_some()));
+        assert!(synthesizer.goal(&motion, usize::MAX).is_none());
     }
 
     #[test]

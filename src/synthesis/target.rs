@@ -34,10 +34,11 @@ pub struct FpMotion {
 }
 
 impl FpMotion {
-    /// Returns the motion of all feature points in a surface given by V displacements of the bank's mesh.
+    /// Returns the motion of all feature points in a surface given by V displacements of the bank's mesh; that of a vertex
+    /// without a displacement is unknown.
     pub fn of_surface(bank: &Bank, displacements: &[[f32; 3]]) -> Self {
-        let offset = |vertex: u32| Vector3::from(displacements[vertex as usize].map(f64::from));
-        Self { offsets: bank.feature_points().iter().map(|p| Some(offset(p.vertex))).collect(), ..Self::default() }
+        let offset = |vertex: u32| displacements.get(vertex as usize).map(|d| Vector3::from(d.map(f64::from)));
+        Self { offsets: bank.feature_points().iter().map(|p| offset(p.vertex)).collect(), ..Self::default() }
     }
 
     /// Returns the motion times the emphasis level c [ZL, section 5].

@@ -149,6 +149,14 @@ pub enum WireframeError {
         /// The node.
         node: NodeId,
     },
+    /// An offset of a unit that is NaN or infinite.
+    #[error("unit `{unit}` moves node {node} by an offset that is not a finite number")]
+    OffsetNotFinite {
+        /// Name of the unit.
+        unit: String,
+        /// The node.
+        node: NodeId,
+    },
 }
 
 impl Wireframe {
@@ -180,6 +188,9 @@ impl Wireframe {
         for unit in action_units.iter().chain(&shape_units) {
             if let Some(&(node, _)) = unit.offsets.iter().find(|(n, _)| n.index() >= count) {
                 return Err(WireframeError::NoSuchNode { place: format!("unit `{}`", unit.name), node, count });
+            }
+            if let Some(&(node, _)) = unit.offsets.iter().find(|(_, offset)| !offset.iter().all(|c| c.is_finite())) {
+                return Err(WireframeError::OffsetNotFinite { unit: unit.name.clone(), node });
             }
         }
         let mut edges = BTreeSet::new();
@@ -256,11 +267,14 @@ impl Wireframe {
         self.vertices.iter().map(nalgebra::OPoint::xy).collect()
     }
 
-    /// Moves every follower to the mean position of its leaders.
+    /// Moves every follower to the mean position of its leaders. A follower that `nodes` lack, or that lacks a leader there, is
+    /// left out.
     pub fn place_followers(&self, nodes: &mut [Point2<f64>]) {
         for Follower { node, leaders } in &self.followers {
-            let sum: nalgebra::Vector2<f64> = leaders.iter().map(|n| nodes[n.index()].coords).sum();
-            nodes[node.index()] = Point2::from(sum / leaders.len() as f64);
+            let sum: Option<nalgebra::Vector2<f64>> = leaders.iter().map(|n| Some(nodes.get(n.index())?.coords)).sum();
+            if let (Some(place), Some(sum)) = (nodes.get_mut(node.index()), sum) {
+                *place = Point2::from(sum / leaders.len() as f64);
+            }
         }
     }
 }
@@ -293,6 +307,28 @@ mod tests {
         assert_eq!(w.live_nodes().len(), 104);
         // 264 interior and 24 boundary edges (report LiTH-ISY-R-2326).
         assert_eq!(w.edges().len(), 288);
+    }
+
+    #[test]
+    fn followers_without_a_place_or_leader_stay() {
+        let w = Wireframe::candide3();
+        let mut nodes: Vec<Point2<f64>> = w.frontal();
+        w.place_followers(&mut nodes);
+        // Node 4 follows nodes 77 and 78, which are not there; node 35 follows node 2.
+        let mut cut: Vec<Point2<f64>> = w.frontal()[..36].to_vec();
+        cut[4] = Point2::new(9.0, 9.0);
+        w.place_followers(&mut cut);
+        assert_eq!((cut[4], cut[35]), (Point2::new(9.0, 9.0), nodes[35]));
+        w.place_followers(&mut []);
+    }
+
+    #[test]
+    fn a_unit_that_moves_a_node_by_no_number_is_refused() {
+        let w = Wireframe::candide3();
+        let offsets = vec![(NodeId(5), nalgebra::Vector3::new(0.0, f64::NAN, 0.0))];
+        let unit = MotionUnit { name: "jaw".to_owned(), kind: UnitKind::Action { number: 3 }, offsets };
+        let error = Wireframe::new(w.vertices().to_vec(), w.triangles().to_vec(), vec![], vec![unit]).unwrap_err();
+        assert_eq!(error, WireframeError::OffsetNotFinite { unit: "jaw".to_owned(), node: NodeId(5) });
     }
 
     #[test]
