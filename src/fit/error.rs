@@ -34,6 +34,30 @@ pub enum FitError {
         /// Nodes there are.
         count: usize,
     },
+    /// A node marked twice.
+    #[error("node {node} is marked twice; keep one of the two marks")]
+    DuplicateNode {
+        /// The node.
+        node: NodeId,
+    },
+    /// A position or expected error that no mark has.
+    #[error("the {what} of the mark at node {node} is {value}; it must be {allowed}")]
+    Mark {
+        /// The node.
+        node: NodeId,
+        /// The coordinate or the expected error, px.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+        /// What is allowed.
+        allowed: &'static str,
+    },
+    /// A prior that is none: a number that is not finite, a deviation that is not positive, or a mode over other nodes.
+    #[error("the shape prior is not valid: {reason}")]
+    Prior {
+        /// What is wrong.
+        reason: String,
+    },
     /// A prior over another wireframe.
     #[error("the shape prior has {found} nodes, but the wireframe has {count}; choose another --prior")]
     PriorNodes {

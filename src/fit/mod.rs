@@ -153,11 +153,15 @@ impl Fitter {
     /// points set by hand.
     ///
     /// # Errors
-    /// [`FitError::PriorNodes`] if a prior and the wireframe differ in the number of nodes.
+    /// [`FitError::PriorNodes`] if a prior and the wireframe differ in the number of nodes; [`FitError::Prior`] for a prior with
+    /// numbers that are not finite or deviations that are not positive.
     pub fn with_faces(wireframe: &Wireframe, network: ShapePrior, by_hand: ShapePrior) -> Result<Self, FitError> {
         let (count, faces) = (wireframe.node_count(), [network, by_hand]);
         if let Some(found) = faces.iter().map(|p| p.mean.len()).find(|found| *found != count) {
             return Err(FitError::PriorNodes { found, count });
+        }
+        for prior in &faces {
+            prior.check().map_err(|reason| FitError::Prior { reason })?;
         }
         let plausible = PlausibleFaces::new(wireframe, &faces, EYE_DISTANCE);
         let priors = faces.into_iter().chain([ShapePrior::candide(wireframe)]).collect();
@@ -168,8 +172,8 @@ impl Fitter {
     /// Fits the wireframe to the marks.
     ///
     /// # Errors
-    /// [`FitError`] for fewer than three marks, marks that coincide, marks at nodes that do not exist, or a mirrored or upside-down
-    /// placement.
+    /// [`FitError`] for fewer than three marks, marks that coincide, marks at nodes that do not exist or are marked twice,
+    /// positions and expected errors that no mark has, or a mirrored or upside-down placement.
     pub fn fit(&self, wireframe: &Wireframe, marks: &[Correspondence]) -> Result<FittedWireframe, FitError> {
         let seen = self.seen(wireframe, marks)?;
         if let PriorKind::File(LoadedPrior { blake3, prior: None }) = &self.options.prior {
@@ -236,6 +240,7 @@ impl Fitter {
         if let Some(mark) = marks.iter().find(|m| m.node.index() >= count) {
             return Err(FitError::NoSuchNode { node: mark.node, count });
         }
+        check_marks(marks)?;
         let places: Vec<_> = marks.iter().map(|m| flip(m.position)).collect();
         let frontal = wireframe.frontal();
         let source: Vec<_> = marks.iter().map(|m| frontal[m.node.index()]).collect();
@@ -299,6 +304,31 @@ pub(crate) fn mark_deviation(mark: &Correspondence, eye_distance: f64) -> Option
         (None, MarkKind::Mark) => soft_deviation(mark.node).map(|deviation| deviation * eye_distance),
         (None, MarkKind::Hard) => None,
     }
+}
+
+/// Checks that every node is marked once, at a finite position, and that expected errors are positive.
+fn check_marks(marks: &[Correspondence]) -> Result<(), FitError> {
+    let mut nodes: Vec<crate::units::NodeId> = marks.iter().map(|m| m.node).collect();
+    nodes.sort_unstable();
+    if let Some(pair) = nodes.windows(2).find(|pair| pair[0] == pair[1]) {
+        return Err(FitError::DuplicateNode { node: pair[0] });
+    }
+    for Correspondence { node, position, expected_error, .. } in marks {
+        for (what, value) in [("x", position.x), ("y", position.y)] {
+            if !value.is_finite() {
+                return Err(FitError::Mark { node: *node, what, value, allowed: "a finite number of pixels" });
+            }
+        }
+        if let Some(value) = expected_error.filter(|error| !(error.is_finite() && *error > 0.0)) {
+            return Err(FitError::Mark {
+                node: *node,
+                what: "expected error",
+                value,
+                allowed: "a finite number of pixels above 0",
+            });
+        }
+    }
+    Ok(())
 }
 
 /// Checked marks, y up.
@@ -458,4 +488,56 @@ fn choose(
 /// Converts image space (y down) to the y-up plane in which shapes are compared, and back.
 fn flip(point: Point2<f64>) -> Point2<f64> {
     Point2::new(point.x, -point.y)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{correspondence::read_correspondences, wireframe::Face};
+
+    #[test]
+    fn marks_that_are_none_and_nodes_marked_twice_are_refused() {
+        let Face { wireframe, tables } = Face::candide3();
+        let marks = read_correspondences("fixtures/simulated/S001/005/correspondences.csv".as_ref(), &tables, 113).unwrap();
+        let fitter = Fitter::new(&wireframe, FitOptions::default());
+        let why = |change: &dyn Fn(&mut Vec<Correspondence>)| {
+            let mut marks = marks.clone();
+            change(&mut marks);
+            let rest = vec![Point2::origin(); 113];
+            let error = fitter.fit(&wireframe, &marks).unwrap_err().to_string();
+            assert_eq!(fitter.fit_at_rest(&wireframe, &marks, &rest).unwrap_err().to_string(), error);
+            error
+        };
+        let (node, at) = (marks[0].node, marks[0].position);
+        let twice = format!("node {node} is marked twice; keep one of the two marks");
+        assert_eq!(why(&|m| m.push(Correspondence::hard(node, Point2::new(at.x + 50.0, at.y)))), twice);
+        for bad in [f64::NAN, f64::INFINITY, 0.0, -2.0] {
+            let said =
+                format!("the expected error of the mark at node {node} is {bad}; it must be a finite number of pixels above 0");
+            assert_eq!(why(&|m| m[0].expected_error = Some(bad)), said);
+        }
+        let said = format!("the y of the mark at node {node} is NaN; it must be a finite number of pixels");
+        assert_eq!(why(&|m| m[0].position.y = f64::NAN), said);
+    }
+
+    #[test]
+    fn priors_that_are_none_are_refused() {
+        let wireframe = Wireframe::candide3();
+        let [network, by_hand] = ShapePrior::faces();
+        let why = |change: fn(&mut ShapePrior)| {
+            let mut odd = by_hand.clone();
+            change(&mut odd);
+            Fitter::with_faces(&wireframe, network.clone(), odd).unwrap_err().to_string()
+        };
+        assert!(Fitter::with_faces(&wireframe, network.clone(), by_hand.clone()).is_ok());
+        assert_eq!(
+            why(|p| p.mean[7].x = f64::NAN),
+            "the shape prior is not valid: node 7 of its mean is not at a finite position"
+        );
+        assert!(why(|p| p.modes[0][3].y = f64::INFINITY).ends_with("an offset of a mode is not finite"));
+        assert!(why(|p| p.modes[0].truncate(3)).ends_with("it has 3 offsets in a mode, but 113 are needed"));
+        assert!(why(|p| p.deviations[0] = 0.0).ends_with("a deviation is 0; it must be a finite number above 0"));
+        assert!(why(|p| p.mark_deviation = f64::NAN).ends_with("a deviation is NaN; it must be a finite number above 0"));
+        assert!(why(|p| p.residuals.clear()).ends_with("it has 0 residuals, but 113 are needed"));
+    }
 }

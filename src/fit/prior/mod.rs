@@ -81,6 +81,34 @@ pub struct Explanation {
 }
 
 impl ShapePrior {
+    /// Checks that all parts are over the nodes of the mean, all numbers are finite, and deviations positive.
+    ///
+    /// # Errors
+    /// What is wrong.
+    pub(super) fn check(&self) -> Result<(), String> {
+        let count = self.mean.len();
+        let counted = |what: &str, found: usize, expected: usize| {
+            if found == expected { Ok(()) } else { Err(format!("it has {found} {what}, but {expected} are needed")) }
+        };
+        self.modes.iter().try_for_each(|mode| counted("offsets in a mode", mode.len(), count))?;
+        counted("deviations of modes", self.deviations.len(), self.modes.len())?;
+        counted("residuals", self.residuals.len(), count)?;
+        if let Some(k) = self.mean.iter().position(|p| !p.iter().all(|c| c.is_finite())) {
+            return Err(format!("node {k} of its mean is not at a finite position"));
+        }
+        if !self.modes.iter().flatten().flat_map(|offset| offset.iter()).all(|c| c.is_finite()) {
+            return Err("an offset of a mode is not finite".to_owned());
+        }
+        let deviations = self.deviations.iter().chain([&self.mark_deviation]);
+        if let Some(odd) = deviations.copied().find(|d| !(d.is_finite() && *d > 0.0)) {
+            return Err(format!("a deviation is {odd}; it must be a finite number above 0"));
+        }
+        match self.residuals.iter().find(|r| !(r.is_finite() && **r >= 0.0)) {
+            Some(odd) => Err(format!("a residual is {odd}; it must be a finite number of at least 0")),
+            None => Ok(()),
+        }
+    }
+
     /// Returns the prior of Candide's own neutral shape and its shape units, as far as a frontal view shows them.
     pub fn candide(wireframe: &Wireframe) -> Self {
         let mut modes = Vec::new();
