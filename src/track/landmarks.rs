@@ -15,7 +15,7 @@
 
 use nalgebra::{DMatrix, Point2, Vector2};
 
-use super::{LossReason, NodeState, TrackError, TrackedFrame, TrackedNode, neutral_nodes};
+use super::{LossReason, NodeState, TrackError, TrackedFrame, TrackedNode, check_nodes, neutral_nodes};
 use crate::{
     dataset::{LandmarkSelection, LandmarkSequence, correspondences_from_landmarks},
     fit::{Correspondence, DrivenNode, FittedWireframe, Pull, SpringError, Springs},
@@ -108,8 +108,9 @@ impl LandmarkPlan {
     /// Returns the track of a wireframe that was fitted to the neutral frame of the landmarks.
     ///
     /// # Errors
-    /// [`TrackError::TooFewFrames`], or [`TrackError::Landmarks`] when the neutral or the apex frame has no landmarks or those of the head
-    /// coincide. Such a frame between them counts as lost.
+    /// [`TrackError::TooFewFrames`], or [`TrackError::Landmarks`] when the neutral or the apex frame has no landmarks or those of
+    /// the head coincide or are not at the positions of a picture; such a frame between them counts as lost.
+    /// [`TrackError::OtherWireframe`] for a plan or a fitted wireframe with other nodes.
     pub fn track(
         &self,
         wireframe: &Wireframe,
@@ -120,8 +121,11 @@ impl LandmarkPlan {
         let (Some(first), true) = (frames.first(), frames.len() >= 2) else {
             return Err(TrackError::TooFewFrames { found: frames.len() });
         };
+        check_nodes("fitted wireframe", fitted.model.node_count(), wireframe.node_count())?;
+        check_nodes("plan", self.response.nrows(), wireframe.live_nodes().len())?;
         let without = |frame: u32| TrackError::Landmarks { frame, reason: "it has no landmarks".to_owned() };
         let neutral = first.points.as_deref().ok_or_else(|| without(first.number))?;
+        check_places(neutral).map_err(|reason| TrackError::Landmarks { frame: first.number, reason })?;
         let mut track = vec![TrackedFrame { number: first.number, nodes: neutral_nodes(wireframe, fitted) }];
         // Frames without landmarks wait for the next frame that has some.
         let mut waiting: Vec<u32> = Vec::new();
@@ -162,6 +166,7 @@ impl LandmarkPlan {
         now: &[Point2<f64>],
     ) -> Result<Vec<Point2<f64>>, String> {
         let at = |points: &[Point2<f64>], k: usize| points.get(k).copied().ok_or_else(|| format!("landmark {k} is not there"));
+        check_places(now)?;
         let head = |points: &[Point2<f64>]| HEAD_LANDMARKS.iter().map(|&k| at(points, k)).collect::<Result<Vec<_>, _>>();
         let now_from_neutral = Similarity::fit(&head(neutral)?, &head(now)?, None).map_err(|e| e.to_string())?;
         let mut nodes: Vec<Point2<f64>> = fitted.iter().map(|p| now_from_neutral.apply(p)).collect();
@@ -196,9 +201,21 @@ impl LandmarkPlan {
     }
 }
 
+/// Largest coordinate of a landmark, px: no picture is as large.
+const MOST_PX: f64 = 1e6;
+
+/// Checks that landmarks are at positions that a picture can have.
+fn check_places(points: &[Point2<f64>]) -> Result<(), String> {
+    match points.iter().position(|p| !(p.x.abs() <= MOST_PX && p.y.abs() <= MOST_PX)) {
+        Some(k) => Err(format!("landmark {k} is at ({}, {}), which is in no picture", points[k].x, points[k].y)),
+        None => Ok(()),
+    }
+}
+
 /// Returns a lost frame: each node interpolated linearly between the adjacent frames.
 fn between(before: &TrackedFrame, after: &TrackedFrame, number: u32) -> TrackedFrame {
-    let share = f64::from(number - before.number) / f64::from(after.number - before.number);
+    let since = |number: u32| f64::from(number) - f64::from(before.number);
+    let share = since(number) / since(after.number);
     let node = |(a, b): (&TrackedNode, &TrackedNode)| {
         let state = if b.state == NodeState::Follows { b.state } else { NodeState::Recovered(LossReason::LostFrame) };
         TrackedNode::new(a.position + (b.position - a.position) * share, state, None)
@@ -294,6 +311,31 @@ mod tests {
         assert_eq!(track[1].nodes[4].state, NodeState::Follows);
         let open_end = plan.track(&wireframe, &fitted, &sequence(vec![(1, Some(neutral)), (2, None)])).unwrap_err();
         assert_eq!(open_end.to_string(), "frame 2: it has no landmarks");
+    }
+
+    #[test]
+    fn landmarks_that_are_in_no_picture_lose_a_frame_and_end_a_track() {
+        let Bench { wireframe, plan, fitted, neutral } = bench();
+        for bad in [f64::NAN, 1e300, f64::NEG_INFINITY] {
+            let mut odd = neutral.clone();
+            odd[60].y = bad;
+            let of = |frames: [&Vec<Point2<f64>>; 3]| {
+                let frames = (1..).zip(frames).map(|(number, points)| (number, Some(points.clone())));
+                plan.track(&wireframe, &fitted, &sequence(frames.collect()))
+            };
+            let said = format!("landmark 60 is at ({}, {bad}), which is in no picture", neutral[60].x);
+            assert_eq!(of([&odd, &neutral, &neutral]).unwrap_err().to_string(), format!("frame 1: {said}"));
+            assert_eq!(of([&neutral, &neutral, &odd]).unwrap_err().to_string(), format!("frame 3: {said}"));
+            let track = of([&neutral, &odd, &neutral]).unwrap();
+            assert_eq!(track[1].nodes[31].state, NodeState::Recovered(LossReason::LostFrame));
+        }
+        // Frame numbers may descend.
+        let frames = vec![(5, Some(neutral.clone())), (4, None), (3, Some(neutral.clone()))];
+        assert_eq!(plan.track(&wireframe, &fitted, &sequence(frames)).unwrap().len(), 3);
+        let mut small = fitted.clone();
+        small.model = crate::model::FrameExpressionModel::new(fitted.model.nodes()[..9].to_vec());
+        let error = plan.track(&wireframe, &small, &sequence(vec![(1, Some(neutral.clone())), (2, Some(neutral))])).unwrap_err();
+        assert!(matches!(error, TrackError::OtherWireframe { found: 9, expected: 113, .. }), "{error}");
     }
 
     #[test]
