@@ -235,8 +235,8 @@ pub enum TrackError {
         /// Its size.
         size: ImageSize,
     },
-    /// A frame of another size than the first.
-    #[error("frame {frame} has {found} pixels, but the first has {expected}; all frames of a sequence have one size")]
+    /// A frame of another size than the first, among more than two.
+    #[error("frame {frame} has {found} pixels, but the first has {expected}; of more than two frames, all must have one size")]
     FrameSize {
         /// Frame number.
         frame: u32,
@@ -534,6 +534,7 @@ pub struct FrameTracker<'a, T> {
     window: u32,
     eye_distance: f64,
     size: ImageSize,
+    sizes: Sizes,
     last: TrackedFrame,
 }
 
@@ -555,7 +556,8 @@ impl<'a, T: PointTracker> FrameTracker<'a, T> {
         plan.check_wireframe(wireframe)?;
         let nodes = fitted.model.nodes();
         check_nodes("fitted wireframe", nodes.len(), wireframe.node_count())?;
-        check_size(frame, frame.size())?;
+        let mut sizes = Sizes::default();
+        sizes.add(frame)?;
         let eye_distance = eye_distance_px(&plan.tables, nodes).unwrap_or(100.0);
         let window = window_px(&plan.tables, nodes, options);
         tracker.advance(frame)?;
@@ -566,7 +568,7 @@ impl<'a, T: PointTracker> FrameTracker<'a, T> {
         let lips = options.read_lips.then(|| lips::Lips::new(&plan.tables)).flatten();
         let last = TrackedFrame { number: frame.number(), nodes: neutral_nodes(wireframe, fitted) };
         let size = frame.size();
-        Ok(Self { tracker, wireframe, plan, options, template, light, lids, lips, leap, window, eye_distance, size, last })
+        Ok(Self { tracker, wireframe, plan, options, template, light, lids, lips, leap, window, eye_distance, size, sizes, last })
     }
 
     /// The frame tracked last.
@@ -577,9 +579,9 @@ impl<'a, T: PointTracker> FrameTracker<'a, T> {
     /// Tracks the next frame, forward or backward in time.
     ///
     /// # Errors
-    /// [`TrackError`] for a lost face, and for a frame of another size than the first.
+    /// [`TrackError`] for a lost face, a frame without pixels, and more than two frames that are not of one size.
     pub fn step(&mut self, frame: &Frame) -> Result<&TrackedFrame, TrackError> {
-        check_size(frame, self.size)?;
+        self.sizes.add(frame)?;
         let even = self.light.as_ref().and_then(|light| light.undone_at(frame, self.wireframe, &self.last));
         self.tracker.advance(even.as_ref().unwrap_or(frame))?;
         let Self { wireframe, plan, options, window, eye_distance, .. } = *self;
@@ -596,13 +598,34 @@ fn check_nodes(what: &'static str, found: usize, expected: usize) -> Result<(), 
     if found == expected { Ok(()) } else { Err(TrackError::OtherWireframe { what, found, expected }) }
 }
 
-/// Checks that a frame has pixels, and as many as the first one.
-fn check_size(frame: &Frame, expected: ImageSize) -> Result<(), TrackError> {
-    let (frame, size) = (frame.number(), frame.size());
-    if size.width == 0 || size.height == 0 {
-        return Err(TrackError::NoPixels { frame, size });
+/// Sizes of the frames so far. Two photographs alone may be cropped differently; of more frames, all have the size of the first.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sizes {
+    first: Option<ImageSize>,
+    /// Number and size of a second frame of another size.
+    odd: Option<(u32, ImageSize)>,
+    /// Number of frames.
+    count: usize,
+}
+
+impl Sizes {
+    /// Checks the next frame.
+    ///
+    /// # Errors
+    /// [`TrackError::NoPixels`], [`TrackError::FrameSize`].
+    fn add(&mut self, frame: &Frame) -> Result<(), TrackError> {
+        let (number, size) = (frame.number(), frame.size());
+        if size.width == 0 || size.height == 0 {
+            return Err(TrackError::NoPixels { frame: number, size });
+        }
+        let expected = *self.first.get_or_insert(size);
+        self.count += 1;
+        self.odd = self.odd.or((size != expected).then_some((number, size)));
+        match self.odd.filter(|_| self.count > 2) {
+            Some((frame, found)) => Err(TrackError::FrameSize { frame, found, expected }),
+            None => Ok(()),
+        }
     }
-    if size == expected { Ok(()) } else { Err(TrackError::FrameSize { frame, found: size, expected }) }
 }
 
 /// Returns the nodes of the neutral frame with their states: marked, corrected (set by hand), fitted, or following. Their expected error is

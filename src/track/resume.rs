@@ -9,8 +9,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::Point2;
 
 use super::{
-    NodeState, PointTracker, TrackError, TrackOptions, TrackPlan, TrackedFrame, TrackedNode, align::Template, check_nodes,
-    check_size, eye_distance_px, leap::Leap, lids::Lids, light::Light, lips::Lips, step::Step, window_px,
+    NodeState, PointTracker, Sizes, TrackError, TrackOptions, TrackPlan, TrackedFrame, TrackedNode, align::Template, check_nodes,
+    eye_distance_px, leap::Leap, lids::Lids, light::Light, lips::Lips, step::Step, window_px,
 };
 use crate::{
     fit::{DrivenNode, Pull, Springs},
@@ -88,7 +88,7 @@ pub fn resume_with(
     options.check()?;
     plan.check_wireframe(wireframe)?;
     track.iter().try_for_each(|frame| check_nodes("track", frame.nodes.len(), wireframe.node_count()))?;
-    let mut size = None;
+    let mut sizes = Sizes::default();
     let rest: Vec<_> = track.first().map(|f| f.nodes.iter().map(|n| n.position).collect()).unwrap_or_default();
     let eye_distance = eye_distance_px(&plan.tables, &rest).unwrap_or(100.0);
     let window = window_px(&plan.tables, &rest, options);
@@ -105,7 +105,7 @@ pub fn resume_with(
     for (index, frame) in frames.into_iter().enumerate() {
         let frame = frame?;
         let number = frame.number();
-        check_size(&frame, *size.get_or_insert(frame.size()))?;
+        sizes.add(&frame)?;
         if index == 0 || number == start || !passed.contains(&number) {
             // As in the original tracking, from the nodes of the previous frame.
             let before = if number == start { before_start.unwrap_or(&previous) } else { &previous };
@@ -276,7 +276,7 @@ mod tests {
     fn plans_wireframes_and_frames_of_another_shape_are_an_error() {
         let Bench { wireframe, plan, track } = bench();
         let options = TrackOptions::default();
-        let with = |plan: &TrackPlan, fitted: &FittedWireframe, sizes: [(u32, u32); 2]| {
+        let with = |plan: &TrackPlan, fitted: &FittedWireframe, sizes: [(u32, u32); 3]| {
             let frame = |(k, (width, height))| Ok(Frame::new(k, image::GrayImage::new(width, height)));
             track_with(&mut Drift, &wireframe, plan, fitted, (1..).zip(sizes).map(frame), &options, |_| true)
                 .unwrap_err()
@@ -287,14 +287,18 @@ mod tests {
             Wireframe::new(vertices, triangles, vec![], vec![]).unwrap()
         };
         let good = fitted(&wireframe);
-        let sizes = [(400, 400), (400, 400)];
+        let sizes = [(400, 400); 3];
         assert!(with(&plan, &fitted(&small), sizes).starts_with("the fitted wireframe has 3 nodes, but the wireframe has 113"));
         let other = TrackPlan::new(&small, &Tables::candide3());
         assert!(with(&other, &good, sizes).starts_with("the plan has 3 nodes, but the wireframe has 113"));
-        assert!(
-            with(&plan, &good, [(400, 400), (401, 400)]).starts_with("frame 2 has 401x400 pixels, but the first has 400x400")
-        );
-        assert!(with(&plan, &good, [(0, 0), (0, 0)]).starts_with("frame 1 has 0x0 pixels"));
+        for (sizes, frame) in [([(400, 400), (401, 400), (400, 400)], 2), ([(400, 400), (400, 400), (401, 400)], 3)] {
+            let said = format!("frame {frame} has 401x400 pixels, but the first has 400x400");
+            assert!(with(&plan, &good, sizes).starts_with(&said));
+        }
+        assert!(with(&plan, &good, [(0, 0); 3]).starts_with("frame 1 has 0x0 pixels"));
+        // Two photographs may be cropped differently.
+        let pair = [400, 440].map(|side| Ok(Frame::new(side, image::GrayImage::new(side, side))));
+        assert!(track_with(&mut Drift, &wireframe, &plan, &good, pair, &options, |_| true).is_ok());
         let mut cut = track.frames;
         cut[1].nodes.truncate(5);
         let error = resume_with(&mut Drift, &wireframe, &plan, &cut, 1, &Corrections::new(), frames(), &options).unwrap_err();
