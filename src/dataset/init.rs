@@ -70,7 +70,7 @@ pub struct ProposedManifest {
     pub unknown_people: Vec<String>,
     /// People in that table without a sequence.
     pub people_without_rows: Vec<String>,
-    /// Sequences of a labelled dataset that were skipped, with the reason.
+    /// Sequences of a labelled dataset that were skipped, and names that no manifest can hold, with the reason.
     pub skipped: Vec<String>,
     /// Folders without a sequence, relative to the manifest: empty ones, and those with a single picture.
     pub left_out: Vec<String>,
@@ -334,13 +334,13 @@ fn of_folders(root: &Path) -> Result<ProposedManifest, DatasetError> {
     let (left_out, unread, results) = (relative_all(&found.left_out), relative_all(&found.unread), relative_all(&found.results));
     Ok(ProposedManifest {
         rows,
+        skipped,
         left_out,
         lacking,
         pictures_of_people,
         unread,
         results,
         holds_all,
-        skipped,
         ..ProposedManifest::default()
     })
 }
