@@ -198,7 +198,7 @@ fn manifests_that_do_not_read_as_a_whole_are_errors() {
     assert!(error(b"subject;sequence;emotion\n").ends_with("the manifest lists no sequence"));
     assert!(error(b"subject,sequence,emotion\n,,\n").ends_with("the manifest lists no sequence"));
     assert!(error(b"").contains("is empty"));
-    assert!(error(b"\xFF\xFEs\0u\0").contains("not UTF-8"));
+    assert!(error(b"\xFF\xFEs\0u\0").contains("is a text in UTF-16"));
     assert!(Dataset::open(&folder.path().join("none")).unwrap_err().to_string().contains("no such dataset"));
 }
 

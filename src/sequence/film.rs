@@ -119,10 +119,15 @@ impl Pace {
 /// # Errors
 /// As [`write_video`].
 pub fn check_video(path: &Path, fps: f64, size: (u32, u32)) -> Result<(), FilmError> {
-    let scratch = PendingFolder::create(path)?;
+    // Beside the film, or where its folder will be: nothing is left, not even this folder.
+    let here = Path::new(".");
+    let above = path.ancestors().skip(1).map(|folder| if folder.as_os_str().is_empty() { here } else { folder });
+    let place = above.into_iter().find(|folder| folder.is_dir()).unwrap_or(here);
+    let scratch = tempfile::Builder::new().prefix(".grimace-").suffix(".tmp").tempdir_in(place);
+    let scratch = scratch.map_err(OutputError::at(path))?;
     let (format, name) = format_of(path);
     let pace = Pace::of(path, fps)?;
-    Encoder::start(path, &scratch.file(name), format, pace.written, even(size)).map(drop)
+    Encoder::start(path, &scratch.path().join(name), format, pace.written, even(size)).map(drop)
 }
 
 /// Format of a film by its extension, and its temporary name. OpenCV chooses the container by the extension, so the temporary name has it,

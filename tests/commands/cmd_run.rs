@@ -234,12 +234,25 @@ fn overlays_show_the_neutral_and_the_apex_frame() {
     assert!(picture.pixels().any(|p| p.0[0] != p.0[1] || p.0[1] != p.0[2]), "the wireframe is drawn in colour on grey");
 }
 
-/// Interrupts a run when `enough` tracks exist. Returns the run's output and status.
+/// Option of `env`: no matter what the tests' own parent ignores.
 #[cfg(unix)]
-fn interrupt(work: &Work, out: &str, signal: &str, enough: usize) -> crate::common::Ran {
+const NO_SIGNAL_IGNORED: &str = "--default-signal=INT,TERM,HUP";
+
+/// Interrupts a run when `enough` tracks exist. `signals` is an option of `env` for the signals that the run ignores. Returns the run's
+/// output and status.
+#[cfg(unix)]
+fn interrupt(work: &Work, out: &str, (signal, signals): (&str, &str), enough: usize) -> crate::common::Ran {
     use std::process::Stdio;
-    let mut command = work.command();
-    command.args(["run", "faces", "-o", out, "-j", "1"]).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let plain = work.command();
+    let mut command = std::process::Command::new("env");
+    command.arg(signals).arg(plain.get_program()).args(["run", "faces", "-o", out, "-j", "1"]);
+    command.current_dir(plain.get_current_dir().unwrap()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    for (name, value) in plain.get_envs() {
+        match value {
+            Some(value) => command.env(name, value),
+            None => command.env_remove(name),
+        };
+    }
     let child = command.spawn().unwrap();
     let tracks = || fs::read_dir(work.path(out).join("tracks")).map_or(0, |entries| entries.flatten().count());
     let start = std::time::Instant::now();
@@ -277,7 +290,7 @@ fn an_interrupted_run_leaves_complete_files_and_the_next_one_finishes_it() {
     let work = long_dataset();
     for signal in ["-INT", "-TERM"] {
         let out = format!("out{signal}");
-        let ran = interrupt(&work, &out, signal, 5).exit(1);
+        let ran = interrupt(&work, &out, (signal, NO_SIGNAL_IGNORED), 5).exit(1);
         ran.says(&["interrupted; finished sequences are kept; run the same command again to continue"]);
         let files = work.files(&out);
         assert!(leftovers(&files).is_empty(), "{:?}", leftovers(&files));
@@ -298,9 +311,17 @@ fn an_interrupted_run_leaves_complete_files_and_the_next_one_finishes_it() {
 
 #[cfg(unix)]
 #[test]
+fn a_run_goes_on_when_its_terminal_closes_if_its_parent_wants_that() {
+    let work = long_dataset();
+    interrupt(&work, "out", ("-HUP", "--ignore-signal=HUP"), 5).exit(0);
+    assert_same_files(&work.files("whole"), &work.files("out"));
+}
+
+#[cfg(unix)]
+#[test]
 fn a_killed_run_leaves_no_partial_file_with_the_name_of_a_result() {
     let work = long_dataset();
-    let ran = interrupt(&work, "out", "-KILL", 5);
+    let ran = interrupt(&work, "out", ("-KILL", NO_SIGNAL_IGNORED), 5);
     assert_eq!(ran.status, None);
     let whole = work.files("whole");
     let files = work.files("out");
@@ -328,9 +349,7 @@ fn a_full_disk_ends_the_run_with_a_clear_error_and_no_partial_file() {
     let work = Work::with_sequences(&["S001_005", "S002_005"]);
     for (blocks, file) in [(0, "run.json"), (16, "out16/tracks/S00"), (120, "report.html")] {
         let out = format!("out{blocks}");
-        let ran = work.shell(&format!(
-            "trap '' XFSZ; ulimit -f {blocks}; exec \"$GRIMACE\" run faces -o {out} -j 1 2>{out}.txt || exit $?"
-        ));
+        let ran = work.shell(&format!("ulimit -f {blocks}; exec \"$GRIMACE\" run faces -o {out} -j 1 2>{out}.txt || exit $?"));
         // The limit also applies to the file of standard error: with 0 blocks no message can be written.
         assert_eq!(ran.status, Some(1), "{blocks}");
         let said = work.read(&format!("{out}.txt"));
