@@ -206,11 +206,14 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     check_apart(&outputs, &inputs)?;
     args.overlay.as_deref().map_or(Ok(()), check_films_name)?;
     // Of two commands that write the same table, one would lose its rows.
+    let is_new = !folder.exists();
     let claim = claim_folder(&folder)?;
     let proposed = propose(args, &folder);
     drop(claim);
-    // It is empty, and goes, if nothing was written.
-    let _ = std::fs::remove_dir(&folder);
+    if is_new {
+        // It goes if it is empty, because nothing was written.
+        let _ = std::fs::remove_dir(&folder);
+    }
     proposed
 }
 

@@ -424,3 +424,20 @@ fn of_two_people_one_is_followed_and_this_is_reported() {
     ran.exit(1).prints(&[said, "a face in 40 of 40 frames"]);
     assert!(work.rows("segments/two_frames.csv").iter().all(|row| row["stretch"] == "1"));
 }
+
+#[test]
+fn of_two_commands_with_one_table_the_second_does_not_begin() {
+    let work = Work::new();
+    record(&work, "dark", &DARK);
+    fs::create_dir_all(work.path("segments")).unwrap();
+    let claim = fs::File::open(work.path("segments")).unwrap();
+    claim.lock().unwrap();
+    let said = ["segments", "another command is writing into this folder; wait for it"];
+    work.grimace("segment dark -o segments.csv").exit(1).says(&said);
+    drop(claim);
+    work.grimace("segment dark -o segments.csv").exit(1).says(&["no face was found"]);
+    // The folder was there before; one that was not does not stay.
+    assert!(work.path("segments").exists() && !work.path("segments.csv").exists());
+    work.grimace("segment dark -o other.csv").exit(1);
+    assert!(!work.path("other").exists());
+}
