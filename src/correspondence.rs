@@ -339,10 +339,8 @@ pub fn validate_correspondences(correspondences: &[Correspondence], width: u32, 
     if count < MINIMUM_MARKS {
         return Err(MarksError::TooFew { found: count });
     }
-    let mut nodes: Vec<NodeId> = correspondences.iter().map(|c| c.node).collect();
-    nodes.sort_unstable();
-    if let Some(pair) = nodes.windows(2).find(|pair| pair[0] == pair[1]) {
-        return Err(MarksError::DuplicateNode { node: pair[0] });
+    if let Some(node) = marked_twice(correspondences) {
+        return Err(MarksError::DuplicateNode { node });
     }
     let inside = |value: f64, size: u32| value >= -0.5 && value <= f64::from(size) - 0.5;
     if let Some(c) = correspondences.iter().find(|c| !(inside(c.position.x, width) && inside(c.position.y, height))) {
@@ -350,6 +348,13 @@ pub fn validate_correspondences(correspondences: &[Correspondence], width: u32, 
     }
     let ratio = singular_value_ratio(correspondences);
     if ratio < COLLINEAR_RATIO { Err(MarksError::Collinear { count, ratio }) } else { Ok(()) }
+}
+
+/// Returns the lowest node that is marked more than once.
+pub(crate) fn marked_twice(marks: &[Correspondence]) -> Option<NodeId> {
+    let mut nodes: Vec<NodeId> = marks.iter().map(|mark| mark.node).collect();
+    nodes.sort_unstable();
+    nodes.windows(2).find(|pair| pair[0] == pair[1]).map(|pair| pair[0])
 }
 
 /// Returns the ratio of the smaller to the larger singular value of the centred positions; 0 when all coincide.

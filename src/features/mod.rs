@@ -440,16 +440,30 @@ mod tests {
     use super::*;
     use crate::{model::FrameExpressionModel, wireframe::Wireframe};
 
+    /// The ten frames of a simulated smile, with the meter for them.
+    struct Smile {
+        track: Vec<TrackedFrame>,
+        fit: HeadFit,
+        model: DynamicExpressionModel<FaceUnit>,
+        meter: FeatureMeter,
+    }
+
+    fn smile(normalizer: &Normalizer<'_>) -> Smile {
+        let (w, t) = normalizer.face();
+        let truth = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/simulated/truth/S001_005.csv");
+        let track = crate::track::read_track(&truth).unwrap();
+        let fitter = crate::pose::HeadFitter::new(w, t);
+        let fit = fitter.fit(t, &track, &[]).unwrap();
+        let model = normalizer.normalize_every_frame(&fitter.frontal((w, t), &fit, &track).unwrap()).unwrap();
+        let meter = FeatureMeter::new(fitter.model(), normalizer).unwrap();
+        Smile { track, fit, model, meter }
+    }
+
     #[test]
     fn the_top_of_the_skull_does_not_decide_the_order() {
         let (w, t) = (Wireframe::candide3(), Tables::candide3());
-        let truth = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/simulated/truth/S001_005.csv");
-        let track = crate::track::read_track(&truth).unwrap();
-        let fitter = crate::pose::HeadFitter::new(&w, &t);
-        let fit = fitter.fit(&t, &track, &[]).unwrap();
         let normalizer = Normalizer::new(&w, &t, FeatureMeter::normalize_options(NormalizeOptions::default())).unwrap();
-        let model = normalizer.normalize_every_frame(&fitter.frontal((&w, &t), &fit, &track).unwrap()).unwrap();
-        let meter = FeatureMeter::new(fitter.model(), &normalizer).unwrap();
+        let Smile { track, model, meter, .. } = smile(&normalizer);
         // Hair that was followed upwards, by a sixteenth of the eye distance, as in tracks of real smiles.
         let (last, mut frames) = (model.frame_count() - 1, model.frames().to_vec());
         let up =
@@ -463,13 +477,8 @@ mod tests {
     #[test]
     fn parts_of_other_tracks_and_times_that_are_none_are_an_error() {
         let (w, t) = (Wireframe::candide3(), Tables::candide3());
-        let truth = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/simulated/truth/S001_005.csv");
-        let track = crate::track::read_track(&truth).unwrap();
-        let fitter = crate::pose::HeadFitter::new(&w, &t);
-        let fit = fitter.fit(&t, &track, &[]).unwrap();
         let normalizer = Normalizer::new(&w, &t, FeatureMeter::normalize_options(NormalizeOptions::default())).unwrap();
-        let model = normalizer.normalize_every_frame(&fitter.frontal((&w, &t), &fit, &track).unwrap()).unwrap();
-        let meter = FeatureMeter::new(fitter.model(), &normalizer).unwrap();
+        let Smile { track, fit, model, meter } = smile(&normalizer);
         let why = |measured: Measured<'_>| meter.measure(measured, &normalizer, &t).unwrap_err().to_string();
         let good = Measured { track: &track, fit: &fit, model: &model, seconds: &[] };
         let mut times = [0.0; 10];

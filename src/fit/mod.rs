@@ -25,7 +25,7 @@ use self::{
     prior::Explanation,
     unfold::{Frontal, Unfolded, unfold},
 };
-use crate::{geometry::Similarity, model::FrameExpressionModel, units::Px, wireframe::Wireframe};
+use crate::{correspondence::marked_twice, geometry::Similarity, model::FrameExpressionModel, units::Px, wireframe::Wireframe};
 
 pub use super::correspondence::{
     Correspondence, CorrespondenceError, MINIMUM_MARKS, MarkKind, MarksError, read_correspondences, validate_correspondences,
@@ -308,10 +308,8 @@ pub(crate) fn mark_deviation(mark: &Correspondence, eye_distance: f64) -> Option
 
 /// Checks that every node is marked once, at a finite position, and that expected errors are positive.
 fn check_marks(marks: &[Correspondence]) -> Result<(), FitError> {
-    let mut nodes: Vec<crate::units::NodeId> = marks.iter().map(|m| m.node).collect();
-    nodes.sort_unstable();
-    if let Some(pair) = nodes.windows(2).find(|pair| pair[0] == pair[1]) {
-        return Err(FitError::DuplicateNode { node: pair[0] });
+    if let Some(node) = marked_twice(marks) {
+        return Err(FitError::DuplicateNode { node });
     }
     for Correspondence { node, position, expected_error, .. } in marks {
         for (what, value) in [("x", position.x), ("y", position.y)] {

@@ -411,22 +411,8 @@ pub enum StatisticsError {
         tolerance: f64,
     },
     /// A displacement that is impossible for a face.
-    #[error(
-        "{id}: node {node} moves by {found} face units from frame {field} to {}; no face moves further than {limit:e}, so the model is wrong",
-        field + 1
-    )]
-    Displacement {
-        /// The sequence.
-        id: SequenceId,
-        /// Live node.
-        node: NodeId,
-        /// Displacement field, from 0.
-        field: usize,
-        /// Coordinate of the displacement vector that is too large, face units.
-        found: f64,
-        /// Limit that magnitudes must stay below.
-        limit: f64,
-    },
+    #[error(transparent)]
+    Displacement(#[from] comparable::ImpossibleMotion),
     /// Displacement vectors that cannot be read.
     #[error(transparent)]
     Source(#[from] scale::SourceError),

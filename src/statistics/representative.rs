@@ -3,11 +3,11 @@
 use std::{borrow::Borrow, collections::BTreeMap};
 
 use nalgebra::{Point2, Vector2};
-use rayon::prelude::*;
 
 use super::{
     ClassLabel, MedianKind, MedianSearch, MedianSums, Representative, SequenceModel, StatisticsError, StatisticsOptions,
     TrimmingRow,
+    comparable::displacement_fields,
     dispersion::{Dispersions, KeptFields, field_dispersion, median, median_of},
     distance::DisplacementFields,
     median::{ExactOptions, GreedyOptions, Median, Slots, exact_median, greedy_median},
@@ -167,7 +167,8 @@ pub fn check_models(label: &ClassLabel, models: &[&SequenceModel], wireframe: &W
     }
     check_shapes(models, wireframe)?;
     common_neutral(models, wireframe.live_nodes())?;
-    displacement_fields(models, wireframe.live_nodes()).map(drop)
+    displacement_fields(models, wireframe.live_nodes())?;
+    Ok(())
 }
 
 /// Sorts the models by sequence id. Ids must be unique.
@@ -216,18 +217,6 @@ fn common_neutral(models: &[&SequenceModel], live: &[NodeId]) -> Result<Vec<Poin
         }
     }
     Ok(neutral)
-}
-
-/// Returns every model's displacement fields over the live nodes, after checking their magnitude.
-fn displacement_fields(models: &[&SequenceModel], live: &[NodeId]) -> Result<Vec<DisplacementFields>, StatisticsError> {
-    let fields: Vec<_> = models.par_iter().map(|m| DisplacementFields::of_model(&m.model, live)).collect();
-    for (m, fields) in models.iter().zip(&fields) {
-        if let Some((field, k, found)) = fields.first_beyond(MAX_DISPLACEMENT) {
-            let (id, node, limit) = (m.id.clone(), live[k], MAX_DISPLACEMENT);
-            return Err(StatisticsError::Displacement { id, node, field, found, limit });
-        }
-    }
-    Ok(fields)
 }
 
 /// Returns, for every field, the vectors of the member with the smallest sum of distances to the others (the first of several).
