@@ -11,6 +11,7 @@ mod facs;
 mod file;
 mod in_time;
 mod openface;
+mod presence;
 mod strengths;
 mod warnings;
 
