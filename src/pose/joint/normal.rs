@@ -10,7 +10,7 @@ use super::{
     super::solve::{POSE, Slopes, dots},
     Descent, LOG_DISTANCE_DEVIATION, Problem, Step,
 };
-use crate::least_squares::{Rows, add_mixture};
+use crate::least_squares::{Rows, add_mixture, cholesky};
 
 /// Added to the diagonal of poses, so that a view in which nothing is seen stays as it is.
 const RIDGE: f64 = 1e-9;
@@ -117,7 +117,7 @@ impl Assembly {
         coupling.add_squares(&mut eliminated);
         self.others -= eliminated;
         // Only the lower triangle is read.
-        Some(Normal { roots, coupling, others: self.others.cholesky()? })
+        Some(Normal { roots, coupling, others: cholesky(self.others)? })
     }
 }
 
