@@ -347,7 +347,7 @@ impl LandmarkTrack {
     }
 }
 
-/// Form of a file, by its content.
+/// Form of a file, by its content. [`points`] reads `Pts` and `Text`, [`table`] reads `Table`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Form {
     /// A table with a column `frame`.
@@ -360,7 +360,7 @@ enum Form {
     Other,
 }
 
-/// Recognizes the form of a file by its first non-blank line.
+/// Recognizes the form of a file by its first non-blank line, or the part of it within [`SNIFFED_BYTES`]. The first form that fits counts.
 fn form_of(path: &Path) -> Form {
     let mut start = Vec::new();
     let read = crate::input::open_file(path)

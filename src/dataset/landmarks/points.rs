@@ -4,34 +4,35 @@ use std::path::Path;
 
 use nalgebra::Point2;
 
-use super::{Form, LANDMARK_COUNT, LandmarksError, form_of};
+use super::{Form, LANDMARK_COUNT, LandmarksError, form_of, has_extension};
 use crate::text::excerpt;
 
 /// Number of the first row and column in a `.pts` file (its authors use MATLAB).
 const PTS_FIRST_PIXEL: f64 = 1.0;
 
-/// Reads the points of a file, in the form of its content.
+/// Reads the points of a file, in the form of its content; a file named `.pts` as that, so that the error names what it lacks.
 pub(in super::super) fn read(path: &Path) -> Result<Vec<Point2<f64>>, LandmarksError> {
     let bytes = crate::input::read(path).map_err(|reason| LandmarksError::Io { path: path.to_owned(), reason })?;
     let text = String::from_utf8_lossy(&bytes);
     let text = text.trim_start_matches('\u{FEFF}');
-    let has_pts_name = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("pts"));
-    let points = match form_of(path) {
-        Form::Pts => read_pts(path, text)?,
-        _ if has_pts_name => read_pts(path, text)?,
-        _ => numbered_lines(text).map(|(line, content)| point(path, line, content)).collect::<Result<_, _>>()?,
+    let form = if has_extension(path, &["pts"]) { Form::Pts } else { form_of(path) };
+    // The numbers as they stand in the file, and the number that its first pixel has.
+    let (written, first_pixel) = match form {
+        Form::Pts => (read_pts(path, text)?, PTS_FIRST_PIXEL),
+        Form::Text | Form::Table | Form::Other => (read_text(path, text)?, 0.0),
     };
-    let from_zero: Vec<Point2<f64>> = match form_of(path) {
-        Form::Pts => points.iter().map(|p| p + nalgebra::Vector2::repeat(PTS_FIRST_PIXEL)).collect(),
-        _ => points.clone(),
-    };
-    if points.len() == LANDMARK_COUNT && super::mediapipe::is_normalized(&from_zero) {
-        Err(LandmarksError::NormalizedFile { path: path.to_owned() })
-    } else if points.len() == LANDMARK_COUNT {
-        Ok(points)
-    } else {
-        Err(LandmarksError::Count { path: path.to_owned(), found: points.len() })
+    if written.len() != LANDMARK_COUNT {
+        return Err(LandmarksError::Count { path: path.to_owned(), found: written.len() });
     }
+    if super::mediapipe::is_normalized(&written) {
+        return Err(LandmarksError::NormalizedFile { path: path.to_owned() });
+    }
+    Ok(written.iter().map(|p| p - nalgebra::Vector2::repeat(first_pixel)).collect())
+}
+
+/// A line `x y` for each point.
+fn read_text(path: &Path, text: &str) -> Result<Vec<Point2<f64>>, LandmarksError> {
+    numbered_lines(text).map(|(line, content)| point(path, line, content)).collect()
 }
 
 /// Non-blank lines, trimmed, with their numbers from 1.
@@ -77,7 +78,7 @@ fn read_pts(path: &Path, text: &str) -> Result<Vec<Point2<f64>>, LandmarksError>
             closed = true;
             break;
         }
-        points.push(point(path, line, content)? - nalgebra::Vector2::repeat(PTS_FIRST_PIXEL));
+        points.push(point(path, line, content)?);
     }
     if !closed {
         return Err(error(text.lines().count(), text.lines().last().unwrap_or_default().trim(), "`}` after the last point"));

@@ -58,24 +58,7 @@ struct Row {
 /// Reads a table into `track`. Of several faces it reads the requested one, else the one found in most frames, or the largest of several
 /// such.
 pub(super) fn read(path: &Path, face: Option<&str>, track: &mut LandmarkTrack) -> Result<(), LandmarksError> {
-    let csv = open(path)?;
-    let [frame] = csv.require(["frame"])?;
-    let points = points(&csv);
-    if points.len() != LANDMARK_COUNT && !mediapipe::COUNTS.contains(&points.len()) {
-        return Err(LandmarksError::Count { path: path.to_owned(), found: points.len() });
-    }
-    let [confidence, success, face_id, timestamp] =
-        ["confidence", "success", "face_id", "timestamp"].map(|name| csv.column_of_any_case(name));
-    let any_case = |start: &str, name: &str| csv.column_of_any_case(&format!("{start}{name}"));
-    let size = ["", "image_"].iter().find_map(|start| Some((any_case(start, "width")?, any_case(start, "height")?)));
-    let columns = Columns { points, confidence, success, face: face_id, timestamp, size };
-    let mut rows = Vec::new();
-    for row in csv.rows() {
-        // With semicolons as separators, commas do not separate fields.
-        let as_it_is = csv.separator() == b';';
-        let row = row.map_err(|error| if as_it_is { error.into() } else { explained(error, "") })?;
-        rows.push(read_row(&row, frame, &columns, track.least_confidence, path)?);
-    }
+    let rows = read_rows(path, track.least_confidence)?;
     let mut faces: BTreeMap<String, Vec<Row>> = BTreeMap::new();
     let all_rows = rows.len();
     let unnumbered = all_rows > 1 && rows.iter().all(|row| row.frame == 0);
@@ -103,6 +86,29 @@ pub(super) fn read(path: &Path, face: Option<&str>, track: &mut LandmarkTrack) -
         track.lost.sort_unstable();
     }
     Ok(())
+}
+
+/// Reads the rows of a table in the order of the file.
+fn read_rows(path: &Path, least_confidence: f64) -> Result<Vec<Row>, LandmarksError> {
+    let csv = open(path)?;
+    let [frame] = csv.require(["frame"])?;
+    let points = points(&csv);
+    if points.len() != LANDMARK_COUNT && !mediapipe::COUNTS.contains(&points.len()) {
+        return Err(LandmarksError::Count { path: path.to_owned(), found: points.len() });
+    }
+    let [confidence, success, face_id, timestamp] =
+        ["confidence", "success", "face_id", "timestamp"].map(|name| csv.column_of_any_case(name));
+    let any_case = |start: &str, name: &str| csv.column_of_any_case(&format!("{start}{name}"));
+    let size = ["", "image_"].iter().find_map(|start| Some((any_case(start, "width")?, any_case(start, "height")?)));
+    let columns = Columns { points, confidence, success, face: face_id, timestamp, size };
+    let mut rows = Vec::new();
+    for row in csv.rows() {
+        // With semicolons as separators, commas do not separate fields.
+        let as_it_is = csv.separator() == b';';
+        let row = row.map_err(|error| if as_it_is { error.into() } else { explained(error, "") })?;
+        rows.push(read_row(&row, frame, &columns, least_confidence, path)?);
+    }
+    Ok(rows)
 }
 
 /// Rows of the face found in most frames, or of the largest of several such, or of the first.

@@ -248,6 +248,12 @@ fn bad_pts_files_say_line_and_what_was_expected() {
     assert!(error(pts(68).replace("3.25 4", "3,25 4")).contains("line 7: found `3,25 4`; write decimals with a point"));
     assert!(error("version: 1\n".to_owned()).contains("`{` was expected"));
     assert!(error(pts(68).replace("3.25 4", "3.25 inf")).contains("two finite numbers"));
+    // Shares of the picture are found before pixels are counted from 0, with and without the lines above the points.
+    let shares = (0..68).map(|k| format!("0.{k:02} 0.5\n")).collect::<String>();
+    for above in ["version: 1\nn_points: 68\n", ""] {
+        let found = error(format!("{above}{{\n{shares}}}\n"));
+        assert!(found.contains("the points are shares of the picture's width and height"), "{found}");
+    }
 }
 
 #[test]
