@@ -87,6 +87,7 @@ pub fn clone<'py>(
             })
             .collect();
         let frames = frames.ok_or_else(|| PyKeyboardInterrupt::new_err(()))?;
+        let frames = frames.into_iter().collect::<Result<Vec<_>, _>>().map_err(|e: LibraryError| to::<CloneError>(e))?;
         let size = frames.first().map_or((0, 0), image::RgbImage::dimensions);
         let count = frames.len();
         let bytes: Vec<u8> = frames.into_iter().flat_map(image::RgbImage::into_raw).collect();

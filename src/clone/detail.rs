@@ -115,6 +115,8 @@ pub struct Details {
     /// Factor on the strength of wrinkles from the similarity of the light on both faces.
     alike: f32,
     sigma_px: f64,
+    /// Columns and rows of the target's picture.
+    size: (u32, u32),
 }
 
 impl Details {
@@ -147,6 +149,7 @@ impl Details {
             light: 1.0,
             alike: 1.0,
             sigma_px,
+            size: target.picture.dimensions(),
         };
         details.neutral = details.carried(target, 0);
         let own = grey(&target.picture);
@@ -162,6 +165,15 @@ impl Details {
             details.light = ((of_target / of_source) as f32).clamp(LIGHT_LIMITS.0, LIGHT_LIMITS.1);
         }
         Ok(details)
+    }
+
+    /// Checks that they were made for a target and for a source of so many frames.
+    ///
+    /// # Errors
+    /// [`CloneError::OtherDetails`].
+    pub(super) fn check(&self, target: &Target, needed: usize) -> Result<(), CloneError> {
+        let (frames, of, size) = (self.frames.len(), self.size, target.picture.dimensions());
+        if needed <= frames && of == size { Ok(()) } else { Err(CloneError::OtherDetails { frames, of, needed, size }) }
     }
 
     /// Grey levels of a source frame in the geometry of the target's photograph.
@@ -375,5 +387,11 @@ mod tests {
         });
         let other = Details::new(target, &source, vec![brighter.clone(), brighter]).unwrap();
         assert_eq!(shown(&other), [false, true, false, false]);
+        assert!(details.check(target, 2).is_ok());
+        let error = details.check(target, 3).unwrap_err();
+        assert!(matches!(error, CloneError::OtherDetails { frames: 2, needed: 3, .. }), "{error}");
+        let small = crate::clone::test_target::target(image::imageops::crop_imm(&picture, 0, 0, 440, 540).to_image());
+        let error = details.check(&small, 2).unwrap_err();
+        assert!(matches!(error, CloneError::OtherDetails { of: (440, 560), size: (440, 540), .. }), "{error}");
     }
 }

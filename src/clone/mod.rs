@@ -208,6 +208,29 @@ pub enum CloneError {
     /// Wrinkles or teeth are requested from a source without frames.
     #[error("{0}")]
     NoSourceFrames(String),
+    /// A frame that the clone does not have.
+    #[error("the clone has no frame {frame}; its {count} frames are numbered from 0")]
+    NoSuchFrame {
+        /// The frame asked for.
+        frame: usize,
+        /// Frames of the clone.
+        count: usize,
+    },
+    /// Details that were prepared for another source or target.
+    #[error(
+        "the details are of {frames} frames and a picture of {}x{} px, but the source has a frame {needed} (from 1) and the target {}x{} px; \
+         prepare them for this source and target", of.0, of.1, size.0, size.1
+    )]
+    OtherDetails {
+        /// Frames of the details.
+        frames: usize,
+        /// Columns and rows of the details.
+        of: (u32, u32),
+        /// Largest frame of the source that is needed, from 1.
+        needed: usize,
+        /// Columns and rows of the target.
+        size: (u32, u32),
+    },
     /// More frames than a clone may have.
     #[error("the clone would have {frames} frames, more than {most}: choose a shorter duration or a lower frame rate")]
     TooManyFrames {

@@ -48,7 +48,7 @@ pub fn moved_mouths(
         let Some(frame) = clone.frames.last() else { continue };
         let rest = target.warp().nodes();
         let motion = frame.deformation.nodes().iter().zip(rest).map(|(p, r)| p - r).collect();
-        made.push(MovedMouth { picture: clone.picture(last), motion });
+        made.push(MovedMouth { picture: clone.picture(last)?, motion });
     }
     Ok(made)
 }

@@ -203,7 +203,7 @@ pub fn write_clone(
         _ => {}
     }
     for k in 0..clone.frames.len() {
-        let picture = clone.picture(k);
+        let picture = clone.picture(k)?;
         record.write(&name(k), |writer| encode_png(&picture, writer))?;
         if chosen.contains(&k) {
             shown.insert(k, picture.clone());

@@ -132,7 +132,8 @@ pub struct CloneFrame {
 /// let smiling = clone_expression(&source, &target, None, &Default::default(), &face)?;
 /// // 25 frames a second, for one second; the last one has the size of the photograph.
 /// assert_eq!((smiling.fps, smiling.frames.len(), smiling.apex()), (25.0, 25, 24));
-/// assert_eq!(smiling.picture(24).dimensions(), (440, 560));
+/// assert_eq!(smiling.picture(24)?.dimensions(), (440, 560));
+/// assert!(smiling.picture(25).is_err());
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug)]
@@ -165,14 +166,14 @@ pub struct ClonedExpression<'a> {
 /// let source = SourceMotion::read("fixtures/golden/representatives/happiness.csv".as_ref(), &face)?;
 /// let options = CloneOptions { emphasis: 1.2, ..CloneOptions::default() };
 /// let smiling = clone_expression(&source, &target, None, &options, &face)?;
-/// let picture = smiling.picture(smiling.apex());
+/// let picture = smiling.picture(smiling.apex())?;
 /// assert_ne!(picture, target.picture);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 ///
 /// # Errors
-/// [`CloneError`] for too many frames, options out of range, a source whose parts do not fit together, and a source or face with
-/// other nodes than the target.
+/// [`CloneError`] for too many frames, options out of range, a source whose parts do not fit together, a source or face with
+/// other nodes than the target, and details of another source or target.
 pub fn clone_expression<'a>(
     source: &SourceMotion,
     target: &'a Target,
@@ -183,6 +184,8 @@ pub fn clone_expression<'a>(
     options.check()?;
     let (fps, moments) = options.timing.moments(source)?;
     check_nodes(source, &moments, target)?;
+    let needed = moments.iter().map(|moment| moment.nearest + 1).max().unwrap_or(0);
+    details.map_or(Ok(()), |details| details.check(target, needed))?;
     let frames = moments
         .iter()
         .enumerate()
@@ -259,12 +262,19 @@ impl ClonedExpression<'_> {
         self.skin.is_some()
     }
 
-    /// Renders one frame.
+    /// Renders one frame; the first is 0.
     ///
-    /// # Panics
-    /// If there is no such frame (a programmer's error).
-    pub fn picture(&self, frame: usize) -> RgbImage {
-        let CloneFrame { deformation, nearest, skin, .. } = &self.frames[frame];
+    /// # Errors
+    /// [`CloneError::NoSuchFrame`]; [`CloneError::OtherDetails`] if `nearest` of that frame was set to a frame the source does not have.
+    pub fn picture(&self, frame: usize) -> Result<RgbImage, CloneError> {
+        let no_such_frame = CloneError::NoSuchFrame { frame, count: self.frames.len() };
+        let frame = self.frames.get(frame).ok_or(no_such_frame)?;
+        self.details.map_or(Ok(()), |details| details.check(self.target, frame.nearest.saturating_add(1)))?;
+        Ok(self.rendered(frame))
+    }
+
+    fn rendered(&self, frame: &CloneFrame) -> RgbImage {
+        let CloneFrame { deformation, nearest, skin, .. } = frame;
         let grown = self.skin.and_then(|s| s.texture(self.target, *skin));
         let (warp, plain) = (self.target.warp(), grown.as_ref().unwrap_or(self.target.texture()));
         let teeth = self.options.teeth;
@@ -348,6 +358,19 @@ mod tests {
         small.offsets.iter_mut().for_each(|offsets| offsets.truncate(80));
         assert!(why(&small, options).starts_with("happiness has 80 nodes, but the wireframe has 113"));
         assert!(clone_expression(&source, target, None, &CloneOptions { emphasis: -1.0, ..options }, &face).is_ok());
+    }
+
+    #[test]
+    fn a_frame_that_a_clone_does_not_have_is_an_error() {
+        let face = Face::candide3();
+        let source = SourceMotion::read("fixtures/golden/representatives/happiness.csv".as_ref(), &face).unwrap();
+        let target = crate::clone::test_target::portrait_target();
+        let clone = clone_expression(&source, target, None, &CloneOptions::default(), &face).unwrap();
+        let count = clone.frames.len();
+        assert!(clone.picture(count - 1).is_ok());
+        let error = clone.picture(count).unwrap_err();
+        assert!(matches!(error, CloneError::NoSuchFrame { frame, count: known } if (frame, known) == (count, count)));
+        assert_eq!(error.to_string(), "the clone has no frame 26; its 26 frames are numbered from 0");
     }
 
     #[test]

@@ -314,7 +314,7 @@ fn track_frames(
     let NeutralFit { fitted, beside } = source.fit_neutral(&first, bench)?;
     let frames = std::iter::once(Ok(first)).chain(frames);
     let track = track_sequence(&bench.wireframe, &bench.plan, &fitted, frames, &bench.options.track, tick).map_err(|error| {
-        let (is_interrupted, is_lost) = (matches!(error, TrackError::Interrupted), matches!(error, TrackError::FaceLost { .. }));
+        let (is_interrupted, is_lost) = (matches!(error, TrackError::Interrupted), error.is_face_lost());
         let SequenceFailure { stage, mut reason, fatal } = SequenceFailure::at(Stage::Track)(error);
         if is_lost && !beside.is_empty() {
             reason = format!("{reason}: {}", beside.join("; "));

@@ -142,7 +142,7 @@ mod tests {
         let source = SourceMotion::from_fap("open", &faps, &face).unwrap();
         let clone = clone_expression(&source, portrait_target(), None, &CloneOptions::default(), &face).unwrap();
         let last = clone.frames.len() - 1;
-        (frame_of(2, clone.picture(last)), clone.frames[last].deformation.nodes().to_vec())
+        (frame_of(2, clone.picture(last).unwrap()), clone.frames[last].deformation.nodes().to_vec())
     }
 
     fn frame_of(number: u32, picture: image::RgbImage) -> Frame {

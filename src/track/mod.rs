@@ -200,6 +200,24 @@ pub enum TrackError {
         /// Live nodes.
         live: usize,
     },
+    /// The face is lost in the second of two frames that differ in size. Of two photographs that are cropped differently the second can
+    /// often be tracked all the same.
+    #[error(
+        "frame {frame} has {size} pixels, but the first has {expected}, and only {found} of {live} nodes could be tracked; the face is \
+         lost. Crop and scale both pictures alike"
+    )]
+    FaceLostInOtherSize {
+        /// Frame number.
+        frame: u32,
+        /// Its size.
+        size: ImageSize,
+        /// Size of the first frame.
+        expected: ImageSize,
+        /// Nodes not lost.
+        found: usize,
+        /// Live nodes.
+        live: usize,
+    },
     /// The landmarks of a frame do not determine the position of the face.
     #[error("frame {frame}: {reason}")]
     Landmarks {
@@ -261,6 +279,13 @@ pub enum TrackError {
     /// The caller asked to stop.
     #[error("interrupted")]
     Interrupted,
+}
+
+impl TrackError {
+    /// Whether the face is lost.
+    pub(crate) fn is_face_lost(&self) -> bool {
+        matches!(self, Self::FaceLost { .. } | Self::FaceLostInOtherSize { .. })
+    }
 }
 
 /// Which prepared frame a [`PointTracker`] works on.
@@ -358,8 +383,8 @@ pub trait PointTracker {
     /// [`TrackError`] when the frame cannot be prepared.
     fn advance(&mut self, frame: &Frame) -> Result<(), TrackError>;
 
-    /// Returns the mean gradient matrices of the windows around points of a frame, squared grey levels per px. They tell how well, and in
-    /// which direction, a match is determined. The default treats all points and directions alike.
+    /// Returns the mean gradient matrices of the windows around points of a frame, squared grey levels per px: one for each point, finite.
+    /// They tell how well, and in which direction, a match is determined. The default treats all points and directions alike.
     ///
     /// # Errors
     /// [`TrackError`] when the gradients cannot be read.
@@ -367,7 +392,7 @@ pub trait PointTracker {
         Ok(vec![Matrix2::identity(); points.len()])
     }
 
-    /// Returns the grey values of a frame around points, smoothed by a Gaussian of standard deviation `smoothing` px, reaching at least
+    /// Returns the grey values of a frame around points, all finite, smoothed by a Gaussian of standard deviation `smoothing` px, reaching at least
     /// `margin` px beyond the points within the image. The default returns `None`, for a tracker without images; nodes are then not
     /// aligned.
     ///
@@ -378,7 +403,7 @@ pub trait PointTracker {
     }
 
     /// Finds the probes of frame `from` in frame `to`, with a square window of `window_px` and `levels` pyramid levels. Returns one result
-    /// per probe.
+    /// per probe, with finite numbers.
     ///
     /// # Errors
     /// [`TrackError`] when the search cannot run at all.
@@ -429,7 +454,8 @@ impl<P: std::ops::DerefMut<Target: PointTracker>> PointTracker for P {
 ///
 /// # Errors
 /// [`TrackError`] for frames that do not read, a lost face, or an interruption; for a plan or a fitted wireframe with other
-/// nodes, frames of no or of differing size, and options out of range.
+/// nodes, frames of no or of differing size, and options out of range. Two frames may differ in size, as two photographs do, unless the
+/// face is lost.
 pub fn track_sequence(
     wireframe: &Wireframe,
     plan: &TrackPlan,
@@ -480,7 +506,7 @@ pub fn window_px(tables: &Tables, neutral: &[Point2<f64>], options: &TrackOption
 /// ```
 ///
 /// # Errors
-/// As [`track_sequence`].
+/// As [`track_sequence`]; and for a tracker whose answers are not finite or not one for each point.
 pub fn track_with(
     tracker: &mut impl PointTracker,
     wireframe: &Wireframe,
@@ -579,7 +605,8 @@ impl<'a, T: PointTracker> FrameTracker<'a, T> {
     /// Tracks the next frame, forward or backward in time.
     ///
     /// # Errors
-    /// [`TrackError`] for a lost face, a frame without pixels, and more than two frames that are not of one size.
+    /// [`TrackError`] for a lost face, a frame without pixels, more than two frames that are not of one size, and a tracker whose answers
+    /// are not finite or not one for each point.
     pub fn step(&mut self, frame: &Frame) -> Result<&TrackedFrame, TrackError> {
         self.sizes.add(frame)?;
         let even = self.light.as_ref().and_then(|light| light.undone_at(frame, self.wireframe, &self.last));
@@ -587,7 +614,7 @@ impl<'a, T: PointTracker> FrameTracker<'a, T> {
         let Self { wireframe, plan, options, window, eye_distance, .. } = *self;
         let (template, lids, lips, leap) = (self.template.as_mut(), self.lids.as_ref(), self.lips.as_ref(), self.leap.as_ref());
         let mut step = step::Step { wireframe, plan, options, template, window, eye_distance, lids, lips, leap, frame };
-        let nodes = step.run(&mut self.tracker, &self.last)?;
+        let nodes = step.run(&mut self.tracker, &self.last).map_err(|error| self.sizes.named_in(error))?;
         self.last = TrackedFrame { number: frame.number(), nodes };
         Ok(&self.last)
     }
@@ -624,6 +651,16 @@ impl Sizes {
         match self.odd.filter(|_| self.count > 2) {
             Some((frame, found)) => Err(TrackError::FrameSize { frame, found, expected }),
             None => Ok(()),
+        }
+    }
+
+    /// Returns the error of a step with the sizes of its frames, if they differ and the face is lost.
+    fn named_in(&self, error: TrackError) -> TrackError {
+        match (error, self.first, self.odd) {
+            (TrackError::FaceLost { frame, found, live }, Some(expected), Some((_, size))) => {
+                TrackError::FaceLostInOtherSize { frame, size, expected, found, live }
+            }
+            (error, ..) => error,
         }
     }
 }

@@ -137,7 +137,7 @@ pub fn resume_with(
             leap: leap.as_ref(),
             frame,
         };
-        let nodes = step.run(tracker, &previous)?;
+        let nodes = step.run(tracker, &previous).map_err(|error| sizes.named_in(error))?;
         let nodes = match corrections.get(&number) {
             Some(hard) => {
                 hard.keys().for_each(|node| release(template.as_mut(), lids.as_mut(), lips.as_mut(), wireframe, *node));
@@ -197,6 +197,19 @@ mod tests {
         }
     }
 
+    /// Finds nothing.
+    struct Blind;
+
+    impl PointTracker for Blind {
+        fn advance(&mut self, _: &Frame) -> Result<(), TrackError> {
+            Ok(())
+        }
+
+        fn find(&mut self, _: Slot, _: Slot, _: u32, _: u32, probes: &[Probe]) -> Result<Vec<Found>, TrackError> {
+            Ok(vec![Found::Lost; probes.len()])
+        }
+    }
+
     struct Bench {
         wireframe: Wireframe,
         plan: TrackPlan,
@@ -221,26 +234,41 @@ mod tests {
         resume_with(&mut Drift, &bench.wireframe, &bench.plan, track, start, corrections, frames(), &options).unwrap()
     }
 
-    /// A point tracker that returns one result, or gradient, too few, or a patch without grey values.
-    struct Short(&'static str);
+    /// A point tracker that returns one result, or gradient, too few, a patch without grey values, or a number that is not finite.
+    struct Faulty(&'static str);
 
-    impl PointTracker for Short {
+    impl PointTracker for Faulty {
         fn advance(&mut self, _: &Frame) -> Result<(), TrackError> {
             Ok(())
         }
 
         fn gradients(&self, _: Slot, _: u32, points: &[Point2<f64>]) -> Result<Vec<Matrix2<f64>>, TrackError> {
-            Ok(vec![Matrix2::identity(); points.len() - usize::from(self.0 == "gradients")])
+            let mut matrices = vec![Matrix2::identity(); points.len() - usize::from(self.0 == "gradients")];
+            if self.0 == "infinite gradient" {
+                matrices[1].m12 = f64::INFINITY;
+            }
+            Ok(matrices)
         }
 
         fn patch(&self, _: Slot, _: &[Point2<f64>], _: f64, _: f64) -> Result<Option<Patch>, TrackError> {
-            let patch = Patch { left: 0, top: 0, width: 400, height: 400, values: Vec::new() };
-            Ok(Some(patch).filter(|_| self.0 == "patch"))
+            let mut patch = Patch { left: 10, top: 20, width: 380, height: 380, values: Vec::new() };
+            if self.0 == "NaN patch" {
+                patch.values = vec![0.0; 380 * 380];
+                patch.values[381] = f32::NAN;
+            }
+            Ok(Some(patch).filter(|_| self.0.ends_with("patch")))
         }
 
-        fn find(&mut self, _: Slot, _: Slot, _: u32, _: u32, probes: &[Probe]) -> Result<Vec<Found>, TrackError> {
-            let found = probes.iter().map(|p| Found::At { position: p.position, difference: 1.0 });
-            Ok(found.skip(usize::from(self.0 == "search results")).collect())
+        fn find(&mut self, _: Slot, to: Slot, _: u32, _: u32, probes: &[Probe]) -> Result<Vec<Found>, TrackError> {
+            let found = |p: &Probe| match self.0 {
+                "NaN position" => Found::At { position: Point2::new(p.position.x, f64::NAN), difference: 1.0 },
+                "NaN on the way back" if to == Slot::Previous => {
+                    Found::At { position: Point2::new(f64::NAN, p.position.y), difference: 1.0 }
+                }
+                "NaN difference" => Found::At { position: p.position, difference: f64::NAN },
+                _ => Found::At { position: p.position, difference: 1.0 },
+            };
+            Ok(probes.iter().map(found).skip(usize::from(self.0 == "search results")).collect())
         }
     }
 
@@ -258,16 +286,23 @@ mod tests {
     }
 
     #[test]
-    fn a_point_tracker_that_returns_too_few_is_named() {
+    fn a_faulty_answer_of_a_point_tracker_is_named() {
         let wireframe = Wireframe::candide3();
         let plan = TrackPlan::new(&wireframe, &Tables::candide3());
         let (options, fitted) = (TrackOptions::default(), fitted(&wireframe));
         for (what, said) in [
             ("search results", "it returned 103 search results for 104 points"),
             ("gradients", "it returned 103 gradients for 104 points"),
-            ("patch", "it returned a patch of 400x400 px with 0 grey values"),
+            ("patch", "it returned a patch of 380x380 px with 0 grey values"),
+            // The first live node is 0, the top of the skull, at (200, 200 - 100 y).
+            ("NaN position", "it returned the position (200.0, NaN) with difference 1 for the point (200.0,"),
+            ("NaN on the way back", "it returned the position (NaN, "),
+            ("NaN difference", "it returned the position (200.0, "),
+            ("infinite gradient", "it returned the gradient matrix (1, inf; 0, 1) for the point ("),
+            // Value 381 of 380 columns is the second in the second row.
+            ("NaN patch", "it returned a patch with the grey value NaN at (11, 21); all numbers must be finite"),
         ] {
-            let error = track_with(&mut Short(what), &wireframe, &plan, &fitted, frames(), &options, |_| true).unwrap_err();
+            let error = track_with(&mut Faulty(what), &wireframe, &plan, &fitted, frames(), &options, |_| true).unwrap_err();
             assert!(matches!(&error, TrackError::PointTracker { reason } if reason.starts_with(said)), "{error}");
         }
     }
@@ -299,6 +334,15 @@ mod tests {
         // Two photographs may be cropped differently.
         let pair = [400, 440].map(|side| Ok(Frame::new(side, image::GrayImage::new(side, side))));
         assert!(track_with(&mut Drift, &wireframe, &plan, &good, pair, &options, |_| true).is_ok());
+        let pair = [400, 440].map(|side| Ok(Frame::new(side, image::GrayImage::new(side, side))));
+        let lost = track_with(&mut Blind, &wireframe, &plan, &good, pair, &options, |_| true).unwrap_err();
+        let said = "frame 440 has 440x440 pixels, but the first has 400x400, and only 0 of 104 nodes could be tracked; the face is lost.";
+        assert!(
+            matches!(lost, TrackError::FaceLostInOtherSize { found: 0, live: 104, .. }) && lost.to_string().starts_with(said)
+        );
+        let pair = [1, 2].map(|number| Ok(Frame::new(number, image::GrayImage::new(400, 400))));
+        let lost = track_with(&mut Blind, &wireframe, &plan, &good, pair, &options, |_| true).unwrap_err();
+        assert!(matches!(lost, TrackError::FaceLost { frame: 2, found: 0, live: 104 }), "{lost}");
         let mut cut = track.frames;
         cut[1].nodes.truncate(5);
         let error = resume_with(&mut Drift, &wireframe, &plan, &cut, 1, &Corrections::new(), frames(), &options).unwrap_err();

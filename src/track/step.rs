@@ -145,14 +145,60 @@ fn one_each<T>(what: &str, found: Vec<T>, asked: usize) -> Result<Vec<T>, TrackE
     })
 }
 
-/// Checks that a patch of a point tracker has as many grey values as its size says.
-fn whole(patch: Option<Patch>) -> Result<Option<Patch>, TrackError> {
-    let Some(Patch { width, height, values, .. }) = &patch else { return Ok(None) };
-    let (width, height, found) = (*width, *height, values.len());
-    if found > 0 && width.checked_mul(height) == Some(found) {
-        return Ok(patch);
+/// The error about an answer of a point tracker that is not finite.
+fn not_finite(what: impl std::fmt::Display) -> TrackError {
+    TrackError::PointTracker { reason: format!("it returned {what}; all numbers must be finite") }
+}
+
+/// Checks that a point tracker searched for every probe and that its results are finite.
+fn search_results(found: Vec<Found>, probes: &[Probe]) -> Result<Vec<Found>, TrackError> {
+    let found = one_each("search results", found, probes.len())?;
+    let is_finite = |found: &Found| match found {
+        Found::At { position, difference } => position.x.is_finite() && position.y.is_finite() && difference.is_finite(),
+        Found::Lost => true,
+    };
+    match found.iter().zip(probes).find(|(found, _)| !is_finite(found)) {
+        Some((&Found::At { position: to, difference }, Probe { position: from, .. })) => {
+            let (to, from) = (written(&to), written(from));
+            Err(not_finite(format_args!("the position {to} with difference {difference} for the point {from}")))
+        }
+        _ => Ok(found),
     }
-    Err(TrackError::PointTracker { reason: format!("it returned a patch of {width}x{height} px with {found} grey values") })
+}
+
+/// Checks that the gradients of a point tracker are one for each point and finite.
+fn finite_gradients(found: Vec<Matrix2<f64>>, points: &[Point2<f64>]) -> Result<Vec<Matrix2<f64>>, TrackError> {
+    let found = one_each("gradients", found, points.len())?;
+    match found.iter().zip(points).find(|(matrix, _)| matrix.iter().any(|number| !number.is_finite())) {
+        Some((m, point)) => {
+            let point = written(point);
+            Err(not_finite(format_args!(
+                "the gradient matrix ({}, {}; {}, {}) for the point {point}",
+                m.m11, m.m12, m.m21, m.m22
+            )))
+        }
+        None => Ok(found),
+    }
+}
+
+/// Checks that a patch of a point tracker has as many grey values as its size says, and that they are finite.
+fn whole(patch: Option<Patch>) -> Result<Option<Patch>, TrackError> {
+    let Some(Patch { left, top, width, height, values }) = &patch else { return Ok(None) };
+    let (width, height, found) = (*width, *height, values.len());
+    if found == 0 || width.checked_mul(height) != Some(found) {
+        let reason = format!("it returned a patch of {width}x{height} px with {found} grey values");
+        return Err(TrackError::PointTracker { reason });
+    }
+    if let Some(place) = values.iter().position(|value| !value.is_finite()) {
+        let (x, y, value) = (*left as usize + place % width, *top as usize + place / width, values[place]);
+        return Err(not_finite(format_args!("a patch with the grey value {value} at ({x}, {y})")));
+    }
+    Ok(patch)
+}
+
+/// A position in a message.
+fn written(point: &Point2<f64>) -> String {
+    format!("({:.1}, {:.1})", point.x, point.y)
 }
 
 impl TrackPlan {
@@ -220,7 +266,7 @@ impl Step<'_> {
             return Err(TrackError::FaceLost { frame: self.frame.number(), found: tracked, live: live.len() });
         }
         let gradients = tracker.gradients(Slot::Previous, self.window, &starts)?;
-        let gradients = one_each("gradients", gradients, starts.len())?;
+        let gradients = finite_gradients(gradients, &starts)?;
         let mut moved = self.place(&positions, &steps, &gradients)?;
         self.align(tracker, &steps, &gradients, &mut moved)?;
         let follows = |&position| TrackedNode::new(position, NodeState::Follows, None);
@@ -309,7 +355,7 @@ impl Step<'_> {
         let guess = |k: usize, start: Point2<f64>| guesses.map_or(start, |guesses| guesses[k]);
         let probes: Vec<_> = starts.iter().enumerate().map(|(k, &p)| Probe { position: p, guess: guess(k, p) }).collect();
         let forward = tracker.find(Slot::Previous, Slot::Current, self.window, levels, &probes)?;
-        let forward = one_each("search results", forward, probes.len())?;
+        let forward = search_results(forward, &probes)?;
         let live = self.wireframe.live_nodes().iter().zip(starts);
         if self.options.forward_backward == 0.0 {
             return Ok(live.zip(forward).map(|((&node, &start), forward)| self.judge(node, start, forward, None)).collect());
@@ -320,7 +366,7 @@ impl Step<'_> {
         };
         let ends: Vec<_> = forward.iter().zip(starts).enumerate().map(end).collect();
         let backward = tracker.find(Slot::Current, Slot::Previous, self.window, levels, &ends)?;
-        let backward = one_each("search results", backward, ends.len())?;
+        let backward = search_results(backward, &ends)?;
         let ways = forward.into_iter().zip(backward);
         Ok(live.zip(ways).map(|((&node, &start), (there, back))| self.judge(node, start, there, Some(back))).collect())
     }

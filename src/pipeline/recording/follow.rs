@@ -13,7 +13,7 @@ use crate::{
     fit::{Correspondence, validate_correspondences},
     pipeline::{FoundFace, Workbench},
     sequence::{Frame, SequenceError, SequenceReader, read_frame_of},
-    track::{FrameTracker, NodeState, TrackError, TrackedFrame, TrackedNode, eye_distance_px, window_px},
+    track::{FrameTracker, NodeState, TrackedFrame, TrackedNode, eye_distance_px, window_px},
 };
 
 /// Median distance of tracked from detected points, in eye distances, above which the face is lost.
@@ -131,7 +131,7 @@ pub(super) fn follow(
                 }
                 Some(running) => match running.step(&frame) {
                     Ok(tracked) => tracked.clone(),
-                    Err(error @ TrackError::FaceLost { .. }) => return Ok((out, Some(lost(&error)))),
+                    Err(error) if error.is_face_lost() => return Ok((out, Some(lost(&error)))),
                     Err(error) => return Err(error.into()),
                 },
             };

@@ -169,7 +169,7 @@ fn self_clone(
                 let clone = clone_expression(&motion, &target, with.then_some(&details), &options, bench).map_err(text)?;
                 let last = clone.frames.len() - 1;
                 let nodes = clone.frames[last].deformation.nodes();
-                (clone.picture(last), error(&|n| nodes[n.index()], &start))
+                (clone.picture(last).map_err(text)?, error(&|n| nodes[n.index()], &start))
             }
         };
         let likeness = likeness(&picture, &apex, &region).ok_or("the landmarks lie outside the frame")?;
