@@ -247,6 +247,14 @@ pub enum SynthesisError {
     /// A file that cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
+    /// An animation whose parts do not fit together.
+    #[error("{name}: {reason}")]
+    Animation {
+        /// Its name.
+        name: String,
+        /// What was found and what was expected.
+        reason: String,
+    },
     /// A motion file of an unknown kind.
     #[error("{}: {reason}", path.display())]
     Motion {

@@ -18,21 +18,92 @@ use crate::{
     wireframe::Fapu,
 };
 
-/// An animation: a synthesizer's answers to the frames of a motion.
+/// An animation: a synthesizer's answers to the frames of a motion, to be written by [`write_gltf`].
+///
+/// ```
+/// use grimace::synthesis::{Animation, Synthesizer, candide_bank, read_motion};
+///
+/// let bank = candide_bank()?;
+/// let motion = read_motion("fixtures/golden/fap/happiness.fap".as_ref(), &bank, None)?;
+/// let synthesizer = Synthesizer::new(&bank, Default::default())?;
+/// // The answers to the first two frames alone do not make an animation of all 25.
+/// let answers = synthesizer.animate(&motion.frames[..2], || ());
+/// assert!(Animation::new(&synthesizer, &motion.frames, &answers, "smile", 25.0).is_err());
+/// assert!(Animation::new(&synthesizer, &motion.frames[..2], &answers, "smile", 25.0).is_ok());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct Animation<'a> {
     /// The synthesizer that made the answers.
+    #[doc(hidden)]
     pub synthesizer: &'a Synthesizer<'a>,
     /// The motion.
+    #[doc(hidden)]
     pub motions: &'a [FpMotion],
     /// One answer for every frame.
+    #[doc(hidden)]
     pub answers: &'a [FrameAnswer],
     /// Name of the animation.
+    #[doc(hidden)]
     pub name: &'a str,
     /// Frames per second.
+    #[doc(hidden)]
     pub fps: f64,
     /// Texture of the skin; `None` for the bank's colours.
+    #[doc(hidden)]
     pub texture: Option<&'a HeadTexture>,
+}
+
+impl<'a> Animation<'a> {
+    /// Creates the animation of a motion, in the bank's colours. `answers` are those of `synthesizer` to the frames of the motion, one each
+    /// ([`Synthesizer::animate`]); `fps` frames are shown per second.
+    ///
+    /// # Errors
+    /// [`SynthesisError::Animation`] for a motion without frames, answers that are not one for each frame or of another bank, and a frame
+    /// rate that is not a finite number above 0.
+    pub fn new(
+        synthesizer: &'a Synthesizer<'a>,
+        motion: &'a [FpMotion],
+        answers: &'a [FrameAnswer],
+        name: &'a str,
+        fps: f64,
+    ) -> Result<Self, SynthesisError> {
+        let animation = Self { synthesizer, motions: motion, answers, name, fps, texture: None };
+        animation.check(synthesizer).map(|()| animation)
+    }
+
+    /// Checks that the answers are of the bank and the regions of a synthesizer.
+    fn check(&self, synthesizer: &Synthesizer<'_>) -> Result<(), SynthesisError> {
+        let wrong = |reason: String| SynthesisError::Animation { name: self.name.to_owned(), reason };
+        let (frames, answers) = (self.motions.len(), self.answers.len());
+        if frames == 0 || frames != answers {
+            return Err(wrong(format!("{answers} answers for {frames} frames; one for each, and at least one, was expected")));
+        }
+        if !(self.fps.is_finite() && self.fps > 0.0) {
+            return Err(wrong(format!("{} frames per second; a finite number above 0 was expected", self.fps)));
+        }
+        let bank = synthesizer.bank();
+        let (points, expected) = (bank.feature_points().len(), bank.vertex_count());
+        if let Some(k) = self.motions.iter().position(|motion| motion.offsets.len() != points) {
+            let found = self.motions[k].offsets.len();
+            return Err(wrong(format!("frame {k} has {found} feature points, but the bank has {points}")));
+        }
+        let found = self.synthesizer.bank().vertex_count();
+        if found != expected {
+            return Err(wrong(format!("its bank has {found} vertices, but that of the first animation has {expected}")));
+        }
+        let shape = (synthesizer.regions().count(), bank.member_count());
+        let has_shape = |a: &FrameAnswer| a.weights.len() == shape.0 && a.weights.iter().all(|w| w.len() == shape.1);
+        if synthesizer.options().solver != Solver::Rbf
+            && let Some(k) = self.answers.iter().position(|answer| !has_shape(answer))
+        {
+            let (regions, members) = shape;
+            return Err(wrong(format!(
+                "the answer to frame {k} has not {regions} x {members} weights, regions x members of the bank"
+            )));
+        }
+        Ok(())
+    }
 }
 
 /// Roughness of the materials: 0 is a mirror, 1 is matt.
@@ -49,7 +120,23 @@ fn jpeg_bytes(picture: &RgbImage) -> Result<Vec<u8>, image::ImageError> {
 /// Distance between the pupils of a head, m: the adult mean.
 const EYE_SEPARATION_M: f64 = 0.063;
 
-/// Writes animations as binary glTF, in metres at the size of a head. All must have the same bank and the same scheme of regions.
+/// Writes animations as binary glTF (`.glb`), in metres at the size of a head. All must have the same bank and the same scheme of regions.
+///
+/// ```
+/// use grimace::{pipeline::read_model, synthesis::{Animation, Motion, Synthesizer, candide_bank, write_gltf}};
+///
+/// let bank = candide_bank()?;
+/// let model = read_model("fixtures/golden/representatives/happiness.csv".as_ref())?;
+/// // Five frames between those of the model, 25 a second.
+/// let motion = Motion::from_model("happiness", &model, &bank, None)?.as_animated(None, None)?;
+/// let synthesizer = Synthesizer::new(&bank, Default::default())?;
+/// let answers = synthesizer.animate(&motion.frames, || ());
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("happiness.glb");
+/// write_gltf(&path, &[Animation::new(&synthesizer, &motion.frames, &answers, "happiness", 25.0)?])?;
+/// assert_eq!(&std::fs::read(&path)?[..4], b"glTF");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// - The file has one animation for each item. The animations share the morph targets.
 /// - Members with a weight in any frame become morph targets under their names. With several regions there is one target for
@@ -61,9 +148,13 @@ const EYE_SEPARATION_M: f64 = 0.063;
 ///   because the portrait shows its own.
 ///
 /// # Errors
-/// [`SynthesisError`] when the texture cannot be encoded or the file cannot be written.
+/// [`SynthesisError`] for no animation, animations of different banks or regions, and a file that cannot be written.
 pub fn write_gltf(path: &Path, animations: &[Animation<'_>]) -> Result<(), SynthesisError> {
-    let Some(first) = animations.first() else { return Ok(()) };
+    let Some(first) = animations.first() else {
+        let name = path.display().to_string();
+        return Err(SynthesisError::Animation { name, reason: "there is no animation to write".to_owned() });
+    };
+    animations.iter().try_for_each(|animation| animation.check(first.synthesizer))?;
     let (bank, regions, texture) = (first.synthesizer.bank(), first.synthesizer.regions(), first.texture);
     let metres = fapu_length(bank, Fapu::Es).map(|es| EYE_SEPARATION_M / es);
     let scene = FaceScene::new(bank);
@@ -436,4 +527,35 @@ pub fn compare_with_truth(animation: &Animation<'_>, path: &Path) -> Result<Vec<
         Ok(())
     })?;
     Ok(errors)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synthesis::{SynthesisOptions, testing};
+
+    #[test]
+    fn animations_whose_parts_do_not_fit_together_are_refused() {
+        let bank = testing::bank();
+        let synthesizer = Synthesizer::new(&bank, SynthesisOptions::default()).unwrap();
+        let motion = vec![FpMotion::of_surface(&bank, bank.displacements(1)); 2];
+        let answers = synthesizer.animate(&motion, || ());
+        let why = |motion: &[FpMotion], answers: &[FrameAnswer], fps: f64| {
+            Animation::new(&synthesizer, motion, answers, "up", fps).unwrap_err().to_string()
+        };
+        assert!(why(&motion, &answers[..1], 25.0).starts_with("up: 1 answers for 2 frames"));
+        assert!(why(&[], &[], 25.0).starts_with("up: 0 answers for 0 frames"));
+        for fps in [0.0, f64::NAN, f64::INFINITY] {
+            assert!(why(&motion, &answers, fps).contains("frames per second; a finite number above 0"));
+        }
+        let empty = vec![FpMotion::default(); 2];
+        assert_eq!(why(&empty, &answers, 25.0), "up: frame 0 has 0 feature points, but the bank has 3");
+        let short: Vec<FrameAnswer> = answers.iter().map(|a| FrameAnswer { weights: vec![vec![1.0]], ..a.clone() }).collect();
+        assert!(why(&motion, &short, 25.0).starts_with("up: the answer to frame 0 has not 1 x 3 weights"));
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("up.glb");
+        assert!(write_gltf(&path, &[]).unwrap_err().to_string().ends_with("up.glb: there is no animation to write"));
+        let fits = Animation::new(&synthesizer, &motion, &answers, "up", 25.0).unwrap();
+        write_gltf(&path, &[fits, fits]).unwrap();
+    }
 }

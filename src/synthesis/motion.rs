@@ -42,14 +42,19 @@ pub enum MotionKind {
 /// A motion of the bank's feature points over time.
 ///
 /// ```
-/// use std::path::Path;
+/// use grimace::{fap::read_fap, pipeline::read_model, synthesis::{Motion, candide_bank, read_motion}};
 ///
-/// use grimace::synthesis::{candide_bank, read_motion};
-///
-/// let motion = read_motion(Path::new("fixtures/golden/representatives/happiness.csv"), &candide_bank()?, None)?;
-/// assert!(!motion.is_still());
-/// // Five key frames, and two frames between every two of them.
+/// let bank = candide_bank()?;
+/// // A representative, as `statistics::representative` finds it or from its file: five key frames.
+/// let model = read_model("fixtures/golden/representatives/happiness.csv".as_ref())?;
+/// let motion = Motion::from_model("happiness", &model, &bank, None)?;
+/// assert_eq!((motion.frames.len(), motion.is_still()), (5, false));
+/// // Two frames between every two of them.
 /// assert_eq!(motion.with_frames_between(2)?.frames.len(), 13);
+/// // FAPs, as `FapSequence::from_model` makes them or from a file, which `read_motion` reads, too.
+/// let path = "fixtures/golden/fap/happiness.fap".as_ref();
+/// let motion = Motion::from_fap("happiness", &read_fap(path)?.sequence, &bank, None)?;
+/// assert_eq!(motion, read_motion(path, &bank, None)?);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug, PartialEq)]
@@ -223,6 +228,21 @@ mod tests {
         assert!(frames(100_001).is_err() && frames(4_000_000_000).is_err());
         assert!(read("frame,fp,dx,dy,dz\n3,8.4,1,2,\n").unwrap().frames[0].planar);
         assert!(read("frame,fp,dx,dy\n3,8.4,1,2\n").unwrap().frames[0].planar);
+    }
+
+    #[test]
+    fn a_motion_in_memory_is_that_of_its_file() {
+        let bank = candide_bank().unwrap();
+        let path = std::path::Path::new("fixtures/golden/representatives/happiness.csv");
+        let model = crate::positions::PositionTable::open(path).unwrap().model().unwrap();
+        assert_eq!(Motion::from_model("happiness", &model, &bank, None).unwrap(), read_motion(path, &bank, None).unwrap());
+        let path = std::path::Path::new("fixtures/golden/fap/happiness.fap");
+        let mut faps = crate::fap::read_fap(path).unwrap().sequence;
+        assert_eq!(Motion::from_fap("happiness", &faps, &bank, None).unwrap(), read_motion(path, &bank, None).unwrap());
+        faps.frames.clear();
+        let error = Motion::from_fap("happiness", &faps, &bank, None).unwrap_err().to_string();
+        assert_eq!(error, "happiness: the FAP sequence has no frames");
+        assert!(matches!(Motion::from_fap("x", &faps, &testing::bank(), None), Err(SynthesisError::Motion { .. })));
     }
 
     #[test]

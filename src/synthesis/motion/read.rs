@@ -12,6 +12,7 @@ use crate::{
     fap::{FapCatalog, FapFrame, FapNumber, FapSequence, offsets_from_frame, read_fap},
     input::CsvFile,
     interpolation::{MOST_EVEN, too_many_between},
+    model::DynamicExpressionModel,
     normalize::{NormalizeOptions, Normalizer, check_face_units},
     plausible::FaceSize,
     pose::without_turns,
@@ -19,7 +20,7 @@ use crate::{
     synthesis::{Bank, FpMotion, SynthesisError},
     text::excerpt,
     track::{TrackInfo, clock_of_frames, read_track, read_track_info, track_model},
-    units::{FeaturePoint, NodeId},
+    units::{FaceUnit, FeaturePoint, NodeId},
     wireframe::LidUnits,
 };
 
@@ -71,6 +72,39 @@ pub fn read_motion(path: &Path, bank: &Bank, scale: Option<f64>) -> Result<Motio
             return Err(SynthesisError::Motion { path: path.to_owned(), reason });
         }
     };
+    with_something_in_common(motion, bank)
+}
+
+impl Motion {
+    /// Returns the motion of a model for a bank: of a representative, or of a normalized sequence. `name` is for errors; `scale` as in
+    /// [`read_motion`].
+    ///
+    /// # Errors
+    /// [`SynthesisError`] for a model that is not of Candide-3 or not in face units, for a motion that is impossible for a face, and for a
+    /// bank as in [`read_motion`].
+    pub fn from_model(
+        name: &str,
+        model: &DynamicExpressionModel<FaceUnit>,
+        bank: &Bank,
+        scale: Option<f64>,
+    ) -> Result<Self, SynthesisError> {
+        with_something_in_common(model_motion(model, &BankFace::new(bank, scale)?, Path::new(name))?, bank)
+    }
+
+    /// Returns the motion of FAPs for a bank. `name` is for errors; `scale` as in [`read_motion`].
+    ///
+    /// # Errors
+    /// [`SynthesisError`] for a sequence without frames, a motion that is impossible for a face, and a bank as in [`read_motion`].
+    pub fn from_fap(name: &str, sequence: &FapSequence, bank: &Bank, scale: Option<f64>) -> Result<Self, SynthesisError> {
+        if sequence.frames.is_empty() {
+            return Err(SynthesisError::Motion { path: name.into(), reason: "the FAP sequence has no frames".to_owned() });
+        }
+        with_something_in_common(fap_motion(sequence.clone(), &BankFace::new(bank, scale)?, Path::new(name))?, bank)
+    }
+}
+
+/// Returns a motion that shares a feature point with the bank.
+fn with_something_in_common(motion: Motion, bank: &Bank) -> Result<Motion, SynthesisError> {
     if motion.frames.iter().all(|f| f.offsets.iter().all(Option::is_none)) {
         let found = bank.feature_points().iter().map(|p| p.fp.to_string()).collect();
         return Err(SynthesisError::NothingInCommon { found });
@@ -152,13 +186,17 @@ fn filled(frames: BTreeMap<u32, FpMotion>, of: impl FnOnce(Vec<FpMotion>) -> Mot
 
 fn read_model(file: CsvFile, face: &BankFace<'_>) -> Result<Motion, SynthesisError> {
     let table = PositionTable::new(file)?;
-    let model = table.model()?;
+    model_motion(&table.model()?, face, table.path())
+}
+
+/// The motion of a normalized model; `path` is for errors.
+fn model_motion(model: &DynamicExpressionModel<FaceUnit>, face: &BankFace<'_>, path: &Path) -> Result<Motion, SynthesisError> {
     // Models that are too far off to be a face are reported below.
-    if FaceSize::CANONICAL.check_model(&model).is_ok() {
-        let not_face_units = |source| SynthesisError::NotFaceUnits { path: table.path().to_owned(), source };
+    if FaceSize::CANONICAL.check_model(model).is_ok() {
+        let not_face_units = |source| SynthesisError::NotFaceUnits { path: path.to_owned(), source };
         check_face_units(model.neutral().nodes()).map_err(not_face_units)?;
     }
-    face.motion(MotionKind::Model, (&model, LidUnits::CANONICAL), None, table.path())
+    face.motion(MotionKind::Model, (model, LidUnits::CANONICAL), None, path)
 }
 
 fn read_track_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, SynthesisError> {
