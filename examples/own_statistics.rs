@@ -6,9 +6,9 @@ use std::{collections::BTreeMap, error::Error};
 
 use grimace::{
     model::{DynamicExpressionModel, FrameExpressionModel},
-    normalize::{CANONICAL_ES, Canonical},
+    normalize::Canonical,
     statistics::{ClassLabel, Representative, SequenceModel, StatisticsOptions, representative},
-    units::SequenceId,
+    units::{FaceUnit, SequenceId},
     wireframe::Face,
 };
 use nalgebra::{Point2, Vector2};
@@ -31,7 +31,7 @@ pub fn run(strengths: &[f64]) -> Result<Representative, Box<dyn Error>> {
     let face = Face::candide3();
     // Models start from the canonical neutral: face units, x to the subject's left, y up, ES0 = 1024.
     let neutral = Canonical::new(&face.wireframe, &face.tables)?.neutral;
-    let reach = 0.05 * CANONICAL_ES;
+    let reach = 0.05 * FaceUnit::PER_ES;
     let model = |(person, &strength): (usize, &f64)| {
         let frame = |m: usize| {
             let mut nodes: Vec<Point2<f64>> = neutral.nodes().to_vec();

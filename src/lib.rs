@@ -70,7 +70,7 @@
 //!
 //! | for | modules |
 //! | --- | --- |
-//! | numbers with units, the wireframe, models | [`units`] [`geometry`] [`wireframe`] [`model`] [`correspondence`] |
+//! | numbers with units, the wireframe, models | [`units`] [`geometry`] [`wireframe`] [`model`] [`correspondence`] [`errors`] |
 //! | the user's data | [`dataset`] [`sequence`] |
 //! | the method's steps | [`locate`] [`fit`] [`track`] [`normalize`] [`statistics`] [`fap`] [`pose`] [`features`] [`segment`] |
 //! | pictures and surfaces | [`mesh`] [`synthesis`] [`clone`](mod@clone) |
@@ -112,6 +112,7 @@ mod modules {
     pub mod companion;
     pub mod correspondence;
     pub mod dataset;
+    pub mod errors;
     pub mod fap;
     pub mod features;
     pub mod fit;
@@ -181,8 +182,8 @@ facade! {
 facade! {
     /// Basics: a wireframe with its tables ([`Face`](wireframe::Face)). Candide-3 is built in; other wireframes are read from `.wfm`
     /// files.
-    wireframe: Axis, Face, Fapu, FapuDefinition, Fapus, FapusError, FeaturePointRow, MotionUnit, Region, TableError, Tables,
-    UnitKind, WfmError, WfmErrorKind, Wireframe, WireframeError, read_wfm, write_wfm
+    wireframe: Axis, Face, Fapu, FapuDefinition, Fapus, FapusError, FeaturePointRow, MotionUnit, Region, Tables, UnitKind,
+    WfmError, WfmErrorKind, Wireframe, WireframeError, read_wfm
 }
 facade! {
     /// Basics: frame and dynamic facial expression models \[KP, section 1 and eq. 2\].
@@ -190,8 +191,12 @@ facade! {
 }
 facade! {
     /// Basics: marked points of the neutral frame, `node,x,y`.
-    correspondence: Correspondence, CorrespondenceError, MarkKind, MarksError, read_correspondences,
-    validate_correspondences, write_correspondences
+    correspondence: Correspondence, CorrespondenceError, MarkKind, MarksError, read_correspondences, validate_correspondences,
+    write_correspondences
+}
+facade! {
+    /// Basics: errors that several modules share.
+    errors: Implausible, InputError, OutputError, PositionsError
 }
 facade! {
     /// Input: the user's sequences with their emotions, frames and landmarks.
@@ -205,11 +210,11 @@ facade! {
 }
 facade! {
     /// Method: finds faces and their marks in pictures.
-    locate: FacePart, LocateOptions, LocatedFace, LocatedPoint, Locator
+    locate: FacePart, LocateOptions, LocatedFace, LocatedPoint, Locator, LocatorError
 }
 facade! {
     /// Method: fits the wireframe to marked points \[KP, section 2\].
-    fit: DrivenNode, FitError, FitOptions, FitWarning, FittedWireframe, Fitter, LoadedPrior, PriorFile, PriorFileError, PriorKind, Pull,
+    fit: DrivenNode, FitError, FitOptions, FitWarning, FittedWireframe, Fitter, LoadedPrior, PriorFileError, PriorKind, Pull,
     ShapePrior, SpringError, Springs, read_prior
 }
 facade! {
@@ -221,22 +226,21 @@ facade! {
 }
 facade! {
     /// Method: normalizes a track to five upright frames in face units \[KP, section 4.1\].
-    normalize: CANONICAL_ES, Canonical, FRAMES_PER_MODEL, IrisdMode, NormalizeError, NormalizeOptions, Normalizer, PoseMode, Resample, SizeMode
+    normalize: Canonical, IrisdMode, NormalizeError, NormalizeOptions, Normalizer, NotFaceUnits, PoseMode, Resample, SizeMode
 }
 facade! {
     /// Method: the representative of the models of one expression by trimming, generalized median and dispersion \[KP, sections 4.2 to
     /// 4.4\]; variation of people around it; recognition of a model's expression.
-    statistics: ClassLabel, MedianKind, MedianSearch, Representative, SequenceModel, StatisticsError, StatisticsOptions,
+    statistics: ClassLabel, Dispersions, GroupOptions, MedianKind, MedianSearch, MedianSums, NotComparable, Representative, SequenceModel, StatisticsError, StatisticsOptions,
     TrimLevel, TrimmingRow, Weighting, compare::{CompareOptions, NotTested, Strata, StrataError, Tested, compare},
-    distance::DisplacementFields, recognize::{RecognizeError, Recognized, Recognizer}, representative,
+    recognize::{RecognizeError, Recognized, Recognizer}, representative,
     median::SearchEnding, variation::{Component, Variation, VariationError}
 }
 facade! {
     /// Method: facial animation parameters of MPEG-4 and their files.
     fap: Clamped, ConvertError, Directionality, FapCatalog, FapFile, FapFrame, FapMask, FapMotion, FapNumber, FapReadError, FapRow,
     FapSequence, FapWriteError, FapWriteErrorKind, Finding, InterpolateError,
-    ParseFapNumberError, Profile, Rule, Severity, TidyError, ValueFormat, check_fap, measure_faps, read_fap,
-    read_tidy_csv, write_fap, write_fap_as, write_tidy_csv
+    ParseFapNumberError, Profile, Rule, Severity, ValueFormat, check_fap, measure_faps, read_fap, write_fap, write_fap_as
 }
 facade! {
     /// Method: the head in three dimensions, its pose, and the camera's distance.
@@ -256,17 +260,17 @@ facade! {
 }
 facade! {
     /// Output: dense surfaces from a bank of expressions \[ZL\].
-    synthesis: Bank, BankError, BankInfo, BuildOptions, BuildSummary, Composition, Crossover, FeaturePointVertex, FpMotion,
+    synthesis: Animation, Bank, BankError, BankInfo, Composition, Crossover, FeaturePointVertex, FpMotion,
     FrameAnswer, GaOptions, Motion, MotionKind, RegionScheme, Signs, Solver, SynthesisError, SynthesisOptions, Synthesizer,
-    build_bank, candide_bank, head_bank, read_motion
+    candide_bank, head_bank, read_motion, write_gltf
 }
 facade! {
     /// Output: an expression on a new face, with its texture \[KP, section 5\].
-    clone: CloneError, CloneFrame, CloneOptions, ClonedExpression, Course, Details, Ease, Moment, Rescale, SourceKind, SourceMotion,
+    clone: CloneError, CloneFrame, CloneOptions, ClonedExpression, Details, Ease, Rescale, SourceKind, SourceMotion,
     Target, Teeth, Timing, clone_expression
 }
 facade! {
     /// Tool: the main job, stage by stage, from a dataset to representatives, FAP files and a report; model files.
-    pipeline: Event, FapOptions, ModelFileError, PipelineOptions, RunError, RunSummary, Workbench, WorkbenchError, read_model, run,
+    pipeline: Event, Failure, FapOptions, LandmarkOptions, ModelFileError, PipelineOptions, RunError, RunSummary, Workbench, WorkbenchError, read_model, run,
     write_model
 }

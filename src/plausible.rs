@@ -10,6 +10,20 @@ use nalgebra::{Point2, Vector2};
 pub const MAX_OFFSET: f64 = 10.0;
 
 /// Error for motion that no face makes.
+///
+/// ```
+/// use grimace::{clone::{CloneError, SourceMotion}, errors::Implausible, wireframe::Face};
+///
+/// // A corner of the mouth moves by a million face units; the eyes are 1024 apart.
+/// let golden = std::fs::read_to_string("fixtures/golden/representatives/happiness.csv")?;
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("far.csv");
+/// let far = |row: &str| if row.starts_with("4,31,") { "4,31,1000000,0\n".to_owned() } else { format!("{row}\n") };
+/// std::fs::write(&path, golden.lines().map(far).collect::<String>())?;
+/// let error = SourceMotion::read(&path, &Face::candide3()).unwrap_err();
+/// assert!(matches!(error, CloneError::Implausible { source: Implausible { frame: 4, .. }, .. }), "{error}");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
     "frame {frame}: {point} is ({x:.3e}, {y:.3e}) {unit} away from {from}, further than {MAX_OFFSET} eye separations ({limit:.4e}); this \

@@ -13,6 +13,17 @@ use crate::{
 };
 
 /// Error for a table of positions that cannot be read or does not make whole frames.
+///
+/// ```
+/// use grimace::{errors::PositionsError, pipeline::{ModelFileError, read_model}};
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("model.csv");
+/// std::fs::write(&path, "frame,node,x,y\n0,0,1,1\n")?;
+/// let error = read_model(&path).unwrap_err();
+/// assert!(matches!(error, ModelFileError::Positions(PositionsError::TooFewFrames { found: 1, .. })), "{error}");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, thiserror::Error)]
 pub enum PositionsError {
     /// The table, one of its rows or one of its fields cannot be read.

@@ -51,7 +51,7 @@ pub fn fold_softening(target: &Target) -> f64 {
 /// Positions of the vertices of a target's mesh on the layout, as fractions of its width and height.
 ///
 /// # Errors
-/// [`CloneError::Warp`]; does not occur for a target that could be created.
+/// [`CloneError::Folded`]; does not occur for a target that could be created.
 pub fn places_on_skin(target: &Target) -> Result<Vec<Point2<f64>>, CloneError> {
     let placement = target.warp().place(&layout_nodes())?;
     let share = |p: &Point2<f64>| Point2::new((p.x + 0.5) / f64::from(SIZE.0), (p.y + 0.5) / f64::from(SIZE.1));
@@ -62,7 +62,7 @@ impl ClonedSkin {
     /// Maps the skin change of a class to a target; `representative` is the class's own motion.
     ///
     /// # Errors
-    /// [`CloneError::Warp`]; does not occur for a target that could be created.
+    /// [`CloneError::Folded`]; does not occur for a target that could be created.
     pub fn new(target: &Target, skin: &Skin, representative: &SourceMotion) -> Result<Self, CloneError> {
         let (width, height) = target.picture.dimensions();
         let mut carried = RgbImage::from_pixel(width, height, image::Rgb([NO_CHANGE; 3]));

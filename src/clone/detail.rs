@@ -189,7 +189,7 @@ impl Details {
     }
 
     /// Returns the target's texture with the wrinkles of a frame. A `strength` of 1 gives those of the source where the light is alike.
-    pub fn texture(&self, target: &Target, frame: usize, strength: f64) -> Texture {
+    pub(crate) fn texture(&self, target: &Target, frame: usize, strength: f64) -> Texture {
         let mut picture = target.picture.clone();
         let (width, height) = picture.dimensions();
         let neutral = smooth(&self.neutral, width, height, self.sigma_px);
@@ -224,7 +224,7 @@ impl Details {
     }
 
     /// The source frame with the inside of its mouth, in the light of the target, and its mesh; `None` while the lips are closed.
-    pub fn mouth(&self, frame: usize) -> Option<(Texture, &Placement)> {
+    pub(crate) fn mouth(&self, frame: usize) -> Option<(Texture, &Placement)> {
         self.open[frame].then(|| {
             let mut picture = self.frames[frame].clone();
             if self.light != 1.0 {

@@ -53,7 +53,8 @@ pub use skin::{
 };
 pub use source::{LID_PAIRS, SourceKind, SourceMotion, canonical_lid_gaps};
 pub use target::{Rescale, Target};
-pub use timing::{Course, Ease, Moment, Timing};
+pub(crate) use timing::Moment;
+pub use timing::{Ease, Timing};
 
 /// Why an expression cannot be cloned.
 ///
@@ -146,6 +147,7 @@ pub enum CloneError {
     #[error(transparent)]
     Springs(#[from] SpringError),
     /// A file of marks cannot be read.
+    #[doc(hidden)]
     #[error(transparent)]
     MarksFile(#[from] MarksFileError),
     /// Marks that do not determine a fit.
@@ -184,9 +186,21 @@ pub enum CloneError {
         /// Most px a side.
         most: u32,
     },
-    /// The photograph cannot be warped.
-    #[error(transparent)]
-    Warp(#[from] WarpError),
+    /// A face whose number of nodes is not Candide-3's.
+    #[error("{}", WarpError::NodeCount { found: *found })]
+    NodeCount {
+        /// Nodes of the face.
+        found: usize,
+    },
+    /// A node of the face is not at a finite position.
+    #[error("{}", WarpError::NotFinite)]
+    NotFinite,
+    /// Both eyes of the face are at the same position.
+    #[error("{}", WarpError::NoEyes)]
+    NoEyes,
+    /// The edges of mouth and eyes cross: the nodes do not form a face seen from the front.
+    #[error("{}", WarpError::Folded)]
+    Folded,
     /// The embedded head cannot be bent.
     #[error(transparent)]
     Bank(#[from] BankError),
@@ -285,6 +299,7 @@ pub enum CloneError {
     FapWrite(#[from] FapWriteError),
     /// The video cannot be written.
     #[error(transparent)]
+    #[doc(hidden)]
     Film(#[from] FilmError),
     /// A picture cannot be encoded.
     #[error("cannot encode {what}: {reason}")]
@@ -322,6 +337,18 @@ pub enum CloneError {
         /// What is allowed.
         allowed: &'static str,
     },
+}
+
+#[doc(hidden)]
+impl From<WarpError> for CloneError {
+    fn from(error: WarpError) -> Self {
+        match error {
+            WarpError::NodeCount { found } => Self::NodeCount { found },
+            WarpError::NotFinite => Self::NotFinite,
+            WarpError::NoEyes => Self::NoEyes,
+            WarpError::Folded => Self::Folded,
+        }
+    }
 }
 
 /// Says which motion to name, for the end of a message.

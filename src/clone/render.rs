@@ -98,11 +98,13 @@ impl Default for CloneOptions {
 /// // In the picture, y goes down: the left corner of the mouth is higher in the last frame than in the first.
 /// let corner = |frame: usize| smiling.frames[frame].asked[31];
 /// assert!(corner(24).y < corner(0).y && smiling.frames[24].nearest == 24);
+/// assert_eq!(smiling.frames[24].nodes().len(), 113);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug)]
 pub struct CloneFrame {
     /// Positions of everything in this frame.
+    #[doc(hidden)]
     pub deformation: Deformation,
     /// Index of the source frame nearest in time.
     pub nearest: usize,
@@ -112,7 +114,15 @@ pub struct CloneFrame {
     /// Requested node positions, px. The warp may have reduced a motion that skin cannot make.
     pub asked: Vec<Point2<f64>>,
     /// Growth of the class's skin change in this frame; 0 without one.
+    #[doc(hidden)]
     pub skin: f64,
+}
+
+impl CloneFrame {
+    /// Positions of the nodes in the picture, px.
+    pub fn nodes(&self) -> &[Point2<f64>] {
+        self.deformation.nodes()
+    }
 }
 
 /// A source's motion on a target. Pictures are rendered one at a time.
@@ -242,6 +252,7 @@ impl<'a> ClonedExpression<'a> {
     ///
     /// # Errors
     /// As [`clone_expression`].
+    #[doc(hidden)]
     pub fn with_skin(mut self, skin: &'a ClonedSkin, source: &SourceMotion) -> Result<Self, CloneError> {
         if self.options.wrinkles > 0.0 && self.details.is_some() {
             return Ok(self);
@@ -258,6 +269,7 @@ impl<'a> ClonedExpression<'a> {
 
 impl ClonedExpression<'_> {
     /// Whether the skin change of a class is applied.
+    #[doc(hidden)]
     pub fn has_skin(&self) -> bool {
         self.skin.is_some()
     }

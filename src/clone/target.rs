@@ -160,11 +160,13 @@ impl Target {
     }
 
     /// The photograph as a texture.
+    #[doc(hidden)]
     pub fn texture(&self) -> &Texture {
         &self.texture
     }
 
     /// The photograph's warp.
+    #[doc(hidden)]
     pub fn warp(&self) -> &Warp {
         &self.warp
     }
@@ -213,7 +215,7 @@ impl Target {
     /// Each offset from neutral is scaled along the face's x and y by target over source FAPU of its node's region times `emphasis`,
     /// rotated by the target's roll, and added to the target's neutral node. Lids and lips are then made to open round. With `head`, the source's
     /// head motion is added, scaled from the source's face to the target's.
-    pub fn nodes_at(
+    pub(crate) fn nodes_at(
         &self,
         source: &SourceMotion,
         moment: &Moment,

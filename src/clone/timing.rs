@@ -87,15 +87,6 @@ pub struct Timing {
 }
 
 /// The source at one point in time.
-///
-/// ```
-/// use grimace::{clone::{Moment, SourceMotion}, wireframe::Face};
-///
-/// let motion = SourceMotion::read("fixtures/golden/representatives/happiness.csv".as_ref(), &Face::candide3())?;
-/// let Moment { offsets, nearest, .. } = motion.at(3.2);
-/// assert_eq!((offsets.len(), nearest), (113, 3));
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
 #[derive(Clone, Debug)]
 pub struct Moment {
     /// Offsets from neutral, as in [`SourceMotion::offsets`].
@@ -115,7 +106,7 @@ impl Timing {
     /// [`CloneError::TooManyFrames`]; [`CloneError::TooFewFrames`] if duration and rate contradict each other;
     /// [`CloneError::Number`] for a duration or rate that is no number above 0; [`CloneError`] for a source whose parts do not
     /// fit together.
-    pub fn moments(&self, source: &SourceMotion) -> Result<(f64, Vec<Moment>), CloneError> {
+    pub(crate) fn moments(&self, source: &SourceMotion) -> Result<(f64, Vec<Moment>), CloneError> {
         source.check_parts()?;
         for (what, value) in
             [("the frame rate of the clone", self.fps), ("the duration of the clone, in seconds,", self.duration)]
@@ -232,7 +223,7 @@ impl SourceMotion {
     }
 
     /// The motion as a function of time. Nodes that a frame lacks are left out.
-    pub fn course(&self) -> Course<'_> {
+    pub(crate) fn course(&self) -> Course<'_> {
         let count = self.offsets.iter().map(Vec::len).min().unwrap_or(0);
         let mut slopes_of = vec![vec![Vector2::zeros(); count]; self.frame_count()];
         for node in 0..count {
@@ -247,23 +238,12 @@ impl SourceMotion {
     }
 
     /// The motion at a fractional frame index. For many of them use [`SourceMotion::course`].
-    pub fn at(&self, place: f64) -> Moment {
+    pub(crate) fn at(&self, place: f64) -> Moment {
         self.course().at(place)
     }
 }
 
 /// A motion as a function of time: a monotone cubic for each coordinate.
-///
-/// ```
-/// use grimace::{clone::SourceMotion, wireframe::Face};
-///
-/// let motion = SourceMotion::read("fixtures/golden/representatives/happiness.csv".as_ref(), &Face::candide3())?;
-/// let course = motion.course();
-/// // At a frame the course has the frame's own offsets; between frames it interpolates.
-/// assert!((course.at(4.0).offsets[31] - motion.offsets[4][31]).norm() < 1e-9);
-/// assert!(course.at(3.5).offsets[31].y < course.at(4.0).offsets[31].y);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
 #[derive(Clone, Debug)]
 pub struct Course<'m> {
     motion: &'m SourceMotion,

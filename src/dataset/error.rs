@@ -198,6 +198,7 @@ pub enum DatasetError {
     Landmarks(#[from] LandmarksError),
     /// Correspondences cannot be read.
     #[error(transparent)]
+    #[doc(hidden)]
     Correspondences(#[from] MarksFileError),
     /// The sequence has neither correspondences nor landmarks.
     #[error(

@@ -218,7 +218,7 @@ pub struct FapRow {
     /// +1 if motion towards the positive axis gives a positive value, -1 if it gives a negative one.
     pub sign: f64,
     /// How well a frontal view can measure it.
-    pub frontal: FrontalRating,
+    pub(crate) frontal: FrontalRating,
     /// Smallest and largest value in the standard, FAP units; `None` for FAPs 1 and 2.
     pub range: Option<(i32, i32)>,
     /// Quantizer step of the standard's bit stream, FAP units.
@@ -295,6 +295,7 @@ impl FapCatalog {
     }
 
     /// The integer fields of FAP 1 (4) or FAP 2 (6), in file order; empty for other FAPs.
+    #[doc(hidden)]
     pub fn fields(&self, fap: FapNumber) -> impl ExactSizeIterator<Item = &HighLevelField> {
         self.high_level.iter().filter(move |field| field.fap == fap).collect::<Vec<_>>().into_iter()
     }

@@ -34,5 +34,5 @@ pub use profile::Profile;
 pub use reader::{FapFile, FapReadError, is_for_greta, read_fap, read_fap_bytes};
 pub use sequence::{FapFrame, FapSequence, name_token};
 pub use summary::{FapSummary, SequenceSummary};
-pub use tidy::{TidyError, read_tidy_csv, write_tidy_csv};
+pub use tidy::{read_tidy_csv, write_tidy_csv};
 pub use writer::{FapWriteError, FapWriteErrorKind, ValueFormat, fap_text, write_fap, write_fap_as};

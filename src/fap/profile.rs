@@ -80,6 +80,7 @@ impl Profile {
     /// FAPs 1 and 2 are masked out if the reader may misread them, and the name becomes a token. For Xface, a lip FAP that is
     /// masked out gets the value of its twin, as Xface itself would do. A lip FAP that is 0 while its twin moves becomes 1, a
     /// thousandth of the mouth-nose separation, so that Xface does not overwrite it.
+    #[doc(hidden)]
     pub fn prepare(self, sequence: &mut FapSequence) -> Prepared {
         let rules = self.rules();
         let mut prepared = Prepared::default();

@@ -45,7 +45,7 @@ pub struct SequenceSummary {
 
 impl FapSequence {
     /// Summarizes the sequence.
-    pub fn summary(&self) -> SequenceSummary {
+    pub(crate) fn summary(&self) -> SequenceSummary {
         SequenceSummary {
             name: self.name.clone(),
             version: self.version.clone(),

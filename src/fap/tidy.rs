@@ -22,16 +22,6 @@ use crate::{
 };
 
 /// Error for a table that cannot be read.
-///
-/// ```
-/// use grimace::fap::{TidyError, read_tidy_csv};
-///
-/// let folder = tempfile::tempdir()?;
-/// let path = folder.path().join("smile.csv");
-/// std::fs::write(&path, "frame,fap,value\n0,3,100\n0,99,100\n")?;
-/// assert!(matches!(read_tidy_csv(&path, 25.0), Err(TidyError::Row { line: 3, .. })));
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
 #[derive(Debug, thiserror::Error)]
 pub enum TidyError {
     /// The file cannot be opened or read.
@@ -64,18 +54,6 @@ struct Row {
 
 /// Writes a sequence as a table, values with 9 significant digits.
 ///
-/// ```
-/// use grimace::fap::{FapMask, read_fap, write_tidy_csv};
-///
-/// let folder = tempfile::tempdir()?;
-/// let path = folder.path().join("smile.csv");
-/// let mut sequence = read_fap("fixtures/golden/fap/happiness.fap".as_ref())?.sequence;
-/// sequence.apply_mask(&"3".parse::<FapMask>()?);
-/// write_tidy_csv(&path, &sequence)?;
-/// assert!(std::fs::read_to_string(&path)?.starts_with("frame,fap,name,value\n0,3,open_jaw,0\n"));
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
-///
 /// # Errors
 /// [`OutputError`] when the file cannot be written.
 pub fn write_tidy_csv(path: &Path, sequence: &FapSequence) -> Result<(), OutputError> {
@@ -98,18 +76,6 @@ pub fn write_tidy_csv(path: &Path, sequence: &FapSequence) -> Result<(), OutputE
 ///
 /// Rows may be in any order. A frame without rows, or with a row of only its number, sets nothing. The column `name` may be
 /// missing or empty.
-///
-/// ```
-/// use grimace::fap::read_tidy_csv;
-///
-/// let folder = tempfile::tempdir()?;
-/// let path = folder.path().join("smile.csv");
-/// std::fs::write(&path, "frame,fap,value\n0,3,0\n1,3,512\n")?;
-/// let sequence = read_tidy_csv(&path, 25.0)?;
-/// assert_eq!((sequence.name.as_str(), sequence.frames.len()), ("smile", 2));
-/// assert_eq!(sequence.frames[1].value("3".parse()?), Some(512.0));
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
 ///
 /// # Errors
 /// [`TidyError`] for a missing column, a FAP or frame that is no number, a name that belongs to another FAP, a value that is not

@@ -1,6 +1,6 @@
 //! The action units of FACS that are measured.
 
-use crate::text::excerpt;
+use super::FeaturesError;
 
 /// An action unit of FACS and its expression shapes.
 ///
@@ -55,28 +55,21 @@ pub const ACTION_UNITS: [ActionUnit; 21] = [
     unit(45, "blink", &["eyeBlink"]),
 ];
 
-/// A name that is no action unit of the list.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("`{}` is not an action unit that grimace measures; choose from {}", excerpt(name), known())]
-pub struct UnknownActionUnit {
-    /// What was given.
-    pub name: String,
-}
-
-fn known() -> String {
+/// Names of the action units that are measured.
+pub(super) fn known() -> String {
     ACTION_UNITS.iter().map(|unit| format!("AU{:02}", unit.number)).collect::<Vec<_>>().join(" ")
 }
 
 impl std::str::FromStr for ActionUnit {
-    type Err = UnknownActionUnit;
+    type Err = FeaturesError;
 
     /// Parses `AU12`, `au12` or `12`.
-    fn from_str(name: &str) -> Result<Self, UnknownActionUnit> {
+    fn from_str(name: &str) -> Result<Self, FeaturesError> {
         let text = name.trim();
         let digits = text.strip_prefix("AU").or_else(|| text.strip_prefix("au")).unwrap_or(text);
         let number: Option<u8> = digits.parse().ok();
         let found = ACTION_UNITS.iter().find(|unit| Some(unit.number) == number);
-        found.copied().ok_or_else(|| UnknownActionUnit { name: name.to_owned() })
+        found.copied().ok_or_else(|| FeaturesError::UnknownActionUnit { name: name.to_owned() })
     }
 }
 

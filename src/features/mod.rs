@@ -121,6 +121,12 @@ pub enum FeaturesError {
     /// FAPs cannot be computed.
     #[error(transparent)]
     Convert(#[from] ConvertError),
+    /// A name that is no action unit of the list.
+    #[error("`{}` is not an action unit that grimace measures; choose from {}", crate::text::excerpt(name), facs::known())]
+    UnknownActionUnit {
+        /// What was given.
+        name: String,
+    },
     /// A part of [`Measured`] with another number of frames than the track.
     #[error("the {what} has {found} frames, but the track has {expected}; give the {what} of this track, all frames of it")]
     FrameCount {

@@ -1,7 +1,7 @@
 //! Expected error of a fitted node's position on the face.
 //!
 //! The priors give the posterior standard deviation of a node's position given the marks: that of coefficients, similarity and the residual
-//! of the modes, over the competing priors ([`super::ShapePrior::explain_by_errors`]). The distance by which the springs move the node from
+//! of the modes, over the competing priors (`ShapePrior::explain_by_errors`). The distance by which the springs move the node from
 //! its predicted position is added. The root of the sum of squares over the eye distance, the *spread*, is calibrated on people outside the
 //! training data of priors and locator (`grimace evaluate placement`): for marks set by hand
 //!

@@ -70,7 +70,19 @@ pub enum InputErrorKind {
     },
 }
 
-/// A CSV file, or one of its rows, that does not read.
+/// A CSV file, or one of its rows, that does not read. The message says what is wrong with it.
+///
+/// ```
+/// use grimace::{dataset::{LandmarksError, read_landmarks}, errors::InputError};
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("landmarks.csv");
+/// let header: String = (0..68).map(|k| format!(",x{k},y{k}")).collect();
+/// std::fs::write(&path, format!("frame{header}\none{}\n", ",1".repeat(136)))?;
+/// let LandmarksError::Input(error) = read_landmarks(&path).unwrap_err() else { panic!() };
+/// assert_eq!((error.path.as_path(), error.line), (path.as_path(), Some(2)));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, thiserror::Error)]
 #[error("{}{}: {kind}", path.display(), LineSuffix(*line))]
 pub struct InputError {
@@ -79,6 +91,7 @@ pub struct InputError {
     /// Line, from 1; `None` for an error of the whole file.
     pub line: Option<usize>,
     /// The error.
+    #[doc(hidden)]
     #[source]
     pub kind: InputErrorKind,
 }

@@ -25,12 +25,12 @@ mod stages;
 mod teeth;
 mod template;
 
-use std::sync::OnceLock;
+use std::{path::Path, sync::OnceLock};
 
 use image::GrayImage;
 use nalgebra::{Point2, Vector2};
 
-pub use model::{Model, ModelError, ModelOrigin};
+pub use model::{LocatorError, Model, ModelOrigin};
 pub use part::FacePart;
 pub(crate) use points::{LIP_LINES, known_nodes};
 pub use points::{PUPILS, points};
@@ -188,6 +188,7 @@ pub struct Locator {
 
 impl Locator {
     /// Creates a locator with a learned model.
+    #[doc(hidden)]
     pub fn new(model: Model) -> Self {
         Self { model }
     }
@@ -195,14 +196,22 @@ impl Locator {
     /// Returns the locator with the shipped model, which is read once.
     ///
     /// # Errors
-    /// `ModelError` if the program was built with an incomplete model.
-    pub fn shipped() -> Result<&'static Self, ModelError> {
+    /// [`LocatorError::Format`] if the program was built with an incomplete model.
+    pub fn shipped() -> Result<&'static Self, LocatorError> {
         static SHIPPED: OnceLock<Locator> = OnceLock::new();
         if let Some(locator) = SHIPPED.get() {
             return Ok(locator);
         }
         let locator = Self::new(Model::shipped()?);
         Ok(SHIPPED.get_or_init(|| locator))
+    }
+
+    /// Reads a locator that `grimace learn locator` wrote.
+    ///
+    /// # Errors
+    /// [`LocatorError`].
+    pub fn open(path: &Path) -> Result<Self, LocatorError> {
+        Ok(Self::new(Model::read(path)?.0))
     }
 
     /// Returns the faces of a picture, the largest first; empty if there are none.

@@ -109,9 +109,18 @@ struct MouthHeader {
     stages: Vec<Vec<Patch>>,
 }
 
-/// A model that does not read or cannot be written.
+/// A model of the locator that does not read or cannot be written.
+///
+/// ```
+/// use grimace::locate::{Locator, LocatorError};
+///
+/// let error = Locator::open("fixtures/portraits/P01.jpg".as_ref()).unwrap_err();
+/// assert!(matches!(error, LocatorError::Format { .. }));
+/// assert!(Locator::open("candide/locator.bin".as_ref()).is_ok());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, thiserror::Error)]
-pub enum ModelError {
+pub enum LocatorError {
     /// The file cannot be read or written.
     #[error("{}: {source}", path.display())]
     Io {
@@ -179,26 +188,26 @@ impl Model {
     /// Reads the model shipped with the program.
     ///
     /// # Errors
-    /// [`ModelError::Format`] if the program was built with an incomplete model.
-    pub fn shipped() -> Result<Self, ModelError> {
+    /// [`LocatorError::Format`] if the program was built with an incomplete model.
+    pub fn shipped() -> Result<Self, LocatorError> {
         Self::from_bytes(Path::new("candide/locator.bin"), include_bytes!("../../candide/locator.bin")).map(|m| m.0)
     }
 
     /// Reads a model file.
     ///
     /// # Errors
-    /// [`ModelError`].
-    pub fn read(path: &Path) -> Result<(Self, ModelOrigin), ModelError> {
-        let bytes = crate::input::read(path).map_err(|source| ModelError::Io { path: path.to_owned(), source })?;
+    /// [`LocatorError`].
+    pub fn read(path: &Path) -> Result<(Self, ModelOrigin), LocatorError> {
+        let bytes = crate::input::read(path).map_err(|source| LocatorError::Io { path: path.to_owned(), source })?;
         Self::from_bytes(path, &bytes)
     }
 
     /// Same as [`Model::read`], from the file's content; `path` is only used in error messages.
     ///
     /// # Errors
-    /// [`ModelError::Format`].
-    pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<(Self, ModelOrigin), ModelError> {
-        parse(bytes).map_err(|reason| ModelError::Format { path: path.to_owned(), reason })
+    /// [`LocatorError::Format`].
+    pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<(Self, ModelOrigin), LocatorError> {
+        parse(bytes).map_err(|reason| LocatorError::Format { path: path.to_owned(), reason })
     }
 
     /// Returns the content of the model's file.

@@ -12,6 +12,23 @@ const LEAST_LIKENESS: f64 = 0.7;
 const MOST_STRETCH: f64 = 2.0;
 
 /// Error for a neutral face that is not in face units: x to the right of the picture, y up, the eyes 1024 apart.
+///
+/// ```
+/// use grimace::{normalize::NotFaceUnits, pipeline::{ModelFileError, read_model}};
+///
+/// // A representative whose y points down.
+/// let golden = std::fs::read_to_string("fixtures/golden/representatives/happiness.csv")?;
+/// let turn = |row: &str| match row.rsplit_once(',') {
+///     Some((start, y)) if y != "y" => format!("{start},{}\n", -y.parse::<f64>().unwrap()),
+///     _ => format!("{row}\n"),
+/// };
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("model.csv");
+/// std::fs::write(&path, golden.lines().map(turn).collect::<String>())?;
+/// let error = read_model(&path).unwrap_err();
+/// assert!(matches!(error, ModelFileError::NotFaceUnits { source: NotFaceUnits::UpsideDown, .. }), "{error}");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum NotFaceUnits {
     /// The y axis points down.

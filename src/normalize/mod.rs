@@ -23,29 +23,9 @@ pub use orientation::{EyeCorners, stable_nodes};
 pub use time::{Resample, resample, resample_at};
 
 /// Number of frames of a normalized model [KP, section 4.1: "five frames are sufficient"].
-///
-/// ```
-/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
-/// # let track = grimace::track::read_track("fixtures/simulated/truth/S001_005.csv".as_ref())?;
-/// use grimace::{normalize::{FRAMES_PER_MODEL, Normalizer}, track::track_model};
-///
-/// // `track` holds the ten frames of a smile.
-/// let normalizer = Normalizer::new(&wireframe, &tables, Default::default())?;
-/// assert_eq!(normalizer.normalize(&track_model(&track)?)?.frame_count(), FRAMES_PER_MODEL);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
 pub const FRAMES_PER_MODEL: usize = 5;
 
 /// Eye separation ES0 of the canonical neutral, face units.
-///
-/// ```
-/// use grimace::{normalize::{CANONICAL_ES, Canonical}, wireframe::Face};
-///
-/// let face = Face::candide3();
-/// let canonical = Canonical::new(&face.wireframe, &face.tables)?;
-/// assert!((canonical.fapus.es - CANONICAL_ES).abs() < 1e-9);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
 pub const CANONICAL_ES: f64 = FaceUnit::PER_ES;
 
 /// How the sizes of faces are made equal.
@@ -289,7 +269,7 @@ impl<'a> Normalizer<'a> {
     /// Returns the units of the lids' FAPs on a tracked person's neutral face, given in pixels, y down.
     ///
     /// Falls back to the units of the canonical face if the given face cannot be turned upright.
-    pub fn lid_units(&self, neutral: &[Point2<f64>]) -> LidUnits {
+    pub(crate) fn lid_units(&self, neutral: &[Point2<f64>]) -> LidUnits {
         let frontal = self.wireframe.frontal();
         let upright = (neutral.len() == frontal.len()).then(|| {
             let still = DynamicExpressionModel::new(vec![FrameExpressionModel::new(neutral.to_vec()); 2]).ok()?;
@@ -305,7 +285,7 @@ impl<'a> Normalizer<'a> {
         upright.flatten().and_then(units).unwrap_or(LidUnits::CANONICAL)
     }
 
-    /// Returns the normalized model of a track: [`FRAMES_PER_MODEL`] frames, upright, without translation, with canonical FAPUs.
+    /// Returns the normalized model of a track: five frames, upright, without translation, with canonical FAPUs.
     /// [`PoseMode`] describes how yaw and pitch are treated.
     ///
     /// # Errors

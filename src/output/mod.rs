@@ -29,6 +29,18 @@ pub use sync::{remove_durably, sync_written};
 pub const MADE_BY: &str = concat!("grimace ", env!("CARGO_PKG_VERSION"));
 
 /// A file or folder that could not be written.
+///
+/// ```
+/// use grimace::{errors::OutputError, fap::{FapFrame, FapSequence, FapWriteError, write_fap}};
+///
+/// // A folder is where the file should be.
+/// let folder = tempfile::tempdir()?;
+/// let (name, version) = ("smile".to_owned(), "2.1".to_owned());
+/// let faps = FapSequence { version, name, fps: 25.0, frames: vec![FapFrame::default()] };
+/// let FapWriteError::Output(OutputError { path, .. }) = write_fap(folder.path(), &faps).unwrap_err() else { panic!() };
+/// assert_eq!(path, folder.path());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, thiserror::Error)]
 #[error("cannot write {}: {source}", path.display())]
 pub struct OutputError {

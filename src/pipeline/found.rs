@@ -8,7 +8,7 @@ use nalgebra::{Point2, Vector2};
 use super::Workbench;
 use crate::{
     fit::{Correspondence, validate_correspondences},
-    locate::{FacePart, LocateOptions, LocatedFace, Locator, ModelError, TRUSTED},
+    locate::{FacePart, LocateOptions, LocatedFace, Locator, LocatorError, TRUSTED},
     sequence::{Frame, ImageSize, SequenceError},
     units::NodeId,
 };
@@ -54,7 +54,7 @@ pub enum FoundMarksError {
     Frame(#[from] SequenceError),
     /// The model of the locator cannot be read.
     #[error(transparent)]
-    Model(#[from] ModelError),
+    Model(#[from] LocatorError),
 }
 
 /// A detected face as marks.

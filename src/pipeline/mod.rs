@@ -59,7 +59,7 @@ use crate::{
     normalize::{NormalizeOptions, Normalizer, PoseMode},
     output::MADE_BY,
     pose::{HeadFit, HeadFitter, PoseError},
-    report::{Failure, Stage},
+    report::Stage,
     statistics::{StatisticsOptions, compare::GroupOptions},
     track::{LandmarkPlan, TrackOptions, TrackPlan, TrackedFrame},
     units::{FaceUnit, NodeId, Px},
@@ -67,6 +67,7 @@ use crate::{
 };
 
 pub use crate::input::file_blake3;
+pub use crate::report::Failure;
 pub use amplitudes::AmplitudeResults;
 pub use analysis::{Analysis, AnalysisError, AnalyzedClass, AnalyzedModel, analyze};
 pub use beside::{face_of_marks, held};
@@ -134,6 +135,7 @@ pub struct PipelineOptions {
     pub marks: LandmarkSelection,
     /// Face on which the report animates the representatives.
     #[serde(default)]
+    #[doc(hidden)]
     pub report_face: ReportFace,
     /// Whether to show wireframes only: no picture of a face in or beside the report.
     #[serde(default)]
@@ -161,6 +163,14 @@ impl PipelineOptions {
 }
 
 /// Options for sequences given as landmarks.
+///
+/// ```
+/// use grimace::pipeline::{LandmarkOptions, PipelineOptions};
+///
+/// let landmarks = LandmarkOptions { prefer: true, ..LandmarkOptions::default() };
+/// let options = PipelineOptions { landmarks, ..PipelineOptions::default() };
+/// assert_eq!(options.landmarks.least_confidence, 0.75);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LandmarkOptions {
     /// Confidence below which a frame counts as lost, 0 to 1, for files that state one.

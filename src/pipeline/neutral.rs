@@ -57,6 +57,7 @@ impl Workbench {
     ///
     /// # Errors
     /// As [`Workbench::fit`].
+    #[doc(hidden)]
     pub fn fit_in(&self, picture: &GrayImage, marks: &[Correspondence]) -> Result<NeutralFit, FitError> {
         let is_said = !self.options.unchecked_marks;
         let find = |locator: &Locator| locator.locate(picture, &LocateOptions::default());

@@ -193,6 +193,7 @@ pub enum RunError {
     },
     /// The file with the looks of a person at the tracks.
     #[error(transparent)]
+    #[doc(hidden)]
     Looks(#[from] crate::track::LooksError),
     /// A folder for overlay pictures that holds frames.
     #[error(transparent)]
@@ -226,6 +227,7 @@ pub enum RunError {
         /// Sequences of the dataset.
         sequences: usize,
         /// Stage at which the first failed.
+        #[doc(hidden)]
         stage: Stage,
         /// Why.
         reason: String,
@@ -250,6 +252,7 @@ pub enum RunError {
     },
     /// Statistics failed.
     #[error(transparent)]
+    #[doc(hidden)]
     Analysis(#[from] AnalysisError),
     /// The caller asked to stop.
     #[error("interrupted; finished sequences are kept; run the same command again to continue")]

@@ -23,7 +23,7 @@ use crate::{
     track::{
         Corrections, TRACK_SCHEMA, Track, TrackError, TrackFileError, TrackHashes, TrackInfo, TrackOptions, TrackedFrame,
         covered_at_apex_said, mouth_back_said, neutral_first, parse_track, parse_track_info, summarize, track_csv,
-        track_sequence, track_units, write_track,
+        track_sequence, track_units, write_hashed_track,
     },
     units::SequenceId,
 };
@@ -417,7 +417,7 @@ pub(super) fn track_or_reuse(
         let inputs = info.inputs_blake3.clone();
         apply(saved, earlier.as_ref(), &mut frames, &mut info, bench, |frames, fit| correct(frames, fit, &inputs))?;
     }
-    let hashes = write_track(csv_path, &frames, &mut info).map_err(SequenceFailure::at(Stage::Write))?;
+    let hashes = write_hashed_track(csv_path, &frames, &mut info).map_err(SequenceFailure::at(Stage::Write))?;
     // Uses the values in the file, so that a resumed run gives identical bytes.
     let frames = parse_track(csv_path, &track_csv(&frames)).map_err(SequenceFailure::at(Stage::Write))?;
     let frames = neutral_first(frames, info.neutral_frame);

@@ -53,7 +53,7 @@ pub struct HeadModel {
     /// Directions of expression, each at one standard deviation.
     pub expression: Vec<Vec<Vector3<f64>>>,
     /// Named shapes from which the expression directions were computed.
-    pub shapes: Vec<NamedOffsets>,
+    pub(crate) shapes: Vec<NamedOffsets>,
     /// Middle of the head, the mean of the 68 landmarks, in the wireframe's own face space: the optical axis goes through it.
     pub middle: Point3<f64>,
     /// Nodes of the irises, which landmarks and expressions do not determine.
@@ -75,7 +75,7 @@ impl HeadModel {
 
     /// Creates the model of a learned head over the nodes of a wireframe. Its modes of identity are the learned ones plus Candide's own
     /// neutral and shape units; its expressions are the learned ones plus Candide's action units.
-    pub fn new(learned: &LearnedHead, wireframe: &Wireframe, tables: &Tables) -> Self {
+    pub(crate) fn new(learned: &LearnedHead, wireframe: &Wireframe, tables: &Tables) -> Self {
         let count = wireframe.node_count();
         let all = |offsets: &[Vector3<f64>]| -> Vec<Vector3<f64>> {
             (0..count).map(|k| offsets.get(k).copied().unwrap_or_else(Vector3::zeros)).collect()

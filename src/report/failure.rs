@@ -26,18 +26,43 @@ pub enum Stage {
 
 impl fmt::Display for Stage {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
+        f.write_str(self.name())
+    }
+}
+
+impl Stage {
+    /// The word for it in `failures.csv`.
+    pub fn name(self) -> &'static str {
+        match self {
             Self::Dataset => "dataset",
             Self::Fit => "fit",
             Self::Track => "track",
             Self::Normalize => "normalize",
             Self::Statistics => "statistics",
             Self::Write => "write",
-        })
+        }
     }
 }
 
 /// A sequence that failed: a row of `failures.csv`.
+///
+/// ```
+/// # let folder = tempfile::tempdir()?;
+/// # let (dataset, out) = (folder.path().join("manifest.csv"), folder.path().join("out"));
+/// # let frames = std::path::absolute("fixtures/simulated/S001/005")?.display().to_string();
+/// # let row = |first: u32| format!("S00{first},5,happiness,{frames},{frames}/correspondences.csv,{first},3\n");
+/// # let header = "subject,sequence,emotion,frames,correspondences,first_frame,last_frame\n";
+/// # std::fs::write(&dataset, format!("{header}{}{}", row(1), row(9)))?;
+/// # let options = grimace::pipeline::PipelineOptions { no_faces: true, ..Default::default() };
+/// # let bench = grimace::pipeline::Workbench::new(None, options)?;
+/// use grimace::pipeline::run;
+///
+/// // The second sequence of `dataset` is to begin at frame 9 and to end at frame 3.
+/// let summary = run(&dataset, &out, &bench, None, false, &false.into(), |_| ())?;
+/// let failed = &summary.failures[0];
+/// assert_eq!((failed.subject.as_str(), failed.stage_name()), ("S009", "dataset"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Failure {
     /// Subject.
@@ -45,9 +70,17 @@ pub struct Failure {
     /// Sequence.
     pub sequence: String,
     /// Stage that failed.
+    #[doc(hidden)]
     pub stage: Stage,
     /// Full error message.
     pub reason: String,
+}
+
+impl Failure {
+    /// The stage that failed: `dataset`, `fit`, `track`, `normalize`, `statistics` or `write`.
+    pub fn stage_name(&self) -> &'static str {
+        self.stage.name()
+    }
 }
 
 /// Id of a sequence that failed; `None` for an unreadable row of a manifest.

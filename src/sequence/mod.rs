@@ -173,6 +173,7 @@ pub enum SequenceError {
         /// The file.
         path: PathBuf,
         /// What happened.
+        #[doc(hidden)]
         source: CompanionError,
     },
     /// A file that changed while it was being decoded.

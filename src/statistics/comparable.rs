@@ -6,43 +6,38 @@ use serde::{Deserialize, Serialize};
 use super::{SequenceModel, distance::DisplacementFields, representative::MAX_DISPLACEMENT};
 use crate::units::{NodeId, SequenceId};
 
-/// A displacement that is impossible for a face.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
-#[error(
-    "{id}: node {node} moves by {found} face units from frame {field} to {}; no face moves further than {limit:e}, so the model is wrong",
-    field + 1
-)]
-pub struct ImpossibleMotion {
-    /// The sequence.
-    pub id: SequenceId,
-    /// Live node.
-    pub node: NodeId,
-    /// Displacement field, from 0.
-    pub field: usize,
-    /// Coordinate of the displacement vector that is too large, face units.
-    pub found: f64,
-    /// Limit that magnitudes must stay below.
-    pub limit: f64,
-}
-
 /// Returns every model's displacement fields over the live nodes, which all of them have, after checking their magnitude.
 ///
 /// # Errors
-/// [`ImpossibleMotion`].
-pub(super) fn displacement_fields(
-    models: &[&SequenceModel],
-    live: &[NodeId],
-) -> Result<Vec<DisplacementFields>, ImpossibleMotion> {
+/// [`NotComparable::Displacement`].
+pub(super) fn displacement_fields(models: &[&SequenceModel], live: &[NodeId]) -> Result<Vec<DisplacementFields>, NotComparable> {
     let fields: Vec<_> = models.par_iter().map(|m| DisplacementFields::of_model(&m.model, live)).collect();
     for (m, fields) in models.iter().zip(&fields) {
         if let Some((field, k, found)) = fields.first_beyond(MAX_DISPLACEMENT) {
-            return Err(ImpossibleMotion { id: m.id.clone(), node: live[k], field, found, limit: MAX_DISPLACEMENT });
+            return Err(NotComparable::Displacement { id: m.id.clone(), node: live[k], field, found, limit: MAX_DISPLACEMENT });
         }
     }
     Ok(fields)
 }
 
 /// Why models cannot be compared.
+///
+/// ```
+/// # use grimace::{model, statistics, units, wireframe};
+/// # let face = wireframe::Face::candide3();
+/// # let frame = |x: f64| model::FrameExpressionModel::new(vec![nalgebra::Point2::new(x, 0.0); 113]);
+/// # let of = |subject: &str, x: f64| statistics::SequenceModel {
+/// #     id: units::SequenceId { subject: subject.to_owned(), sequence: "1".to_owned() },
+/// #     model: model::DynamicExpressionModel::new(vec![frame(0.0), frame(x)]).unwrap(),
+/// # };
+/// use grimace::statistics::{NotComparable, Recognizer, RecognizeError};
+///
+/// // `of` makes the model of a person whose nodes all move by so many face units; no face moves by 1e300.
+/// let (still, smile, wrong) = (of("P1", 0.0), of("P2", 10.0), of("P3", 1e300));
+/// let models = [(&still, "neutral"), (&smile, "smile"), (&wrong, "smile")];
+/// let error = Recognizer::new(&models, face.wireframe.live_nodes(), || ()).unwrap_err();
+/// assert!(matches!(error, RecognizeError::Models(NotComparable::Displacement { id, .. }) if id.subject == "P3"));
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
 pub enum NotComparable {
     /// No nodes to compare.
@@ -71,8 +66,22 @@ pub enum NotComparable {
         expected: usize,
     },
     /// A displacement that is impossible for a face.
-    #[error(transparent)]
-    Displacement(#[from] ImpossibleMotion),
+    #[error(
+        "{id}: node {node} moves by {found} face units from frame {field} to {}; no face moves further than {limit:e}, so the model is wrong",
+        field + 1
+    )]
+    Displacement {
+        /// The sequence.
+        id: SequenceId,
+        /// Live node.
+        node: NodeId,
+        /// Displacement field, from 0.
+        field: usize,
+        /// Coordinate of the displacement vector that is too large, face units.
+        found: f64,
+        /// Limit that magnitudes must stay below.
+        limit: f64,
+    },
 }
 
 /// Returns the displacement fields of models over the live nodes. `expected` is the number of vectors of every model; by default
@@ -98,7 +107,7 @@ pub(super) fn comparable_fields(
             return Err(NotComparable::Shape { id: m.id.clone(), found: vectors(m), expected });
         }
     }
-    Ok(displacement_fields(models, live)?)
+    displacement_fields(models, live)
 }
 
 #[cfg(test)]
@@ -124,13 +133,8 @@ mod tests {
         // Two live nodes, from two frames to the next: 4 vectors; from one: 2.
         assert_eq!(why(&[&good, &short], &live), NotComparable::Shape { id: short.id.clone(), found: 2, expected: 4 });
         assert_eq!(why(&[&good, &small], &live), NotComparable::Node { id: small.id.clone(), node: NodeId(2), nodes: 2 });
-        let of_far = NotComparable::Displacement(ImpossibleMotion {
-            id: far.id.clone(),
-            node: NodeId(0),
-            field: 0,
-            found: 1e300,
-            limit: MAX_DISPLACEMENT,
-        });
+        let of_far =
+            NotComparable::Displacement { id: far.id.clone(), node: NodeId(0), field: 0, found: 1e300, limit: MAX_DISPLACEMENT };
         assert_eq!(why(&[&good, &far], &live), of_far);
     }
 }

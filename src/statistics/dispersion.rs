@@ -13,6 +13,30 @@ use super::distance::{DisplacementFields, vector_distance};
 pub use crate::robust::median;
 
 /// Other forms of the dispersion, comparable before and after trimming, face units; `None` for a single model.
+///
+/// ```
+/// # use grimace::{model, normalize, statistics::ClassLabel, statistics::SequenceModel, units, wireframe};
+/// # let face = wireframe::Face::candide3();
+/// # let neutral = normalize::Canonical::new(&face.wireframe, &face.tables)?.neutral;
+/// # let smile = |subject: &str, up: f64| {
+/// #     let frame = |m: usize| {
+/// #         let mut nodes = neutral.nodes().to_vec();
+/// #         [31, 64].map(|corner| nodes[corner].y += up * m as f64);
+/// #         model::FrameExpressionModel::new(nodes)
+/// #     };
+/// #     let id = units::SequenceId { subject: subject.to_owned(), sequence: "1".to_owned() };
+/// #     let model = model::DynamicExpressionModel::new((0..5).map(frame).collect()).expect("five frames");
+/// #     SequenceModel { id, model }
+/// # };
+/// # let label = ClassLabel::new("smile".to_owned(), vec![]);
+/// use grimace::statistics::representative;
+///
+/// // `smile` makes the model of a person whose corners of the mouth rise by so much from frame to frame.
+/// let alike = [smile("P1", 10.0), smile("P2", 10.0), smile("P3", 10.0)];
+/// let found = representative(label, &alike, &face.wireframe, &Default::default())?;
+/// assert_eq!((found.dispersions.literal, found.dispersions.field), (Some(0.0), Some(0.0)));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Dispersions {
     /// [KP, eq. (8)] taken literally: the median over all models of d, over all fields, to the median of the kept fields.

@@ -32,16 +32,6 @@ pub(crate) fn length(x: f64, y: f64) -> f64 {
 }
 
 /// The displacement vectors tau of one dynamic model [KP, eq. (2)]: (N' - 1) fields of N live nodes, stored flat and by coordinate.
-///
-/// ```
-/// use grimace::statistics::DisplacementFields;
-/// use nalgebra::Vector2;
-///
-/// let fields = |x: f64| DisplacementFields::from_vectors(2, &[Vector2::new(x, 0.0), Vector2::zeros()]);
-/// assert_eq!((fields(3.0).field_count(), fields(3.0).node_count()), (1, 2));
-/// // One of two nodes moves by 4 more: 2 on average.
-/// assert_eq!(fields(3.0).distance(&fields(7.0)), 2.0);
-/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct DisplacementFields {
     node_count: usize,

@@ -33,7 +33,9 @@ use crate::{
     model::DynamicExpressionModel,
     units::{FaceUnit, NodeId, SequenceId},
 };
-use dispersion::Dispersions;
+pub use comparable::NotComparable;
+pub use compare::GroupOptions;
+pub use dispersion::Dispersions;
 use median::SearchEnding;
 
 pub(crate) use amplitude::{t_above, t_quantile};
@@ -303,6 +305,7 @@ pub struct Representative {
     pub trimming: Vec<TrimmingRow>,
     /// Certainty of the trimming when it was decided from bounds, that is for more than 2048 models. The distances of the trace then have
     /// the error given there.
+    #[doc(hidden)]
     pub certificate: Option<scale::Certificate>,
     /// Kind of the median: the requested one, or the exact one for more than 2048 models.
     pub median: MedianKind,
@@ -410,13 +413,25 @@ pub enum StatisticsError {
         /// Largest distance allowed.
         tolerance: f64,
     },
-    /// A displacement that is impossible for a face.
+    /// Models that cannot be compared, such as one with a displacement that is impossible for a face.
     #[error(transparent)]
-    Displacement(#[from] comparable::ImpossibleMotion),
+    Models(#[from] NotComparable),
     /// Displacement vectors that cannot be read.
-    #[error(transparent)]
-    Source(#[from] scale::SourceError),
+    #[error("{}: {reason}", path.display())]
+    Source {
+        /// The file.
+        path: std::path::PathBuf,
+        /// Description of the error.
+        reason: String,
+    },
     /// The result is not a valid model.
     #[error(transparent)]
     Model(#[from] crate::model::ModelError),
+}
+
+#[doc(hidden)]
+impl From<scale::SourceError> for StatisticsError {
+    fn from(scale::SourceError { path, reason }: scale::SourceError) -> Self {
+        Self::Source { path, reason }
+    }
 }

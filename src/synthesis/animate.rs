@@ -145,6 +145,7 @@ impl<'b> Synthesizer<'b> {
     }
 
     /// The regions.
+    #[doc(hidden)]
     pub fn regions(&self) -> &Regions {
         &self.regions
     }
@@ -161,7 +162,7 @@ impl<'b> Synthesizer<'b> {
 
     /// The goal of a region; `None` when nothing in it should move, or there is no such region. `motion` must already be
     /// emphasized.
-    pub fn goal(&self, motion: &FpMotion, region: usize) -> Option<Goal> {
+    pub(crate) fn goal(&self, motion: &FpMotion, region: usize) -> Option<Goal> {
         if region >= self.regions.count() {
             return None;
         }
@@ -169,7 +170,7 @@ impl<'b> Synthesizer<'b> {
     }
 
     /// The goal of all feature points, regardless of regions. `motion` must already be emphasized.
-    pub fn whole_goal(&self, motion: &FpMotion) -> Option<Goal> {
+    pub(crate) fn whole_goal(&self, motion: &FpMotion) -> Option<Goal> {
         Goal::new(&self.basis, motion, |_| true)
     }
 

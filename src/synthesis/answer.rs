@@ -41,6 +41,7 @@ pub struct FrameAnswer {
     /// was requested.
     pub region_bound: Vec<Option<f64>>,
     /// Runs of the genetic algorithm for each region.
+    #[doc(hidden)]
     pub runs: Vec<Vec<Run>>,
 }
 

@@ -14,13 +14,6 @@ use super::{
 use crate::{mesh::Subdivision, output::MADE_BY, units::FeaturePoint};
 
 /// Options of [`build_bank`].
-///
-/// ```
-/// use grimace::synthesis::BuildOptions;
-///
-/// let options = BuildOptions { subdivide: 1, unit: Some("mm".to_owned()), ..BuildOptions::default() };
-/// assert!(options.feature_points.is_none() && options.subdivide == 1);
-/// ```
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct BuildOptions {
     /// CSV file `fp,vertex`; `None` uses the source's own feature points, or places them by landmarks.
@@ -43,23 +36,6 @@ pub struct BuildOptions {
 pub const MAX_SUBDIVIDE: usize = 4;
 
 /// Summary of a built bank.
-///
-/// ```
-/// use grimace::synthesis::{BuildOptions, build_bank};
-///
-/// // `scans` holds a neutral mesh of one triangle, and a smile.
-/// let folder = tempfile::tempdir()?;
-/// # let scans = folder.path().join("scans");
-/// # std::fs::create_dir(&scans)?;
-/// # std::fs::write(scans.join("neutral.obj"), "v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\n")?;
-/// # std::fs::write(scans.join("smile.obj"), "v 0 0 0\nv 1.5 0.5 0\nv 1 1 0\nf 1 2 3\n")?;
-/// # std::fs::write(scans.join("feature_points.csv"), "fp,vertex\n8.3,1\n")?;
-/// // Each triangle becomes four.
-/// let options = BuildOptions { subdivide: 1, ..BuildOptions::default() };
-/// let summary = build_bank(&scans, &folder.path().join("own.bank"), &options)?;
-/// assert_eq!((summary.vertices, summary.triangles, summary.members), (6, 4, 1));
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct BuildSummary {
     /// Number of vertices.
@@ -82,21 +58,6 @@ pub struct BuildSummary {
 ///
 /// It needs memory for the neutral mesh, the subdivision rule and one member (for `NumPy` arrays and folders; a glTF file is
 /// loaded as a whole).
-///
-/// ```
-/// use grimace::synthesis::{Bank, BuildOptions, build_bank};
-///
-/// # let folder = tempfile::tempdir()?;
-/// # let scans = folder.path().join("scans");
-/// # std::fs::create_dir(&scans)?;
-/// std::fs::write(scans.join("neutral.obj"), "v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\n")?;
-/// std::fs::write(scans.join("smile.obj"), "v 0 0 0\nv 1.5 0.5 0\nv 1 1 0\nf 1 2 3\n")?;
-/// std::fs::write(scans.join("feature_points.csv"), "fp,vertex\n8.3,1\n")?;
-/// let file = folder.path().join("own.bank");
-/// build_bank(&scans, &file, &BuildOptions::default())?;
-/// assert_eq!(Bank::open(&file)?.displacements(0)[1], [0.5, 0.5, 0.0]);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
 ///
 /// # Errors
 /// [`BankError`].

@@ -30,7 +30,7 @@ impl Crossover {
     ///
     /// \[ZL\] call line a case of BLX-alpha "when t = 0.5" and midpoint a case of line "when alpha = 0 and t = 0.5". By their
     /// formulas, line is the case alpha = 0, and midpoint the case alpha = 0 and t = 0.5. This code follows the formulas.
-    pub fn shares(self, random: &mut impl rand::Rng) -> (f64, f64) {
+    pub(crate) fn shares(self, random: &mut impl rand::Rng) -> (f64, f64) {
         let (t, alpha) = match self {
             Self::Midpoint => (0.5, 0.0),
             Self::Line => (unit(random), 0.0),

@@ -48,7 +48,7 @@ mod target;
 pub use animate::{BOUND_STARTS, SMOOTHING_FRAMES, SynthesisOptions, Synthesizer, jump};
 pub use answer::FrameAnswer;
 pub use bank::{Bank, BankHead, BankInfo, Composition, FeaturePointVertex};
-pub use build::{BuildOptions, BuildSummary, MAX_SUBDIVIDE, build_bank};
+pub use build::{BuildOptions, MAX_SUBDIVIDE, build_bank};
 pub use candide::{candide_bank, candide_expressions, candide_study};
 pub use crossover::Crossover;
 pub use dense::read_dense_faces;

@@ -48,6 +48,7 @@ pub use corrections::{
     read_corrections, write_corrections,
 };
 pub(crate) use ends::{Ends, backwards_said, covered_at_apex_said, mouth_back_said};
+pub(crate) use file::write_hashed_track;
 pub use file::{
     TRACK_SCHEMA, TrackFileError, TrackHashes, TrackInfo, neutral_first, parse_track, parse_track_info, read_track,
     read_track_info, seconds_of, track_csv, track_units, write_track,
@@ -275,6 +276,7 @@ pub enum TrackError {
     },
     /// The program of the point tracker is missing or ended early.
     #[error("{0}")]
+    #[doc(hidden)]
     Program(#[from] CompanionError),
     /// The caller asked to stop.
     #[error("interrupted")]

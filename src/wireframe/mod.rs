@@ -20,7 +20,7 @@ pub(crate) use fapu::LID_LIMIT;
 pub use fapu::{Axis, Fapu, FapuDefinition, Fapus, FapusError, LidUnits};
 pub use marks::{MarkableNode, SuggestedMark, markable_nodes, suggested_marks};
 pub(crate) use marks::{embedded_rows, mark_deviation};
-pub use tables::{FeaturePointRow, LandmarkConfidence, LandmarkRow, Region, TableError, Tables, parse_node_or_feature_point};
+pub use tables::{FeaturePointRow, LandmarkConfidence, LandmarkRow, Region, Tables, parse_node_or_feature_point};
 pub use wfm::{WfmError, WfmErrorKind, read_wfm, write_wfm};
 
 /// Nodes along the upper and lower lid, from the outer to the inner corner, for the subject's left and right eye. Both lids of an
@@ -248,6 +248,7 @@ impl Wireframe {
     }
 
     /// Nodes in no triangle, with the live nodes that they follow.
+    #[doc(hidden)]
     pub fn followers(&self) -> &[Follower] {
         &self.followers
     }

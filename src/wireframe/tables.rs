@@ -139,18 +139,13 @@ pub struct Tables {
     /// FAPUs of a region along x and y.
     pub region_fapus: BTreeMap<Region, (Fapu, Fapu)>,
     /// The 68 landmarks in order.
+    #[doc(hidden)]
     pub landmarks: Vec<LandmarkRow>,
 }
 
 /// Error for a data file of `candide/` that cannot be read.
 ///
 /// The tables are compiled into the program, so this error occurs only after they were changed.
-/// ```
-/// use grimace::wireframe::TableError;
-///
-/// let error = TableError { table: "regions.csv", reason: "row 3 has no region".to_owned() };
-/// assert_eq!(error.to_string(), "regions.csv: row 3 has no region");
-/// ```
 #[derive(Debug, thiserror::Error)]
 #[error("{table}: {reason}")]
 pub struct TableError {

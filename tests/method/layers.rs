@@ -30,7 +30,7 @@ const LAYERS: [(&str, &[&str]); 5] = [
     ),
     ("sources", &["dataset", "sequence"]),
     ("method", &["locate", "fit", "track", "normalize", "statistics", "fap", "pose", "features", "segment"]),
-    ("making", &["overlay", "warp", "mesh", "render", "synthesis", "clone", "player"]),
+    ("making", &["overlay", "warp", "mesh", "render", "synthesis", "clone", "player", "errors"]),
     ("tool", &["columnar", "report", "pipeline", "annotate", "cli", "fuzzing"]),
 ];
 
@@ -184,12 +184,15 @@ fn has_example(text: &str, name: &str) -> bool {
 
 #[test]
 fn every_name_of_the_facade_has_an_example() {
+    let mut all = Vec::new();
+    sources(&root().join("src"), &mut all);
     let lacks_example = |shown: &String| {
         let (module, name) = shown.split_once("::").unwrap();
         let mut texts = Vec::new();
         let file = root().join("src").join(format!("{module}.rs"));
         [file, root().join("src").join(module)].iter().filter(|path| path.exists()).for_each(|path| sources(path, &mut texts));
-        !texts.iter().any(|text| has_example(text, name))
+        // A module also shows items of others.
+        !texts.iter().chain(&all).any(|text| has_example(text, name))
     };
     let shown = shown(&fs::read_to_string(root().join("src/lib.rs")).unwrap());
     let bare: Vec<String> = shown.into_iter().filter(lacks_example).collect();
@@ -202,4 +205,144 @@ fn an_item_without_an_example_is_found() {
     assert!(has_example(text, "one") && !has_example(text, "Two"));
     // Neither the beginning of a name nor a missing item counts.
     assert!(!has_example(text, "on") && !has_example(text, "three"));
+}
+
+/// Types of other crates that the facade's signatures may name.
+const FOREIGN: [&str; 44] = [
+    "Arc",
+    "AsRef",
+    "BTreeMap",
+    "BTreeSet",
+    "Borrow",
+    "Clone",
+    "Debug",
+    "DoubleEndedIterator",
+    "Duration",
+    "Err",
+    "Error",
+    "ExactSizeIterator",
+    "Fn",
+    "FnMut",
+    "FnOnce",
+    "Formatter",
+    "GrayImage",
+    "Hash",
+    "ImageError",
+    "Into",
+    "IntoIterator",
+    "Item",
+    "Iterator",
+    "Matrix2",
+    "Matrix3",
+    "Option",
+    "Ordering",
+    "Output",
+    "Path",
+    "PathBuf",
+    "Point2",
+    "Point3",
+    "RangeInclusive",
+    "Result",
+    "RgbImage",
+    "Rotation3",
+    "Self",
+    "Send",
+    "Some",
+    "String",
+    "Sync",
+    "Target",
+    "Vec",
+    "Vector2",
+];
+
+/// Returns the types that a signature or a field names: words with a capital first and a small letter.
+fn types(text: &str) -> impl Iterator<Item = &str> {
+    let words = text.split(|c: char| !c.is_alphanumeric() && c != '_');
+    words.filter(|word| word.starts_with(char::is_uppercase) && word.contains(char::is_lowercase))
+}
+
+/// Returns the types without a page that the public items of a file show, each with its item: in fields, variants, functions and methods of
+/// what `is_shown`, except for those with `#[doc(hidden)]`. It reads lines as rustfmt leaves them.
+fn without_page(text: &str, is_shown: impl Fn(&str) -> bool) -> Vec<String> {
+    let word = |text: &str| text.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect::<String>();
+    let text = code(text);
+    let (mut found, mut owner, mut is_hidden) = (Vec::new(), None::<(String, &str)>, false);
+    // A signature of several lines.
+    let mut open: Option<(String, String)> = None;
+    let mut look = |item: &str, text: &str| {
+        let pageless = types(text).filter(|name| !is_shown(name) && !FOREIGN.contains(name));
+        found.extend(pageless.map(|name| format!("{item}: {name}")));
+    };
+    for line in text.lines().filter(|line| !line.trim().is_empty()) {
+        let indent = line.len() - line.trim_start().len();
+        let line = line.trim_start();
+        if let Some((item, start)) = open.take() {
+            let whole = format!("{start} {line}");
+            if line.ends_with(['{', ';', '}']) {
+                look(&item, &whole)
+            } else {
+                open = Some((item, whole))
+            }
+            continue;
+        }
+        if line.starts_with('#') {
+            is_hidden |= line == "#[doc(hidden)]";
+            continue;
+        }
+        let was_hidden = std::mem::take(&mut is_hidden);
+        let public = line.strip_prefix("pub ").map(|rest| rest.strip_prefix("const ").unwrap_or(rest));
+        let (kind, rest) =
+            public.or_else(|| line.starts_with("impl").then_some(line)).and_then(|l| l.split_once(' ')).unwrap_or_default();
+        let name = match kind.split('<').next() {
+            _ if indent > 0 => String::new(),
+            Some("impl") if !line.contains(" for ") => word(line.rsplit_once("> ").map_or(rest, |(_, after)| after)),
+            Some("struct" | "enum" | "trait" | "fn") => word(rest),
+            _ => String::new(),
+        };
+        if indent == 0 {
+            let kind = if kind.starts_with("impl") { "impl" } else { kind };
+            owner = (is_shown(&name) && !was_hidden).then_some((name, kind));
+        }
+        let Some((name, place)) = &owner else { continue };
+        let signature = match (*place, indent) {
+            ("fn", 0) => line,
+            ("impl", 4) if kind == "fn" => rest,
+            ("trait", 4) => line.strip_prefix("fn ").unwrap_or_default(),
+            ("struct", 4) => public.and_then(|field| field.split_once(": ")).map_or("", |(_, field)| field),
+            ("enum", 4) => line.split_once('(').map_or("", |(_, fields)| fields),
+            ("enum", 8) => line.split_once(": ").map_or("", |(_, field)| field),
+            _ => "",
+        };
+        let is_fn = matches!((*place, indent), ("fn", 0) | ("impl" | "trait", 4));
+        if !was_hidden && is_fn && !signature.is_empty() && !line.ends_with(['{', ';', '}']) {
+            open = Some((name.clone(), signature.to_owned()));
+        } else if !was_hidden {
+            look(name, if is_fn { signature.split(" {").next().unwrap_or_default() } else { signature });
+        }
+    }
+    found
+}
+
+#[test]
+fn every_type_that_the_facade_shows_has_a_page() {
+    let shown = shown(&fs::read_to_string(root().join("src/lib.rs")).unwrap());
+    let names: Vec<&str> = shown.iter().filter_map(|name| name.rsplit("::").next()).collect();
+    let mut failures = Vec::new();
+    for module in shown.iter().filter_map(|name| name.split("::").next()).collect::<std::collections::BTreeSet<_>>() {
+        let mut texts = Vec::new();
+        let file = root().join("src").join(format!("{module}.rs"));
+        [file, root().join("src").join(module)].iter().filter(|path| path.exists()).for_each(|path| sources(path, &mut texts));
+        texts.iter().for_each(|text| failures.extend(without_page(text, |name| names.contains(&name))));
+    }
+    failures.sort();
+    assert!(failures.is_empty(), "make it private, or add it to the facade:\n{}", failures.join("\n"));
+}
+
+#[test]
+fn a_type_without_a_page_is_found() {
+    let text = "pub struct Shown {\n    /// Doc.\n    pub one: Vec<Secret>,\n    #[doc(hidden)]\n    pub two: Other,\n    three: Third,\n}\n\n\
+                impl<'a> Shown {\n    pub fn four(\n        &self,\n    ) -> Option<Fourth> {\n        Fifth::new()\n    }\n}\n\n\
+                pub enum Hidden {\n    Six(Sixth),\n}\n\npub fn make() -> Seventh {\n    Eighth\n}\n";
+    let is_shown = |name: &str| ["Shown", "make"].contains(&name);
+    assert_eq!(without_page(text, is_shown), ["Shown: Secret", "Shown: Fourth", "make: Seventh"]);
 }

@@ -51,16 +51,6 @@ pub struct PriorOrigin {
 }
 
 /// The content of a prior file.
-///
-/// The example reads the number of faces in the training data.
-/// ```
-/// use grimace::fit::PriorFile;
-///
-/// let file: PriorFile = serde_json::from_str(&std::fs::read_to_string("candide/face_prior.json")?)?;
-/// assert_eq!((file.origin.faces, file.mean.len()), (90, 113));
-/// assert_eq!(file.prior()?.modes.len(), file.modes.len());
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PriorFile {
     /// Always 1.

@@ -148,7 +148,7 @@ impl ShapePrior {
     ///
     /// # Panics
     /// If a node is not one of the prior's, or `nodes` and `seen` differ in length (a programmer's error).
-    pub fn explain(&self, nodes: &[NodeId], seen: &[Point2<f64>]) -> Result<Explanation, SimilarityError> {
+    pub(crate) fn explain(&self, nodes: &[NodeId], seen: &[Point2<f64>]) -> Result<Explanation, SimilarityError> {
         self.explain_by_errors(nodes, seen, &vec![None; nodes.len()])
     }
 
@@ -160,7 +160,7 @@ impl ShapePrior {
     ///
     /// # Panics
     /// As [`Self::explain`].
-    pub fn explain_by_errors(
+    pub(crate) fn explain_by_errors(
         &self,
         nodes: &[NodeId],
         seen: &[Point2<f64>],

@@ -20,6 +20,15 @@ const BOOTSTRAP_REPLICATES: usize = 1000;
 pub const MAX_COMPARED_GROUPS: usize = 50;
 
 /// Options of the analysis of groups.
+///
+/// ```
+/// use grimace::{pipeline::PipelineOptions, statistics::{CompareOptions, GroupOptions}};
+///
+/// let compare = CompareOptions { permutations: 99_999, ..CompareOptions::default() };
+/// let groups = GroupOptions { compare, bootstrap: 0, ..GroupOptions::default() };
+/// let options = PipelineOptions { by: vec!["age".to_owned()], groups, ..PipelineOptions::default() };
+/// assert_eq!(options.groups.compare.permutations, 99_999);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct GroupOptions {
     /// Options of the tests between groups.
@@ -28,6 +37,7 @@ pub struct GroupOptions {
     pub bootstrap: usize,
     /// Options of the comparisons of amplitudes.
     #[serde(default)]
+    #[doc(hidden)]
     pub amplitude: AmplitudeOptions,
 }
 

@@ -20,17 +20,13 @@ pub(super) struct Discriminants {
     floor: f64,
 }
 
-/// Why there are no discriminants.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum DiscriminantError {
-    /// Sequences of the same label do not differ.
-    #[error("all sequences of each label are equal, or each label has only one; labels cannot be distinguished from chance")]
-    NoScatter,
-}
+/// Sequences of the same label do not differ: there are no discriminants.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NoScatter;
 
 impl Discriminants {
     /// Computes the discriminants of `data` (one row per sequence). `label_of` are the label numbers of the rows, less than `labels`.
-    pub fn new(data: &DMatrix<f64>, label_of: &[usize], labels: usize) -> Result<Self, DiscriminantError> {
+    pub fn new(data: &DMatrix<f64>, label_of: &[usize], labels: usize) -> Result<Self, NoScatter> {
         let (n, p) = (data.nrows(), data.ncols());
         let mut means: Vec<Option<DVector<f64>>> = vec![None; labels];
         let mut counts = vec![0usize; labels];
@@ -55,7 +51,7 @@ impl Discriminants {
         let mu = products.trace() / count / p as f64;
         let square = products.norm_squared() / (count * count);
         if !(mu > 0.0 && mu.is_finite()) {
-            return Err(DiscriminantError::NoScatter);
+            return Err(NoScatter);
         }
         let shrinkage = shrinkage(&products, square, mu, p as f64);
         let floor = shrinkage * mu;
@@ -63,7 +59,7 @@ impl Discriminants {
         let mut gram = products;
         let ridge = floor * count / (1.0 - shrinkage);
         gram.fill_diagonal_with(|d| d + ridge);
-        let gram = Cholesky::new(gram).ok_or(DiscriminantError::NoScatter)?;
+        let gram = Cholesky::new(gram).ok_or(NoScatter)?;
         Ok(Self { means, centered, gram, floor })
     }
 
@@ -127,6 +123,6 @@ mod tests {
     #[test]
     fn sequences_that_do_not_scatter_say_so() {
         let data = DMatrix::from_element(4, 3, 2.0);
-        assert_eq!(Discriminants::new(&data, &[0, 0, 1, 1], 2).unwrap_err(), DiscriminantError::NoScatter);
+        assert_eq!(Discriminants::new(&data, &[0, 0, 1, 1], 2).unwrap_err(), NoScatter);
     }
 }

@@ -31,8 +31,7 @@ use super::{
 };
 use crate::units::NodeId;
 
-pub use lda::DiscriminantError;
-use lda::Discriminants;
+use lda::{Discriminants, NoScatter};
 
 /// Largest number of folds of people left out together, for up to [`FEW_SEQUENCES`] sequences and for more.
 const MOST_FOLDS: [usize; 2] = [50, 10];
@@ -153,9 +152,9 @@ pub enum RecognizeError {
     /// Models that cannot be compared: no live nodes, a node that a model lacks, or an impossible motion.
     #[error(transparent)]
     Models(NotComparable),
-    /// The discriminants cannot be computed.
-    #[error(transparent)]
-    Discriminants(#[from] DiscriminantError),
+    /// Sequences of the same label do not differ.
+    #[error("all sequences of each label are equal, or each label has only one; labels cannot be distinguished from chance")]
+    NoScatter,
 }
 
 /// Keeps the sequences whose labels at least two people show, and returns the other labels separately. When the only person of such a
@@ -252,6 +251,13 @@ struct LeftOut {
 impl LeftOut {
     fn nearest(&self) -> f64 {
         self.distances.iter().flatten().copied().fold(f64::INFINITY, f64::min)
+    }
+}
+
+#[doc(hidden)]
+impl From<NoScatter> for RecognizeError {
+    fn from(NoScatter: NoScatter) -> Self {
+        Self::NoScatter
     }
 }
 

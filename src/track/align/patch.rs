@@ -64,7 +64,7 @@ const ROUND: f32 = 8_388_608.0;
 impl Patch {
     /// Returns bilinear values and central differences at positions of the frame, px: nothing outside the patch.
     #[inline(always)]
-    pub fn read(&self, [x, y]: &[Lanes; 2]) -> Readings {
+    pub(crate) fn read(&self, [x, y]: &[Lanes; 2]) -> Readings {
         let (left, top, width) = (self.left as f32, self.top as f32, self.width);
         // One more pixel on every side, for the gradient; NaN counts as outside.
         let (right, bottom) = (width as f32 - 2.0, self.height as f32 - 2.0);

@@ -62,13 +62,17 @@ pub enum TrackFileError {
         /// What is missing.
         reason: String,
     },
-    /// The nodes form a mirrored face.
-    #[error("{}: {source}", path.display())]
-    NotInPicture {
+    /// The nodes form a face whose y points up.
+    #[error("{}: {}", path.display(), NotInPicture::YUpwards)]
+    YUpwards {
         /// The file.
         path: PathBuf,
-        /// How.
-        source: NotInPicture,
+    },
+    /// The nodes form a face whose left and right are exchanged.
+    #[error("{}: {}", path.display(), NotInPicture::Mirrored)]
+    Mirrored {
+        /// The file.
+        path: PathBuf,
     },
     /// A node lies nowhere near its face.
     #[error("{}: {source}", path.display())]

@@ -125,6 +125,7 @@ pub struct TrackInfo {
     pub apex_frame: Option<u32>,
     /// Hand-set corrections in the track.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[doc(hidden)]
     pub corrections: Option<TrackCorrections>,
 }
 
@@ -136,7 +137,7 @@ impl TrackInfo {
 
     /// Returns the clock that maps frame numbers to seconds. Pictures may be numbered in steps, and their rate counts pictures; the numbers
     /// of videos and landmarks count frames, except where landmark numbers are milliseconds.
-    pub fn clock_of_numbers(&self, numbers: impl IntoIterator<Item = u32>) -> Clock {
+    pub(crate) fn clock_of_numbers(&self, numbers: impl IntoIterator<Item = u32>) -> Clock {
         let counted = match (self.has_pictures(), self.is_of_video()) {
             (false, _) => Counted::Landmarks,
             (true, false) => Counted::Pictures,

@@ -90,7 +90,19 @@ pub struct TrackHashes {
 ///
 /// # Errors
 /// [`OutputError`].
-pub fn write_track(csv_path: &Path, frames: &[TrackedFrame], info: &mut TrackInfo) -> Result<TrackHashes, OutputError> {
+pub fn write_track(csv_path: &Path, frames: &[TrackedFrame], info: &mut TrackInfo) -> Result<(), OutputError> {
+    write_hashed_track(csv_path, frames, info).map(|_| ())
+}
+
+/// As [`write_track`]. Returns the hashes of both files.
+///
+/// # Errors
+/// [`OutputError`].
+pub(crate) fn write_hashed_track(
+    csv_path: &Path,
+    frames: &[TrackedFrame],
+    info: &mut TrackInfo,
+) -> Result<TrackHashes, OutputError> {
     let csv = output::write_hashed(csv_path, |out| out.write_all(&track_csv(frames)))?.to_hex().to_string();
     info.csv_blake3.clone_from(&csv);
     info.neutral_frame = info.neutral_frame.or(frames.first().map(|f| f.number));

@@ -7,7 +7,7 @@ use serde::Deserialize;
 use super::{
     super::{
         NodeState, TrackedFrame, TrackedNode,
-        in_picture::{check_in_picture, check_near_face},
+        in_picture::{NotInPicture, check_in_picture, check_near_face},
     },
     TrackFileError,
     info::{is_representative, times_said},
@@ -97,7 +97,10 @@ pub fn read_track(path: &Path) -> Result<Vec<TrackedFrame>, TrackFileError> {
     beside.check(path, &frames, &bytes)?;
     let frames = neutral_first(frames, beside.neutral_frame);
     let neutral: Vec<_> = frames.iter().take(1).flat_map(|frame| &frame.nodes).map(|node| node.position).collect();
-    check_in_picture(&neutral).map_err(|source| TrackFileError::NotInPicture { path: path.to_owned(), source })?;
+    check_in_picture(&neutral).map_err(|found| match found {
+        NotInPicture::YUpwards => TrackFileError::YUpwards { path: path.to_owned() },
+        NotInPicture::Mirrored => TrackFileError::Mirrored { path: path.to_owned() },
+    })?;
     check_near_face(&frames).map_err(|source| TrackFileError::Implausible { path: path.to_owned(), source })?;
     Ok(frames)
 }
