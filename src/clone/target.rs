@@ -215,7 +215,8 @@ impl Target {
     /// Each offset from neutral is scaled along the face's x and y by target over source FAPU of its node's region times `emphasis`,
     /// rotated by the target's roll, and added to the target's neutral node. Lids and lips are then made to open round. With `head`, the source's
     /// head motion is added, scaled from the source's face to the target's.
-    pub(crate) fn nodes_at(
+    #[doc(hidden)]
+    pub fn nodes_at(
         &self,
         source: &SourceMotion,
         moment: &Moment,

@@ -237,8 +237,9 @@ impl SourceMotion {
         Course { motion: self, slopes: slopes_of }
     }
 
-    /// The motion at a fractional frame index. For many of them use [`SourceMotion::course`].
-    pub(crate) fn at(&self, place: f64) -> Moment {
+    /// The motion at a fractional frame index. For many of them use `course`.
+    #[doc(hidden)]
+    pub fn at(&self, place: f64) -> Moment {
         self.course().at(place)
     }
 }

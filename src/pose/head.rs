@@ -53,7 +53,8 @@ pub struct HeadModel {
     /// Directions of expression, each at one standard deviation.
     pub expression: Vec<Vec<Vector3<f64>>>,
     /// Named shapes from which the expression directions were computed.
-    pub(crate) shapes: Vec<NamedOffsets>,
+    #[doc(hidden)]
+    pub shapes: Vec<NamedOffsets>,
     /// Middle of the head, the mean of the 68 landmarks, in the wireframe's own face space: the optical axis goes through it.
     pub middle: Point3<f64>,
     /// Nodes of the irises, which landmarks and expressions do not determine.

@@ -86,7 +86,7 @@ pub fn draw_clone_sheet(
     for (k, source) in order.into_iter().enumerate() {
         let skin = ClonedSkin::new(target, &source.skin, &source.motion)?;
         let clone = clone_expression(&source.motion, target, None, options, bench)?.with_skin(&skin, &source.motion)?;
-        pictures.push(face(&clone.picture(clone.apex()), (k + 1).to_string()));
+        pictures.push(face(&clone.picture(clone.apex())?, (k + 1).to_string()));
         key.push(source.name().to_owned());
     }
     let mut sheet = Sheet::new(FACE_HEIGHT);
