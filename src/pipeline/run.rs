@@ -197,6 +197,7 @@ pub enum RunError {
     Looks(#[from] crate::track::LooksError),
     /// A folder for overlay pictures that holds frames.
     #[error(transparent)]
+    #[doc(hidden)]
     OverlayAmongFrames(#[from] AmongFrames),
     /// A file that no run wrote is in the place of a result.
     #[error(

@@ -176,7 +176,8 @@ fn has_example(text: &str, name: &str) -> bool {
         ["const", "enum", "fn", "struct", "trait", "type"].contains(&kind) && after == Some(false)
     };
     let is_documented = |at: usize| {
-        let above = lines[..at].iter().rev().skip_while(|line| line.starts_with("#["));
+        // Attributes may have several lines.
+        let above = lines[..at].iter().rev().skip_while(|line| !line.starts_with("///") && !line.trim().is_empty());
         above.take_while(|line| line.starts_with("///")).any(|line| line.starts_with("/// ```"))
     };
     (0..lines.len()).any(|at| defines(lines[at]) && is_documented(at))
@@ -208,12 +209,14 @@ fn an_item_without_an_example_is_found() {
 }
 
 /// Types of other crates that the facade's signatures may name.
-const FOREIGN: [&str; 44] = [
+const FOREIGN: &[&str] = &[
     "Arc",
     "AsRef",
+    "AtomicBool",
     "BTreeMap",
     "BTreeSet",
     "Borrow",
+    "Box",
     "Clone",
     "Debug",
     "DoubleEndedIterator",
@@ -253,6 +256,8 @@ const FOREIGN: [&str; 44] = [
     "Target",
     "Vec",
     "Vector2",
+    "Vector3",
+    "Write",
 ];
 
 /// Returns the types that a signature or a field names: words with a capital first and a small letter.
@@ -266,7 +271,8 @@ fn types(text: &str) -> impl Iterator<Item = &str> {
 fn without_page(text: &str, is_shown: impl Fn(&str) -> bool) -> Vec<String> {
     let word = |text: &str| text.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect::<String>();
     let text = code(text);
-    let (mut found, mut owner, mut is_hidden) = (Vec::new(), None::<(String, &str)>, false);
+    let (mut found, mut owner) = (Vec::new(), None::<(String, &str)>);
+    let (mut is_hidden, mut in_attribute) = (false, false);
     // A signature of several lines.
     let mut open: Option<(String, String)> = None;
     let mut look = |item: &str, text: &str| {
@@ -285,8 +291,9 @@ fn without_page(text: &str, is_shown: impl Fn(&str) -> bool) -> Vec<String> {
             }
             continue;
         }
-        if line.starts_with('#') {
+        if in_attribute || line.starts_with("#[") {
             is_hidden |= line == "#[doc(hidden)]";
+            in_attribute = !line.ends_with(']');
             continue;
         }
         let was_hidden = std::mem::take(&mut is_hidden);
