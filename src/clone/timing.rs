@@ -66,13 +66,12 @@ impl Ease {
 /// Frame rate, duration and time course of a clone.
 ///
 /// ```
-/// use grimace::{clone::{SourceMotion, Timing}, wireframe::Face};
+/// use grimace::clone::{CloneOptions, Timing};
 ///
-/// let motion = SourceMotion::read("fixtures/golden/representatives/happiness.csv".as_ref(), &Face::candide3())?;
+/// // Two seconds with 10 frames each: 21 frames, with the last.
 /// let timing = Timing { fps: Some(10.0), duration: Some(2.0), ..Timing::default() };
-/// let (fps, moments) = timing.moments(&motion)?;
-/// assert_eq!((fps, moments.len()), (10.0, 21));
-/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// let options = CloneOptions { timing, ..CloneOptions::default() };
+/// assert!(!options.timing.back);
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Timing {

@@ -157,14 +157,6 @@ impl FapMotion {
 }
 
 /// How well a frontal 2-D wireframe can measure a FAP.
-///
-/// ```
-/// use grimace::fap::FapCatalog;
-///
-/// let is_measured = |fap: &str| FapCatalog::mpeg4().row(fap.parse().expect("a number")).frontal.is_measured();
-/// // From the front, the jaw's fall is seen, its thrust is not.
-/// assert!(is_measured("3") && !is_measured("14"));
-/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FrontalRating {

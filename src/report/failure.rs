@@ -47,20 +47,11 @@ impl Stage {
 /// A sequence that failed: a row of `failures.csv`.
 ///
 /// ```
-/// # let folder = tempfile::tempdir()?;
-/// # let (dataset, out) = (folder.path().join("manifest.csv"), folder.path().join("out"));
-/// # let frames = std::path::absolute("fixtures/simulated/S001/005")?.display().to_string();
-/// # let row = |first: u32| format!("S00{first},5,happiness,{frames},{frames}/correspondences.csv,{first},3\n");
-/// # let header = "subject,sequence,emotion,frames,correspondences,first_frame,last_frame\n";
-/// # std::fs::write(&dataset, format!("{header}{}{}", row(1), row(9)))?;
-/// # let options = grimace::pipeline::PipelineOptions { no_faces: true, ..Default::default() };
-/// # let bench = grimace::pipeline::Workbench::new(None, options)?;
-/// use grimace::pipeline::run;
+/// use grimace::pipeline::Failure;
 ///
-/// // The second sequence of `dataset` is to begin at frame 9 and to end at frame 3.
-/// let summary = run(&dataset, &out, &bench, None, false, &false.into(), |_| ())?;
-/// let failed = &summary.failures[0];
-/// assert_eq!((failed.subject.as_str(), failed.stage_name()), ("S009", "dataset"));
+/// let json = r#"{ "subject": "S009", "sequence": "5", "stage": "fit", "reason": "no marks" }"#;
+/// let failed: Failure = serde_json::from_str(json)?;
+/// assert_eq!((failed.subject.as_str(), failed.stage_name()), ("S009", "fit"));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]

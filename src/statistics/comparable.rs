@@ -23,20 +23,11 @@ pub(super) fn displacement_fields(models: &[&SequenceModel], live: &[NodeId]) ->
 /// Why models cannot be compared.
 ///
 /// ```
-/// # use grimace::{model, statistics, units, wireframe};
-/// # let face = wireframe::Face::candide3();
-/// # let frame = |x: f64| model::FrameExpressionModel::new(vec![nalgebra::Point2::new(x, 0.0); 113]);
-/// # let of = |subject: &str, x: f64| statistics::SequenceModel {
-/// #     id: units::SequenceId { subject: subject.to_owned(), sequence: "1".to_owned() },
-/// #     model: model::DynamicExpressionModel::new(vec![frame(0.0), frame(x)]).unwrap(),
-/// # };
-/// use grimace::statistics::{NotComparable, Recognizer, RecognizeError};
+/// use grimace::{statistics::NotComparable, units::{NodeId, SequenceId}};
 ///
-/// // `of` makes the model of a person whose nodes all move by so many face units; no face moves by 1e300.
-/// let (still, smile, wrong) = (of("P1", 0.0), of("P2", 10.0), of("P3", 1e300));
-/// let models = [(&still, "neutral"), (&smile, "smile"), (&wrong, "smile")];
-/// let error = Recognizer::new(&models, face.wireframe.live_nodes(), || ()).unwrap_err();
-/// assert!(matches!(error, RecognizeError::Models(NotComparable::Displacement { id, .. }) if id.subject == "P3"));
+/// let id = SequenceId { subject: "P1".to_owned(), sequence: "smile".to_owned() };
+/// let error = NotComparable::Node { id, node: NodeId(112), nodes: 68 };
+/// assert!(error.to_string().starts_with("P1_smile: it has 68 nodes and therefore no node 112"));
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
 pub enum NotComparable {

@@ -28,7 +28,7 @@ pub use crate::robust::median;
 /// #     let model = model::DynamicExpressionModel::new((0..5).map(frame).collect()).expect("five frames");
 /// #     SequenceModel { id, model }
 /// # };
-/// # let label = ClassLabel::new("smile".to_owned(), vec![]);
+/// # let label = ClassLabel { emotion: "smile".to_owned(), group: Default::default() };
 /// use grimace::statistics::representative;
 ///
 /// // `smile` makes the model of a person whose corners of the mouth rise by so much from frame to frame.
