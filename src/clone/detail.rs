@@ -84,7 +84,7 @@ const TEETH_GAP: f64 = 0.012;
 ///
 /// ```
 /// # use grimace::{clone as cloning, correspondence, fit, sequence};
-/// # let face = grimace::wireframe::Face::candide3();
+/// let face = grimace::wireframe::Face::candide3();
 /// # let marks = "fixtures/portraits/P01_correspondences.csv".as_ref();
 /// # let marks = correspondence::read_correspondences(marks, &face.tables, 113)?;
 /// # let fitter = fit::Fitter::new(&face.wireframe, Default::default());

@@ -84,7 +84,7 @@ impl Default for CloneOptions {
 ///
 /// ```
 /// # use grimace::{clone as cloning, correspondence, fit, sequence};
-/// # let face = grimace::wireframe::Face::candide3();
+/// let face = grimace::wireframe::Face::candide3();
 /// # let marks = "fixtures/portraits/P01_correspondences.csv".as_ref();
 /// # let marks = correspondence::read_correspondences(marks, &face.tables, 113)?;
 /// # let fitter = fit::Fitter::new(&face.wireframe, Default::default());
@@ -129,7 +129,7 @@ impl CloneFrame {
 ///
 /// ```
 /// # use grimace::{clone as cloning, correspondence, fit, sequence};
-/// # let face = grimace::wireframe::Face::candide3();
+/// let face = grimace::wireframe::Face::candide3();
 /// # let marks = "fixtures/portraits/P01_correspondences.csv".as_ref();
 /// # let marks = correspondence::read_correspondences(marks, &face.tables, 113)?;
 /// # let fitter = fit::Fitter::new(&face.wireframe, Default::default());
@@ -163,16 +163,18 @@ pub struct ClonedExpression<'a> {
 /// Computes the motion of a source on a target.
 ///
 /// ```
-/// # use grimace::{clone as cloning, correspondence, fit, sequence};
-/// # let face = grimace::wireframe::Face::candide3();
-/// # let marks = "fixtures/portraits/P01_correspondences.csv".as_ref();
-/// # let marks = correspondence::read_correspondences(marks, &face.tables, 113)?;
-/// # let fitter = fit::Fitter::new(&face.wireframe, Default::default());
-/// # let picture = image::open("fixtures/portraits/P01.jpg")?.into_rgb8();
-/// # let target = grimace::clone::Target::new("P01", picture, &marks, &fitter, &face)?;
-/// use grimace::clone::{CloneOptions, SourceMotion, clone_expression};
+/// use grimace::{
+///     clone::{CloneOptions, SourceMotion, Target, clone_expression},
+///     correspondence::read_correspondences,
+///     fit::Fitter,
+///     wireframe::Face,
+/// };
 ///
-/// // `target` is a portrait with its marks.
+/// let face = Face::candide3();
+/// let marks = read_correspondences("fixtures/portraits/P01_correspondences.csv".as_ref(), &face.tables, 113)?;
+/// let fitter = Fitter::new(&face.wireframe, Default::default());
+/// let picture = image::open("fixtures/portraits/P01.jpg")?.into_rgb8();
+/// let target = Target::new("P01", picture, &marks, &fitter, &face)?;
 /// let source = SourceMotion::read("fixtures/golden/representatives/happiness.csv".as_ref(), &face)?;
 /// let options = CloneOptions { emphasis: 1.2, ..CloneOptions::default() };
 /// let smiling = clone_expression(&source, &target, None, &options, &face)?;

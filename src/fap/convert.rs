@@ -42,7 +42,7 @@ const INTERPUPILLARY_DISTANCE_MM: f64 = 63.0;
 /// ```
 /// use grimace::{fap::{Clamped, FapCatalog, FapSequence}, model::DynamicExpressionModel, normalize::Canonical};
 ///
-/// # let face = grimace::wireframe::Face::candide3();
+/// let face = grimace::wireframe::Face::candide3();
 /// let Canonical { neutral, fapus } = Canonical::new(&face.wireframe, &face.tables)?;
 /// // The chin goes down by five times the distance of mouth and nose: more than FAP 3 allows.
 /// # let mut open = neutral.nodes().to_vec();
@@ -71,7 +71,7 @@ pub struct Clamped {
 /// ```
 /// use grimace::{fap::{ConvertError, FapCatalog, measure_faps}, normalize::Canonical, pipeline::read_model, wireframe::Fapus};
 ///
-/// # let face = grimace::wireframe::Face::candide3();
+/// let face = grimace::wireframe::Face::candide3();
 /// let model = read_model("fixtures/golden/representatives/happiness.csv".as_ref())?;
 /// let fapus = Fapus { mw: 0.0, ..Canonical::new(&face.wireframe, &face.tables)?.fapus };
 /// let error = measure_faps(&model, &fapus, FapCatalog::mpeg4()).unwrap_err();

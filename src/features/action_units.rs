@@ -118,7 +118,7 @@ fn smile_shape(count: usize) -> Vec<Vector2<f64>> {
 ///
 /// In the example a face that does not move shows no action unit.
 /// ```
-/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+/// let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
 /// use grimace::{features::ActionUnits, normalize::Normalizer, pose::HeadModel};
 /// use nalgebra::Vector2;
 ///
@@ -274,7 +274,7 @@ impl ActionUnits {
     /// of less than 12 give 0.
     ///
     /// ```
-    /// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+    /// let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
     /// # use grimace::{features::ActionUnits, normalize::Normalizer, pose::HeadModel};
     /// # use nalgebra::Vector2;
     /// # let normalizer = Normalizer::new(&wireframe, &tables, Default::default())?;

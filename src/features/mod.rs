@@ -162,7 +162,7 @@ pub enum FeaturesError {
 /// A track to be measured.
 ///
 /// ```
-/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+/// let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
 /// # let track = grimace::track::read_track("fixtures/simulated/truth/S001_005.csv".as_ref())?;
 /// # let fitter = grimace::pose::HeadFitter::new(&wireframe, &tables);
 /// # let fit = fitter.fit(&tables, &track, &[])?;
@@ -215,7 +215,7 @@ fn check_nodes(what: &'static str, found: usize, expected: usize) -> Result<(), 
 /// Measures features of a face; holds everything that is the same for all tracks.
 ///
 /// ```
-/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+/// let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
 /// # let track = grimace::track::read_track("fixtures/simulated/truth/S001_005.csv".as_ref())?;
 /// # let fitter = grimace::pose::HeadFitter::new(&wireframe, &tables);
 /// # let fit = fitter.fit(&tables, &track, &[])?;

@@ -160,7 +160,7 @@ fn and_others(nodes: &[NodeId]) -> String {
 /// Warning about marks that a fit did use.
 ///
 /// ```
-/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+/// let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
 /// # let folder = std::path::Path::new("fixtures/simulated/S001/005");
 /// # let marks = folder.join("correspondences.csv");
 /// # let marks = grimace::correspondence::read_correspondences(&marks, &tables, wireframe.node_count())?;

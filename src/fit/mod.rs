@@ -58,7 +58,7 @@ const FORCE_SHARES: (f64, f64) = (0.02, 5.0);
 /// A wireframe fitted to the neutral frame.
 ///
 /// ```
-/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+/// let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
 /// # let folder = std::path::Path::new("fixtures/simulated/S001/005");
 /// # let marks = folder.join("correspondences.csv");
 /// # let marks = grimace::correspondence::read_correspondences(&marks, &tables, wireframe.node_count())?;

@@ -31,7 +31,7 @@ pub const CANONICAL_ES: f64 = FaceUnit::PER_ES;
 /// How the sizes of faces are made equal.
 ///
 /// ```
-/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+/// let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
 /// # let track = grimace::track::read_track("fixtures/simulated/truth/S001_005.csv".as_ref())?;
 /// use grimace::{normalize::{NormalizeOptions, Normalizer, SizeMode}, track::track_model};
 ///
@@ -151,7 +151,7 @@ impl Default for NormalizeOptions {
 /// use grimace::model::{DynamicExpressionModel, FrameExpressionModel};
 /// use grimace::normalize::{NormalizeError, Normalizer};
 ///
-/// # let face = grimace::wireframe::Face::candide3();
+/// let face = grimace::wireframe::Face::candide3();
 /// let normalizer = Normalizer::new(&face.wireframe, &face.tables, Default::default())?;
 /// let of_one_node = DynamicExpressionModel::new(vec![FrameExpressionModel::new(vec![[0.0, 0.0].into()]); 2])?;
 /// let error = normalizer.normalize(&of_one_node).unwrap_err();

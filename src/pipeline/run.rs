@@ -265,18 +265,20 @@ pub enum RunError {
 /// `event` is called from many threads. `stop` ends the run at the next frame and leaves complete files only.
 ///
 /// ```
-/// # use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-/// # let folder = tempfile::tempdir()?;
-/// # let (dataset, out) = (folder.path().join("manifest.csv"), folder.path().join("out"));
-/// # let row = |subject: &str| -> std::io::Result<String> {
-/// #     let frames = std::path::absolute(format!("fixtures/simulated/{subject}/005"))?.display().to_string();
-/// #     Ok(format!("{subject},5,happiness,{frames},{frames}/correspondences.csv,3\n"))
-/// # };
-/// # let header = "subject,sequence,emotion,frames,correspondences,last_frame";
-/// # std::fs::write(&dataset, format!("{header}\n{}{}", row("S001")?, row("S002")?))?;
-/// # let options = grimace::pipeline::PipelineOptions { no_faces: true, ..Default::default() };
-/// # let bench = grimace::pipeline::Workbench::new(None, options)?;
-/// use grimace::pipeline::run;
+/// use std::sync::atomic::AtomicBool;
+///
+/// use grimace::pipeline::{PipelineOptions, Workbench, run};
+///
+/// let folder = tempfile::tempdir()?;
+/// let (dataset, out) = (folder.path().join("manifest.csv"), folder.path().join("out"));
+/// let row = |subject: &str| -> std::io::Result<String> {
+///     let frames = std::path::absolute(format!("fixtures/simulated/{subject}/005"))?.display().to_string();
+///     Ok(format!("{subject},5,happiness,{frames},{frames}/correspondences.csv,3\n"))
+/// };
+/// let header = "subject,sequence,emotion,frames,correspondences,last_frame";
+/// std::fs::write(&dataset, format!("{header}\n{}{}", row("S001")?, row("S002")?))?;
+/// let options = PipelineOptions { no_faces: true, ..Default::default() };
+/// let bench = Workbench::new(None, options)?;
 ///
 /// // `dataset` has two sequences of happiness, three frames each.
 /// let summary = run(&dataset, &out, &bench, None, false, &AtomicBool::new(false), |_| ())?;

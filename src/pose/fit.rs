@@ -42,7 +42,7 @@ const UNEXPLAINED: f64 = 0.1;
 /// Reason why a track has no pose.
 ///
 /// ```
-/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+/// let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
 /// # let track = grimace::track::read_track("fixtures/simulated/truth/S001_005.csv".as_ref())?;
 /// use grimace::pose::{HeadFitter, PoseError};
 ///
@@ -127,7 +127,7 @@ pub enum PoseError {
 /// A person's head, and its pose and expression in every frame.
 ///
 /// ```
-/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+/// let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
 /// # let track = grimace::track::read_track("fixtures/simulated/truth/S001_005.csv".as_ref())?;
 /// use grimace::pose::HeadFitter;
 ///

@@ -16,7 +16,7 @@ use crate::{
 /// Fits heads to tracks and removes their motion.
 ///
 /// ```
-/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+/// let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
 /// # let track = grimace::track::read_track("fixtures/simulated/truth/S001_005.csv".as_ref())?;
 /// use grimace::pose::HeadFitter;
 ///

@@ -16,7 +16,7 @@ pub use crate::robust::median;
 ///
 /// ```
 /// # use grimace::{model, normalize, statistics::ClassLabel, statistics::SequenceModel, units, wireframe};
-/// # let face = wireframe::Face::candide3();
+/// let face = grimace::wireframe::Face::candide3();
 /// # let neutral = normalize::Canonical::new(&face.wireframe, &face.tables)?.neutral;
 /// # let smile = |subject: &str, up: f64| {
 /// #     let frame = |m: usize| {

@@ -152,7 +152,7 @@ impl Default for StatisticsOptions {
 ///
 /// ```
 /// # use grimace::{model, normalize, units, wireframe};
-/// # let face = wireframe::Face::candide3();
+/// let face = grimace::wireframe::Face::candide3();
 /// # let neutral = normalize::Canonical::new(&face.wireframe, &face.tables)?.neutral;
 /// # let smile = |subject: &str, up: f64| {
 /// #     let frame = |m: usize| {
@@ -192,7 +192,7 @@ pub struct TrimmingRow {
 ///
 /// ```
 /// # use grimace::{model, normalize, units, wireframe};
-/// # let face = wireframe::Face::candide3();
+/// let face = grimace::wireframe::Face::candide3();
 /// # let neutral = normalize::Canonical::new(&face.wireframe, &face.tables)?.neutral;
 /// # let smile = |subject: &str, up: f64| {
 /// #     let frame = |m: usize| {
@@ -232,7 +232,7 @@ pub struct MedianSums {
 ///
 /// ```
 /// # use grimace::{model, normalize, units, wireframe};
-/// # let face = wireframe::Face::candide3();
+/// let face = grimace::wireframe::Face::candide3();
 /// # let neutral = normalize::Canonical::new(&face.wireframe, &face.tables)?.neutral;
 /// # let smile = |subject: &str, up: f64| {
 /// #     let frame = |m: usize| {
@@ -269,7 +269,7 @@ pub struct MedianSearch {
 ///
 /// ```
 /// # use grimace::{model, normalize, units, wireframe};
-/// # let face = wireframe::Face::candide3();
+/// let face = grimace::wireframe::Face::candide3();
 /// # let neutral = normalize::Canonical::new(&face.wireframe, &face.tables)?.neutral;
 /// # let smile = |subject: &str, up: f64| {
 /// #     let frame = |m: usize| {
@@ -335,7 +335,7 @@ pub struct Representative {
 ///
 /// ```
 /// # use grimace::{model, normalize, units, wireframe};
-/// # let face = wireframe::Face::candide3();
+/// let face = grimace::wireframe::Face::candide3();
 /// # let neutral = normalize::Canonical::new(&face.wireframe, &face.tables)?.neutral;
 /// # let smile = |subject: &str, up: f64| {
 /// #     let frame = |m: usize| {

@@ -47,22 +47,28 @@ pub const MAX_DISPLACEMENT: f64 = 2.0 * MAX_OFFSET * CANONICAL_ES;
 ///   the median is always the exact one.
 ///
 /// ```
-/// # use grimace::{model, normalize, units, wireframe};
-/// # let face = wireframe::Face::candide3();
-/// # let neutral = normalize::Canonical::new(&face.wireframe, &face.tables)?.neutral;
-/// # let smile = |subject: &str, up: f64| {
-/// #     let frame = |m: usize| {
-/// #         let mut nodes = neutral.nodes().to_vec();
-/// #         [31, 64].map(|corner| nodes[corner].y += up * m as f64);
-/// #         model::FrameExpressionModel::new(nodes)
-/// #     };
-/// #     let id = units::SequenceId { subject: subject.to_owned(), sequence: "smile".to_owned() };
-/// #     let model = model::DynamicExpressionModel::new((0..5).map(frame).collect()).expect("five frames");
-/// #     grimace::statistics::SequenceModel { id, model }
-/// # };
 /// use std::collections::BTreeMap;
 ///
-/// use grimace::statistics::{ClassLabel, StatisticsOptions, representative};
+/// use grimace::{
+///     model::{DynamicExpressionModel, FrameExpressionModel},
+///     normalize::Canonical,
+///     statistics::{ClassLabel, SequenceModel, StatisticsOptions, representative},
+///     units::SequenceId,
+///     wireframe::Face,
+/// };
+///
+/// let face = Face::candide3();
+/// let neutral = Canonical::new(&face.wireframe, &face.tables)?.neutral;
+/// let smile = |subject: &str, up: f64| {
+///     let frame = |m: usize| {
+///         let mut nodes = neutral.nodes().to_vec();
+///         [31, 64].map(|corner| nodes[corner].y += up * m as f64);
+///         FrameExpressionModel::new(nodes)
+///     };
+///     let id = SequenceId { subject: subject.to_owned(), sequence: "smile".to_owned() };
+///     let model = DynamicExpressionModel::new((0..5).map(frame).collect()).expect("five frames");
+///     SequenceModel { id, model }
+/// };
 ///
 /// // `smile` makes the model of a person whose corners of the mouth rise by so much from frame to frame.
 /// let models = [smile("P1", 10.0), smile("P2", 20.0), smile("P3", 30.0)];

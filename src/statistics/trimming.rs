@@ -18,7 +18,7 @@ const BLOCK: usize = 32;
 ///
 /// ```
 /// # use grimace::{model, normalize, units, wireframe};
-/// # let face = wireframe::Face::candide3();
+/// let face = grimace::wireframe::Face::candide3();
 /// # let neutral = normalize::Canonical::new(&face.wireframe, &face.tables)?.neutral;
 /// # let smile = |subject: &str, up: f64| {
 /// #     let frame = |m: usize| {

@@ -10,7 +10,7 @@ use crate::units::SequenceId;
 ///
 /// ```
 /// # use grimace::{model, normalize, units, wireframe};
-/// # let face = wireframe::Face::candide3();
+/// let face = grimace::wireframe::Face::candide3();
 /// # let neutral = normalize::Canonical::new(&face.wireframe, &face.tables)?.neutral;
 /// # let smile = |subject: &str, up: f64| {
 /// #     let frame = |m: usize| {

@@ -33,7 +33,7 @@ const HEAD_LANDMARKS: [usize; 8] = [27, 28, 29, 30, 36, 39, 42, 45];
 /// Precomputed map from landmarks to a wireframe.
 ///
 /// ```
-/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+/// let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
 /// # let track = grimace::track::read_track("fixtures/simulated/truth/S001_005.csv".as_ref())?;
 /// # let points = |frame: &grimace::track::TrackedFrame| -> Vec<nalgebra::Point2<f64>> {
 /// #     let place = |node: &grimace::units::NodeId| frame.nodes[node.index()].position.coords;

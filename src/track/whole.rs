@@ -15,14 +15,20 @@ use crate::{
 /// `tick` is called after every frame with its number and may return `false` to stop. `wireframe` must be the one that was fitted.
 ///
 /// ```
-/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
-/// # let folder = std::path::Path::new("fixtures/simulated/S001/005");
-/// # let marks = folder.join("correspondences.csv");
-/// # let marks = grimace::correspondence::read_correspondences(&marks, &tables, wireframe.node_count())?;
-/// # let fitted = grimace::fit::Fitter::new(&wireframe, Default::default()).fit(&wireframe, &marks)?;
-/// use grimace::{dataset::list_frames, sequence::SequenceReader, track::{TrackOptions, TrackPlan, track_sequence}};
+/// use grimace::{
+///     correspondence::read_correspondences,
+///     dataset::list_frames,
+///     fit::Fitter,
+///     sequence::SequenceReader,
+///     track::{TrackOptions, TrackPlan, track_sequence},
+///     wireframe::Face,
+/// };
 ///
-/// // `fitted` is the wireframe on the first frame of `folder`.
+/// let Face { wireframe, tables } = Face::candide3();
+/// let folder = std::path::Path::new("fixtures/simulated/S001/005");
+/// let marks = read_correspondences(&folder.join("correspondences.csv"), &tables, wireframe.node_count())?;
+/// let fitted = Fitter::new(&wireframe, Default::default()).fit(&wireframe, &marks)?;
+///
 /// let frames = SequenceReader::open(&list_frames(folder, None, Some(2))?)?;
 /// let plan = TrackPlan::new(&wireframe, &tables);
 /// let mut numbers = Vec::new();
@@ -53,7 +59,7 @@ pub fn track_sequence(
 /// Same as [`track_sequence`], with any point tracker.
 ///
 /// ```
-/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+/// let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
 /// # let folder = std::path::Path::new("fixtures/simulated/S001/005");
 /// # let marks = folder.join("correspondences.csv");
 /// # let marks = grimace::correspondence::read_correspondences(&marks, &tables, wireframe.node_count())?;

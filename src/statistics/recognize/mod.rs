@@ -95,7 +95,7 @@ impl Recognized {
 ///
 /// ```
 /// # use grimace::{model, normalize, units, wireframe};
-/// # let face = wireframe::Face::candide3();
+/// let face = grimace::wireframe::Face::candide3();
 /// # let neutral = normalize::Canonical::new(&face.wireframe, &face.tables)?.neutral;
 /// # let smile = |subject: &str, up: f64| {
 /// #     let frame = |m: usize| {
@@ -201,19 +201,19 @@ pub(crate) fn labels_to_learn<'a>(shown: impl Iterator<Item = (&'a str, &'a str)
 /// A recognizer trained on labelled sequences.
 ///
 /// ```
-/// # use grimace::{model, normalize, units, wireframe};
-/// # let face = wireframe::Face::candide3();
-/// # let neutral = normalize::Canonical::new(&face.wireframe, &face.tables)?.neutral;
-/// # let smile = |subject: &str, up: f64| {
-/// #     let frame = |m: usize| {
-/// #         let mut nodes = neutral.nodes().to_vec();
-/// #         [31, 64].map(|corner| nodes[corner].y += up * m as f64);
-/// #         model::FrameExpressionModel::new(nodes)
-/// #     };
-/// #     let id = units::SequenceId { subject: subject.to_owned(), sequence: "smile".to_owned() };
-/// #     let model = model::DynamicExpressionModel::new((0..5).map(frame).collect()).expect("five frames");
-/// #     grimace::statistics::SequenceModel { id, model }
-/// # };
+/// use grimace::{model, normalize, units, wireframe};
+/// let face = grimace::wireframe::Face::candide3();
+/// let neutral = normalize::Canonical::new(&face.wireframe, &face.tables)?.neutral;
+/// let smile = |subject: &str, up: f64| {
+///     let frame = |m: usize| {
+///         let mut nodes = neutral.nodes().to_vec();
+///         [31, 64].map(|corner| nodes[corner].y += up * m as f64);
+///         model::FrameExpressionModel::new(nodes)
+///     };
+///     let id = units::SequenceId { subject: subject.to_owned(), sequence: "smile".to_owned() };
+///     let model = model::DynamicExpressionModel::new((0..5).map(frame).collect()).expect("five frames");
+///     grimace::statistics::SequenceModel { id, model }
+/// };
 /// use grimace::statistics::Recognizer;
 ///
 /// // `smile` makes the model of a person whose corners of the mouth rise by so much from frame to frame.

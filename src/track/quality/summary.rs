@@ -50,7 +50,7 @@ impl Verdict {
 /// Summary of one track.
 ///
 /// ```
-/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+/// let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
 /// # let track = grimace::track::read_track("fixtures/simulated/truth/S001_005.csv".as_ref())?;
 /// use grimace::track::{TrackSummary, summarize};
 ///
@@ -152,7 +152,7 @@ impl TrackSummary {
 /// Summarizes the frames of a track.
 ///
 /// ```
-/// # let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
+/// let grimace::wireframe::Face { wireframe, tables } = grimace::wireframe::Face::candide3();
 /// # let track = grimace::track::read_track("fixtures/simulated/truth/S001_005.csv".as_ref())?;
 /// use grimace::track::summarize;
 ///
