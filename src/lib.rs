@@ -60,6 +60,14 @@
 //! - `columnar`: models in Parquet files.
 //! - `opencv`: the program `grimace-opencv`, which reads and writes videos. The library starts it as a process and never links OpenCV.
 //!
+//! **Debug builds.** Cargo compiles dependencies without optimization for a debug build, and tracking is then many times slower. To
+//! optimize this library, add to the `Cargo.toml` of the program, or of its workspace:
+//!
+//! ```toml
+//! [profile.dev.package.grimace]
+//! opt-level = 3
+//! ```
+//!
 //! The interface uses types of [`image`], [`nalgebra`] and [`blake3`]. These crates are re-exported under their names, so that a program
 //! uses matching versions. An error formatted with `{}` gives the whole message in one line, including its cause. `main` prints a
 //! returned error in the `Debug` form, which is meant for developers.
