@@ -60,8 +60,9 @@
 //! - `columnar`: models in Parquet files.
 //! - `opencv`: the program `grimace-opencv`, which reads and writes videos. The library starts it as a process and never links OpenCV.
 //!
-//! **Debug builds.** Cargo compiles dependencies without optimization for a debug build, and tracking is then many times slower. To
-//! optimize this library, add to the `Cargo.toml` of the program, or of its workspace:
+//! **Debug builds.** Cargo compiles dependencies without optimization for a debug build, and tracking then takes some fifty times as long:
+//! ten frames of 320 x 320 pixels 12 s instead of 0.2 s. To optimize this library, add to the `Cargo.toml` of the program, or of its
+//! workspace:
 //!
 //! ```toml
 //! [profile.dev.package.grimace]
