@@ -73,8 +73,19 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     };
     let is_there = path.is_file();
     let other_emotions = if is_there { manifest.keep_names(&path).map_err(unreadable)? } else { Vec::new() };
+    let frames_or_people = (!manifest.frames_or_people.is_empty()).then(|| {
+        format!(
+            "the files of {} have the same names, numbered from 1; they are taken for the frames of one sequence for each folder. If they show \
+             several people, rename them (001.jpg to P001.jpg) and run `init` again",
+            manifest.frames_or_people.join(" and ")
+        )
+    });
     if let Some(people) = &args.people {
-        manifest.join_people(people)?;
+        let joined = manifest.join_people(people);
+        joined.map_err(|error| match &frames_or_people {
+            Some(note) => anyhow::anyhow!("{error}; {note}"),
+            None => error.into(),
+        })?;
     }
     let kept = if is_there { manifest.keep(&path).map_err(unreadable)? } else { Kept::default() };
     manifest.write(&path)?;
@@ -94,6 +105,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                 "note: {} of a neutral picture and one of an expression",
                 count(pairs, "sequence consists", "sequences consist")
             );
+        }
+        if let Some(note) = &frames_or_people {
+            println!("note: {note}");
         }
         if !manifest.lacking.is_empty() {
             println!("note: in no pair: {}", shortened(&manifest.lacking));

@@ -78,6 +78,9 @@ pub struct ProposedManifest {
     pub lacking: Vec<String>,
     /// Collections of pictures of several people, which are in no row.
     pub pictures_of_people: Vec<PicturesOfPeople>,
+    /// Folders taken for the frames of one person each although all have files of the same names, numbered from 1: the numbers may as well be
+    /// those of people.
+    pub frames_or_people: Vec<String>,
     /// Videos and pictures in unsupported formats, relative to the manifest.
     pub unread: Vec<String>,
     /// Folders with results of this program, relative to the manifest. Runs and clones are not searched; other folders have pictures or
@@ -304,7 +307,8 @@ fn of_dataset(root: &Path, dataset: &Dataset) -> ProposedManifest {
 
 fn of_folders(root: &Path) -> Result<ProposedManifest, DatasetError> {
     let mut found = Found::in_folder(root)?;
-    let Pairs { rows: pairs, lacking, refused: pictures_of_people, .. } = take_pictures_of_people(root, &mut found);
+    let Pairs { rows: pairs, lacking, refused: pictures_of_people, frames_or_people, .. } =
+        take_pictures_of_people(root, &mut found);
     let relative_all = |paths: &[PathBuf]| paths.iter().map(|path| relative(root, path)).collect();
     let names: Vec<Vec<String>> = found.sequences.iter().map(|path| names(root, path)).collect();
     let holds_all = names.first().and_then(|n| n.first()).filter(|first| holds_all(first, &names)).cloned();
@@ -338,6 +342,7 @@ fn of_folders(root: &Path) -> Result<ProposedManifest, DatasetError> {
         left_out,
         lacking,
         pictures_of_people,
+        frames_or_people,
         unread,
         results,
         holds_all,

@@ -86,6 +86,8 @@ pub(super) struct Pairs {
     side: usize,
     /// Collections without pairs.
     pub refused: Vec<PicturesOfPeople>,
+    /// Folders with files of the same names that may as well be the frames of one person.
+    pub frames_or_people: Vec<String>,
 }
 
 /// Pairs of pictures from one collection.
@@ -251,15 +253,24 @@ fn without_codes(folders: &mut [EmotionFolder]) -> bool {
 
 /// People in several of the sibling folders, if these contain a picture of every person rather than the frames of one.
 ///
-/// `are_frames` says whether folders may hold frames; otherwise one person suffices.
-fn people_of(parent: &str, folders: &[EmotionFolder], are_coded: bool, are_frames: bool) -> Option<BTreeSet<String>> {
+/// `are_frames` says whether folders may hold frames; otherwise one person suffices. `is_root`: the parent holds all of the dataset. Its name is
+/// that of a study rather than of a person (`ds3`), and files of the same names in every folder are frames only if they are numbered from 1.
+fn people_of(
+    (parent, is_root): (&str, bool),
+    folders: &[EmotionFolder],
+    are_coded: bool,
+    are_frames: bool,
+) -> Option<BTreeSet<String>> {
+    let begin = folders.iter().any(|folder| consecutive(&folder.pictures).is_some_and(|n| n.first().is_some_and(|n| *n <= 1)));
+    let are_named_alike = are_named_alike(folders);
     let mut times: BTreeMap<&str, usize> = BTreeMap::new();
     for name in folders.iter().flat_map(|folder| folder.pictures.iter().map(|p| p.person.as_str()).collect::<BTreeSet<_>>()) {
         *times.entry(name).or_insert(0) += 1;
     }
     let is_person = |name: &str| {
         let word = numbered(name).0.to_lowercase();
-        are_coded || !FRAME_WORDS.contains(&word.as_str()) && word != parent.to_lowercase()
+        let is_frame = FRAME_WORDS.contains(&word.as_str()) || word == parent.to_lowercase();
+        are_coded || !is_frame || is_root && are_named_alike && !begin
     };
     let shared: BTreeSet<String> =
         times.into_iter().filter(|(name, count)| *count > 1 && is_person(name)).map(|(name, _)| name.to_owned()).collect();
@@ -268,7 +279,15 @@ fn people_of(parent: &str, folders: &[EmotionFolder], are_coded: bool, are_frame
     let fewest = sizes().filter(|size| *size > 1).min().unwrap_or(1);
     let least = if sizes().all(|size| size == 1) { 1 } else { 2 };
     let suffice = if are_frames { shared.len() >= least && 2 * shared.len() >= fewest } else { !shared.is_empty() };
-    (suffice && (are_coded || !is_label(parent))).then_some(shared)
+    let is_person = is_label(parent) && !(is_root && (are_named_alike || !begin));
+    (suffice && (are_coded || !is_person)).then_some(shared)
+}
+
+/// Whether all folders hold files of the same names, and several.
+fn are_named_alike(folders: &[EmotionFolder]) -> bool {
+    let names = |folder: &EmotionFolder| folder.pictures.iter().map(|p| p.person.clone()).collect::<BTreeSet<_>>();
+    let names: BTreeSet<BTreeSet<String>> = folders.iter().map(names).collect();
+    names.len() == 1 && names.first().is_some_and(|names| names.len() > 1)
 }
 
 /// Names for an example, if the neutral folder and another have two or more pictures each, no name in common, and are not numbered like frames that
@@ -304,18 +323,19 @@ struct Siblings {
 
 impl Siblings {
     /// Reads the names of their pictures.
-    fn read(parent: &Path, mut folders: Vec<EmotionFolder>) -> Self {
+    fn read(root: &Path, parent: &Path, mut folders: Vec<EmotionFolder>) -> Self {
         let name =
             parent.canonicalize().ok().and_then(|p| p.file_name().map(|n| composed(&n.to_string_lossy()))).unwrap_or_default();
         folders.sort_by(|a, b| a.path.cmp(&b.path));
         let mut all: Vec<&mut Named> = folders.iter_mut().flat_map(|folder| &mut folder.pictures).collect();
         read_to_pair(&mut all);
         without_shots(None, &mut all);
-        let mut people = people_of(&name, &folders, false, true);
+        let name = (name.as_str(), parent == root);
+        let mut people = people_of(name, &folders, false, true);
         if people.is_none() && without_codes(&mut folders) {
-            people = people_of(&name, &folders, true, true);
+            people = people_of(name, &folders, true, true);
         } else if people.is_none() && folders.iter().all(|f| f.pictures.len() < 2 || consecutive(&f.pictures).is_none()) {
-            people = people_of(&name, &folders, false, false);
+            people = people_of(name, &folders, false, false);
         }
         Self { parent: parent.to_owned(), folders, people }
     }
@@ -335,7 +355,7 @@ impl Siblings {
 }
 
 /// Siblings by their parent and view, those with one neutral folder and others.
-fn siblings_in(found: &Found, taken: &BTreeSet<PathBuf>) -> Vec<Siblings> {
+fn siblings_in(root: &Path, found: &Found, taken: &BTreeSet<PathBuf>) -> Vec<Siblings> {
     let mut views: BTreeMap<(PathBuf, String), Vec<EmotionFolder>> = BTreeMap::new();
     let with_one = found.left_out.iter().filter(|path| visible(path).is_ok_and(|e| e.iter().any(|e| is_picture(&e.path()))));
     for path in found.sequences.iter().filter(|path| path.is_dir() && !taken.contains(*path)).chain(with_one) {
@@ -345,7 +365,7 @@ fn siblings_in(found: &Found, taken: &BTreeSet<PathBuf>) -> Vec<Siblings> {
     }
     let is_neutral = |folders: &[EmotionFolder]| folders.iter().any(|f| f.pictures.iter().any(|p| p.emotion == Some(NEUTRAL)));
     let of_people = views.into_iter().filter(|(_, folders)| folders.len() > 1 && is_neutral(folders));
-    of_people.map(|((parent, _), folders)| Siblings::read(&parent, folders)).collect()
+    of_people.map(|((parent, _), folders)| Siblings::read(root, &parent, folders)).collect()
 }
 
 /// Names of folders that hold several people.
@@ -412,7 +432,7 @@ pub(super) fn take_pictures_of_people(root: &Path, found: &mut Found) -> Pairs {
     let mut pairs = Pairs::default();
     let mut taken: BTreeSet<PathBuf> = BTreeSet::new();
     let perhaps = take_folders_of_people(root, found, &mut pairs, &mut taken);
-    let siblings = siblings_in(found, &taken);
+    let siblings = siblings_in(root, found, &taken);
     let parents: BTreeSet<&PathBuf> = siblings.iter().map(|of_view| &of_view.parent).collect();
     // Several parents mean one person each, unless they are groups of people.
     if parents.len() == 1 || are_groups_of_people(&siblings) {
@@ -469,6 +489,8 @@ fn take_siblings(root: &Path, siblings: &Siblings, pairs: &mut Pairs, taken: &mu
             let folders = paths.iter().map(|folder| format!("{}/", relative(root, folder))).collect();
             pairs.refused.push(PicturesOfPeople { folders, reason: Unpaired::NothingInCommon { example } });
             taken.extend(paths.into_iter().cloned());
+        } else if siblings.parent == root && are_named_alike(&siblings.folders) {
+            pairs.frames_or_people.extend(paths.into_iter().map(|folder| format!("{}/", relative(root, folder))));
         }
         return false;
     };

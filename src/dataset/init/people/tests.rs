@@ -204,6 +204,33 @@ fn frames_of_one_person_stay_a_sequence() {
 }
 
 #[test]
+fn files_of_the_same_names_in_the_folders_of_a_study_are_people() {
+    let study = |name: &str, people: &[&str]| {
+        let names: Vec<String> =
+            ["neutral", "smiling"].iter().flat_map(|f| people.iter().map(move |p| format!("{name}/{f}/{p}.jpg"))).collect();
+        let folder = folder(&names);
+        propose_manifest(&folder.path().join(name)).unwrap()
+    };
+    // The name of the study looks like that of a person; numbers with gaps, or not from 1, do not count frames.
+    for (name, people) in [
+        ("ds3", ["L001", "L003", "L004"]),
+        ("ds3", ["P001", "P002", "P003"]),
+        ("faces", ["005", "006", "007"]),
+        ("faces", ["1", "3", "4"]),
+    ] {
+        let manifest = study(name, &people);
+        let subjects: Vec<&str> = manifest.rows.iter().map(|row| row.subject.as_str()).collect();
+        assert_eq!(subjects, people, "{name}");
+        assert!(manifest.rows[0].frames.ends_with(&format!("smiling/{}.jpg", people[0])), "{}", manifest.rows[0].frames);
+        assert!(manifest.frames_or_people.is_empty());
+    }
+    // Numbered from 1 they may be either; that is said.
+    let manifest = study("faces", &["001", "002", "003"]);
+    assert_eq!((manifest.rows.len(), manifest.frames_or_people.as_slice()), (2, files(&["neutral/", "smiling/"]).as_slice()));
+    assert!(study("faces", &["anna_1", "anna_2"]).frames_or_people.is_empty());
+}
+
+#[test]
 fn without_readable_files_the_readable_formats_are_listed() {
     let error = propose_manifest(folder(&files(&["anna/1.HEIC", "anna/2.HEIC", "b.gif"])).path()).unwrap_err();
     assert!(matches!(&error, DatasetError::NothingReadable { files, .. } if files.len() == 3), "{error}");
