@@ -5,9 +5,9 @@
 
 use super::action_units::{Intensity, PRESENT};
 
-/// A bout has the evidence that one in so many of its frames reaches. With all frames judged alone, 52 to 56 % of the frames of simulated
-/// faces with true intensities of 1.5 and more count as present; with half of the frames of a bout, 52 to 58 %; with a third, 60 to 64 %; with
-/// one frame 67 to 76 %, but then noise makes four times as many false ones.
+/// A bout has the evidence that one in so many of its frames reaches. Over all frames of simulated faces with true intensities of 1.5 and
+/// more (units and heads pooled), 52 to 56 % count as present when judged alone, 52 to 58 % when half of a bout decides, 60 to 64 % when a third
+/// does, and 67 to 76 % when one frame does; but then noise makes four times as many false ones.
 const ONE_IN: usize = 3;
 
 /// Gives every frame of a bout of a unit the evidence of the bout. Frames are in order of time; those without a time, or not later than
