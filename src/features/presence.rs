@@ -13,7 +13,8 @@ const ONE_IN: usize = 3;
 /// Gives every frame of a bout of a unit the evidence of the bout. Frames are in order of time; those without a time, or not later than
 /// the one before, are bouts of their own.
 pub(super) fn share(frames: &mut [Vec<Intensity>], seconds: &[Option<f64>]) {
-    let time = |k: usize| seconds.get(k).copied().flatten();
+    // Minus infinity is a frame without a time.
+    let time = |k: usize| seconds.get(k).copied().flatten().filter(|seconds| seconds.is_finite());
     let follows = |k: usize| matches!((time(k - 1), time(k)), (Some(before), Some(now)) if now > before);
     let units = frames.iter().map(Vec::len).min().unwrap_or(0);
     for unit in 0..units {
@@ -63,7 +64,8 @@ mod tests {
     #[test]
     fn frames_without_times_stand_alone() {
         let course = [(1.5, 0.5), (2.0, 6.0), (1.2, 0.1)];
-        for seconds in [[None; 3], [Some(0.0), None, Some(0.04)], [Some(0.0); 3]] {
+        let never = Some(f64::NEG_INFINITY);
+        for seconds in [[None; 3], [Some(0.0), None, Some(0.04)], [Some(0.0); 3], [never, never, Some(0.0)]] {
             let mut frames = film(&course);
             share(&mut frames, &seconds);
             assert_eq!(evidence(&frames), [0.5, 6.0, 0.1]);
