@@ -3,19 +3,20 @@
 //! In a single frame another unit often explains the face nearly as well. But muscles do not change from frame to frame: frames in a row in
 //! which the intensity of a unit, which is measured over time, is at least [`PRESENT`], are one bout, and are judged together.
 
-use super::action_units::{Intensity, PRESENT};
+use super::{
+    action_units::{Intensity, PRESENT},
+    strengths::seconds_between,
+};
 
 /// A bout has the evidence that one in so many of its frames reaches. Over all frames of simulated faces with true intensities of 1.5 and
 /// more (units and heads pooled), 52 to 56 % count as present when judged alone, 52 to 58 % when half of a bout decides, 60 to 64 % when a third
 /// does, and 67 to 76 % when one frame does; but then noise makes four times as many false ones.
 const ONE_IN: usize = 3;
 
-/// Gives every frame of a bout of a unit the evidence of the bout. Frames are in order of time; those without a time, or not later than
-/// the one before, are bouts of their own.
+/// Gives every frame of a bout of a unit the evidence of the bout. Frames are in order of time, with a time or `None` for each; those without
+/// a time, or not later than the one before, are bouts of their own.
 pub(super) fn share(frames: &mut [Vec<Intensity>], seconds: &[Option<f64>]) {
-    // Minus infinity is a frame without a time.
-    let time = |k: usize| seconds.get(k).copied().flatten().filter(|seconds| seconds.is_finite());
-    let follows = |k: usize| matches!((time(k - 1), time(k)), (Some(before), Some(now)) if now > before);
+    let follows = |k: usize| seconds_between(seconds[k - 1], seconds[k]).is_some();
     let units = frames.iter().map(Vec::len).min().unwrap_or(0);
     for unit in 0..units {
         let mut start = 0;

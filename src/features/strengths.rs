@@ -43,13 +43,17 @@ impl System {
     }
 }
 
+/// Returns the seconds between a frame and the next one of a film; `None` if a time is unknown (minus infinity, too) or does not advance. Such
+/// frames say nothing of each other.
+pub(super) fn seconds_between(frame: Option<f64>, next: Option<f64>) -> Option<f64> {
+    let seconds = next? - frame?;
+    (seconds > 0.0 && seconds.is_finite()).then_some(seconds)
+}
+
 /// Returns the strengths that explain frames together, from those that explain each alone. Frames are in order of time. `rates`: variance
 /// of the change of each strength within a second.
 pub(super) fn together(systems: &[System], alone: &[DVector<f64>], rates: &[f64]) -> Vec<DVector<f64>> {
-    let apart = |k: usize| -> Option<f64> {
-        let (now, next) = (systems[k].seconds?, systems.get(k + 1)?.seconds?);
-        (next > now).then_some(next - now)
-    };
+    let apart = |k: usize| seconds_between(systems[k].seconds, systems.get(k + 1)?.seconds);
     // Precision per rate of the change to the next frame; 0 where the two are not coupled.
     let links: Vec<f64> = (0..systems.len()).map(|k| apart(k).map_or(0.0, f64::recip)).collect();
     let mut x = alone.to_vec();
