@@ -16,7 +16,7 @@ use super::{
     shared::{about, named_folder, set_threads, thread_count},
     synthesize_options::{FRAME_RATES, SearchArgs, TimeArgs},
     synthesize_report::Report,
-    synthesize_warnings::{note_frames_between, note_other_rate, warn_of_answers, warn_of_not_shown},
+    synthesize_warnings::{note_frames_between, note_other_rate, note_turns, warn_of_answers, warn_of_not_shown},
     unfinished::Unfinished,
 };
 use anyhow::Context;
@@ -200,7 +200,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     unfinished.begin()?;
     if args.format.contains(&Format::Glb) {
         let weights = |one: &Played<'_>| one.answers.iter().flat_map(|a| a.weights.iter().flatten()).any(|w| *w != 0.0);
-        if synthesizer.options().solver != Solver::Rbf && !played.iter().any(weights) {
+        let moves = |one: &Played<'_>| weights(one) || one.motion.turns();
+        if synthesizer.options().solver != Solver::Rbf && !played.iter().any(moves) {
             eprintln!("warning: the motion contains no movement: animation.glb holds the neutral face, without an animation");
         }
         write_gltf(&out.join(GLB), &animations)?;
@@ -328,6 +329,9 @@ impl<'a> Played<'a> {
             about(path)(&format!("{error}{to_do}"))
         })?;
         warn_of_not_shown(path, &motion)?;
+        if motion.turns() {
+            note_turns(path, args.format.contains(&Format::Glb));
+        }
         note_frames_between(path, &motion);
         let noise = args.time.noise.unwrap_or_else(|| motion.default_noise());
         anyhow::ensure!((0.0..1.0).contains(&noise), "--noise {noise}: expected a share of at least 0 and less than 1");

@@ -23,8 +23,7 @@ pub fn warn_of_not_shown(path: &Path, motion: &Motion) -> anyhow::Result<()> {
         return Ok(());
     }
     let faps = motion.not_shown.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
-    let why =
-        "it cannot show turns of head and eyes, depth, tongue, ears, visemes, expressions, and feature points that it lacks";
+    let why = "it cannot show turns of the eyes, depth, tongue, ears, visemes, expressions, and feature points that it lacks";
     anyhow::ensure!(
         !motion.is_still(),
         "{}: FAP {faps} cannot be shown by this bank ({why}), and no other FAP moves; give a motion with other FAPs",
@@ -36,6 +35,12 @@ pub fn warn_of_not_shown(path: &Path, motion: &Motion) -> anyhow::Result<()> {
         are(motion.not_shown.len())
     );
     Ok(())
+}
+
+/// Notes where a head that turns is shown.
+pub fn note_turns(path: &Path, is_glb: bool) {
+    let place = if is_glb { "animation.glb; all other files show it upright" } else { "animation.glb alone (--format glb)" };
+    eprintln!("note: {}: the head turns (FAPs 48 to 50) in {place}", path.display());
 }
 
 /// Notes that a motion has frames that its file does not have.

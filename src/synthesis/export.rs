@@ -3,9 +3,10 @@
 use std::{borrow::Cow, path::Path};
 
 use image::{RgbImage, codecs::jpeg::JpegEncoder};
+use nalgebra::{UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
-use super::{FaceScene, FpMotion, FrameAnswer, HeadTexture, Solver, SynthesisError, Synthesizer, View, fapu_length};
+use super::{FaceScene, FpMotion, FrameAnswer, HeadTexture, Solver, SynthesisError, Synthesizer, View, fapu_length, head_pivot};
 use crate::{
     mesh::{
         add,
@@ -111,6 +112,17 @@ const ROUGHNESS: [(&str, f32); 4] = [("skin", 0.65), ("eyes", 0.12), ("mouth", 0
 /// JPEG quality of the texture.
 const TEXTURE_QUALITY: u8 = 90;
 
+/// Rotations of the head in every frame, quaternions x, y, z, w: about x, then y, then z, as poses of heads are taken apart. None if it
+/// does not turn.
+fn turns(animation: &Animation<'_>) -> Vec<[f32; 4]> {
+    let turns = animation.motions.iter().map(|motion| motion.turn);
+    if turns.clone().all(|turn| turn == Vector3::zeros()) {
+        return Vec::new();
+    }
+    let quaternion = |turn: Vector3<f64>| UnitQuaternion::from_euler_angles(turn.x, turn.y, turn.z);
+    turns.map(|turn| quaternion(turn).coords.map(|c| c as f32).into()).collect()
+}
+
 fn jpeg_bytes(picture: &RgbImage) -> Result<Vec<u8>, image::ImageError> {
     let mut jpeg = Vec::new();
     JpegEncoder::new_with_quality(&mut jpeg, TEXTURE_QUALITY).encode_image(picture)?;
@@ -143,6 +155,8 @@ const EYE_SEPARATION_M: f64 = 0.063;
 ///   every member and region, `NAME.REGION`, which moves the vertices by their share in the region.
 /// - Viewers accept weights from 0 to 1. A target whose weights exceed 1 is enlarged, and its weights are divided by the same
 ///   factor. Weights below 0 stay as they are.
+/// - A head that turns ([`FpMotion::turn`]) turns as a whole, about feature point 7.1 or, in a bank without it, about a point near the
+///   top of the spine.
 /// - A surface without weights ([`Solver::Rbf`]) becomes one target for every frame.
 /// - Skin, eyes, the inside of the mouth and hair have one material each. With a texture, the skin uses it, and hair is left out
 ///   because the portrait shows its own.
@@ -185,6 +199,7 @@ pub fn write_gltf(path: &Path, animations: &[Animation<'_>]) -> Result<(), Synth
         surfaces: surfaces.into_iter().map(surface).collect(),
         texture: texture.zip(jpeg).map(|(texture, jpeg)| GltfTexture { jpeg, places: &texture.places }),
         copyright: &bank.info().credit,
+        pivot: head_pivot(bank),
     };
     let times = |a: &Animation<'_>| (0..a.answers.len()).map(|frame| (frame as f64 / a.fps) as f32).collect::<Vec<f32>>();
     if first.synthesizer.options().solver == Solver::Rbf {
@@ -195,7 +210,7 @@ pub fn write_gltf(path: &Path, animations: &[Animation<'_>]) -> Result<(), Synth
         let shown = |(k, a): (usize, &Animation<'_>)| {
             let of = |frame: usize| places.iter().map(move |&place| f32::from(u8::from(place == (k, frame))));
             let weights = (0..a.answers.len()).flat_map(of).collect();
-            GltfAnimation { name: a.name.to_owned(), times_s: times(a), weights }
+            GltfAnimation { name: a.name.to_owned(), times_s: times(a), weights, turns: turns(a) }
         };
         let shown: Vec<GltfAnimation> = animations.iter().enumerate().map(shown).collect();
         let surface = |k: usize| Cow::Owned(animations[places[k].0].surface(places[k].1));
@@ -235,7 +250,8 @@ pub fn write_gltf(path: &Path, animations: &[Animation<'_>]) -> Result<(), Synth
     };
     let weights = |a: &Animation<'_>| {
         let of = |a: &FrameAnswer| pairs.iter().map(|&(m, r, larger)| (a.weights[r][m] / larger) as f32).collect::<Vec<_>>();
-        GltfAnimation { name: a.name.to_owned(), times_s: times(a), weights: a.answers.iter().flat_map(of).collect() }
+        let weights = a.answers.iter().flat_map(of).collect();
+        GltfAnimation { name: a.name.to_owned(), times_s: times(a), weights, turns: turns(a) }
     };
     let shown: Vec<GltfAnimation> = animations.iter().map(weights).collect();
     Ok(write_atomic(path, |out| write_glb(out, (bank.mesh(), &look), &targets, &displacements, &shown, metres))?)

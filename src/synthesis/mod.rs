@@ -63,6 +63,7 @@ pub use head_learn::learn_head_mesh;
 pub use head_mesh::HeadMeshOrigin;
 pub use head_texture::HeadTexture;
 pub use mix::{mix, mix_bank, read_recipes, recipe_motions, write_recipes};
+pub(crate) use motion::head_pivot;
 pub use motion::{Motion, MotionKind, fapu_length, read_motion};
 pub(crate) use motion::{SingleFap, SingleFaps};
 pub use performance::{PerformanceOptions, Recipe, choose_members, choose_targets, perform};

@@ -13,7 +13,7 @@ use crate::{
     units::FeaturePoint,
 };
 
-pub use bank_face::fapu_length;
+pub use bank_face::{fapu_length, head_pivot};
 pub use read::read_motion;
 pub(crate) use single::{SingleFap, SingleFaps};
 
@@ -67,8 +67,8 @@ pub struct Motion {
     pub fps: Option<f64>,
     /// Feature points of the motion that the bank does not have.
     pub ignored: Vec<FeaturePoint>,
-    /// FAPs of a FAP file that have values but move nothing in the bank: rotations of head and eyes, depth, tongue, visemes,
-    /// expressions, and FAPs of feature points that the bank does not have.
+    /// FAPs of a FAP file that have values but move nothing in the bank: rotations of the eyes, depth, tongue, visemes, expressions,
+    /// and FAPs of feature points that the bank does not have.
     pub not_shown: Vec<FapNumber>,
     /// Bank units per face unit along x and y for the five FAPUs in the order of the standard; `None` for motion in the bank's
     /// unit.
@@ -139,13 +139,19 @@ impl Motion {
             Curve::through(self.frames.iter().map(|f| Some(f.offsets.get(point)?.as_ref()?[axis])).collect())
         };
         let curves: Vec<[Curve; 3]> = (0..count).map(|point| [0, 1, 2].map(|axis| curve(point, axis))).collect();
+        let turns = [0, 1, 2].map(|axis| Curve::through(self.frames.iter().map(|f| Some(f.turn[axis])).collect()));
         let frame = |moment: Moment| {
             if moment.share == 0.0 {
                 return self.frames[moment.key].clone();
             }
             let point = |[x, y, z]: &[Curve; 3]| Some(Vector3::new(x.at(moment)?, y.at(moment)?, z.at(moment)?));
             let planar = self.frames[moment.key].planar || self.frames[moment.key + 1].planar;
-            FpMotion { offsets: curves.iter().map(point).collect(), planar, free_axes: self.frames[moment.key].free_axes.clone() }
+            FpMotion {
+                offsets: curves.iter().map(point).collect(),
+                planar,
+                free_axes: self.frames[moment.key].free_axes.clone(),
+                turn: Vector3::from(turns.each_ref().map(|turn| turn.at(moment).unwrap_or(0.0))),
+            }
         };
         moments.map(frame).collect()
     }
@@ -185,9 +191,14 @@ impl Motion {
         Self { frames, ..self.clone() }
     }
 
+    /// Whether the head turns in any frame.
+    pub fn turns(&self) -> bool {
+        self.frames.iter().any(|f| f.turn != Vector3::zeros())
+    }
+
     /// Whether nothing moves in any frame.
     pub fn is_still(&self) -> bool {
-        self.frames.iter().all(|f| f.total_length() == 0.0)
+        !self.turns() && self.frames.iter().all(|f| f.total_length() == 0.0)
     }
 }
 
@@ -326,11 +337,29 @@ mod tests {
     fn a_file_that_sets_nothing_that_the_bank_has_rests() {
         let bank = candide_bank().unwrap();
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("nod.fap");
-        let mask = (1..=68).map(|k| if k == 48 { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
-        fs::write(&path, format!("2.1 nod 25 2\n{mask}\n0 0\n{mask}\n1 9000\n")).unwrap();
+        let path = folder.path().join("push.fap");
+        let mask = (1..=68).map(|k| if k == 16 { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
+        fs::write(&path, format!("2.1 push 25 2\n{mask}\n0 0\n{mask}\n1 90\n")).unwrap();
         let motion = read_motion(&path, &bank, None).unwrap();
-        assert!(motion.is_still() && motion.not_shown == ["48".parse().unwrap()]);
+        assert!(motion.is_still() && motion.not_shown == ["16".parse().unwrap()]);
+    }
+
+    #[test]
+    fn head_turns_of_a_file_are_read_and_interpolated() {
+        let bank = candide_bank().unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("nod.fap");
+        let mask = (1..=68).map(|k| if (48..=50).contains(&k) { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
+        fs::write(&path, format!("2.1 nod 25 2\n{mask}\n0 0 0 0\n{mask}\n1 20000 -10000 4000\n")).unwrap();
+        let motion = read_motion(&path, &bank, None).unwrap();
+        assert!(motion.turns() && !motion.is_still() && motion.not_shown.is_empty());
+        let between = motion.with_frames_between(1).unwrap();
+        assert_eq!(between.frames.len(), 3);
+        assert_relative_eq!(between.frames[1].turn, Vector3::new(0.1, -0.05, 0.02), epsilon = 1e-12);
+        assert_relative_eq!(between.frames[2].turn, Vector3::new(0.2, -0.1, 0.04), epsilon = 1e-12);
+        // What holds the apex and plays backwards takes the head along.
+        let back = between.there_and_back(1);
+        assert_eq!((back.frames.len(), back.frames[3].turn, back.frames[5].turn), (6, between.frames[2].turn, Vector3::zeros()));
     }
 
     #[test]

@@ -31,6 +31,8 @@ pub struct FpMotion {
     /// For each feature point whether its x and its y are free: unknown, and drawn to rest weakly. So are those that a FAP file could
     /// set and does not, such as the x of a corner of the mouth that it only raises. Empty if nothing is free.
     pub free_axes: Vec<[bool; 2]>,
+    /// Rotation of the head, radians: pitch downwards, yaw to the subject's left, roll towards the right shoulder (FAPs 48 to 50).
+    pub turn: Vector3<f64>,
 }
 
 impl FpMotion {

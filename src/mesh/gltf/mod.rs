@@ -28,8 +28,12 @@ mod tests {
             GltfTarget { name: "smile \"wide\"".to_owned(), vertices: None },
             GltfTarget { name: "jawOpen".to_owned(), vertices: Some(vec![1]) },
         ];
-        let animation =
-            GltfAnimation { name: "happiness".to_owned(), times_s: vec![0.0, 0.04], weights: vec![0.0, 0.0, 1.0, 0.5] };
+        let animation = GltfAnimation {
+            name: "happiness".to_owned(),
+            times_s: vec![0.0, 0.04],
+            weights: vec![0.0, 0.0, 1.0, 0.5],
+            turns: Vec::new(),
+        };
         let mut bytes = Vec::new();
         let paint = [[0, 255, 128]; 4];
         let look = GltfLook { paint: Some(&paint), ..GltfLook::default() };
@@ -100,6 +104,7 @@ mod tests {
             surfaces: vec![surface("skin", 0, true), surface("eyes", 1, false)],
             texture: Some(GltfTexture { jpeg, places: &places }),
             copyright: "Somebody (MIT)",
+            ..GltfLook::default()
         };
         let mut bytes = Vec::new();
         write_glb(&mut bytes, (&mesh, &look), &targets, &|_| Cow::Borrowed(&moves[..]), &[], None).unwrap();
@@ -157,6 +162,40 @@ mod tests {
             assert_eq!((normals[copy], colours[copy]), (normals[vertex], colours[vertex]));
             assert!(morphs.iter().all(|moves| moves[copy] == moves[vertex]));
         }
+    }
+
+    #[test]
+    fn a_head_turns_about_its_pivot_and_rests_where_it_was() {
+        let half = std::f32::consts::FRAC_1_SQRT_2;
+        let animation = |name: &str, turns: &[[f32; 4]]| GltfAnimation {
+            name: name.to_owned(),
+            times_s: vec![0.0, 0.04],
+            weights: Vec::new(),
+            turns: turns.to_vec(),
+        };
+        let nod = animation("nod", &[[0.0, 0.0, 0.0, 1.0], [half, 0.0, 0.0, half]]);
+        let look = GltfLook { pivot: [0.5, -2.0, 1.0], ..GltfLook::default() };
+        let mut bytes = Vec::new();
+        let animations = [animation("none", &[]), nod];
+        write_glb(&mut bytes, (&mesh(), &look), &[], &|_| Cow::Borrowed(&[][..]), &animations, Some(0.1)).unwrap();
+        let (document, buffers, _) = gltf::import_slice(&bytes).unwrap();
+        // Only the second animation has something to show: a quarter of a turn downwards.
+        let names: Vec<_> = document.animations().map(|a| a.name().unwrap().to_owned()).collect();
+        assert_eq!(names, ["nod"]);
+        let channel = document.animations().next().unwrap().channels().next().unwrap();
+        assert_eq!(channel.target().node().name(), Some("head"));
+        let Some(gltf::animation::util::ReadOutputs::Rotations(turns)) =
+            channel.reader(|b| Some(&buffers[b.index()])).read_outputs()
+        else {
+            panic!()
+        };
+        assert_eq!(turns.into_f32().collect::<Vec<_>>(), [[0.0, 0.0, 0.0, 1.0], [half, 0.0, 0.0, half]]);
+        let head = document.default_scene().unwrap().nodes().next().unwrap();
+        let (at, turn, _) = head.transform().decomposed();
+        assert_eq!((head.name(), at, turn), (Some("head"), [0.05, -0.2, 0.1], [0.0, 0.0, 0.0, 1.0]));
+        let face = head.children().next().unwrap();
+        let (at, _, scale) = face.transform().decomposed();
+        assert_eq!((face.name(), at, scale), (Some("face"), [-0.05, 0.2, -0.1], [0.1; 3]));
     }
 
     /// Returns the file with its JSON changed.

@@ -38,6 +38,8 @@ pub struct GltfAnimation {
     pub times_s: Vec<f32>,
     /// Weights of all targets for each key frame.
     pub weights: Vec<f32>,
+    /// Rotation of the head in each key frame, a unit quaternion x, y, z, w; empty for a head that does not turn.
+    pub turns: Vec<[f32; 4]>,
 }
 
 /// Appearance of a mesh.
@@ -51,6 +53,8 @@ pub struct GltfLook<'a> {
     pub texture: Option<GltfTexture<'a>>,
     /// Authors and licence; not written if empty.
     pub copyright: &'a str,
+    /// Point about which the head turns, the mesh's unit.
+    pub pivot: [f32; 3],
 }
 
 /// Triangles of one material.
@@ -89,8 +93,9 @@ const CHUNK_BIN: u32 = 0x004E_4942;
 /// have copies behind the mesh's own, whose u is above 1; textures repeat. Materials share the vertices and the targets.
 ///
 /// `displacements(k)` returns the displacements of every vertex in target k. It is called twice for each target, and the results
-/// are not kept: apart from the mesh, one target at a time is in memory. Without targets no animation is written, because glTF
-/// does not allow empty ones.
+/// are not kept: apart from the mesh, one target at a time is in memory. An animation without targets and without turns is not
+/// written, because glTF does not allow empty ones. If the head turns in one of them, the node `face` is below a node `head`, which
+/// turns about the look's pivot.
 ///
 /// # Errors
 /// When `out` cannot be written to, or the file would exceed the 4 GiB of the format.
@@ -102,7 +107,8 @@ pub fn write_glb<'a>(
     animations: &[GltfAnimation],
     metres: Option<f64>,
 ) -> io::Result<()> {
-    let animations = if targets.is_empty() { &[] } else { animations };
+    let moves = |animation: &&GltfAnimation| !targets.is_empty() || !animation.turns.is_empty();
+    let animations = &animations.iter().filter(moves).collect::<Vec<_>>()[..];
     let whole = [GltfSurface { name: "skin", triangles: mesh.triangles().to_vec(), roughness: ROUGHNESS, textured: true }];
     let surfaces = if look.surfaces.is_empty() { &whole[..] } else { &look.surfaces };
     let seam = match &look.texture {
@@ -162,7 +168,7 @@ pub fn write_glb<'a>(
         }
     }
     for animation in animations {
-        for number in animation.times_s.iter().chain(&animation.weights) {
+        for number in animation.times_s.iter().chain(&animation.weights).chain(animation.turns.as_flattened()) {
             out.write_all(&number.to_le_bytes())?;
         }
     }
@@ -204,6 +210,13 @@ fn write_words(out: &mut dyn Write, values: &[u32]) -> io::Result<()> {
 fn normal_changes(mesh: &TriangleMesh, normals: &[[f32; 3]], moves: &[[f32; 3]]) -> Vec<[f32; 3]> {
     let moved: Vec<[f32; 3]> = mesh.positions().iter().zip(moves).map(|(&p, &d)| add(p, d)).collect();
     vertex_normals(&moved, mesh.triangles()).iter().zip(normals).map(|(&n, &m)| sub(n, m)).collect()
+}
+
+/// Accessors of the key frames of an animation.
+struct Keys {
+    times: Index<Accessor>,
+    weights: Option<Index<Accessor>>,
+    turns: Option<Index<Accessor>>,
 }
 
 /// The document under construction: its views are consecutive in one buffer.
@@ -274,6 +287,23 @@ impl Builder {
         self.root.push(Texture { name: None, sampler: None, source, extensions: None, extras: None })
     }
 
+    /// Adds the key frames of an animation.
+    fn keys(&mut self, animation: &GltfAnimation) -> Keys {
+        let frames = animation.times_s.len();
+        let view = self.view(4 * frames as u64, None);
+        let times = self.accessor(Some(view), frames, ComponentType::F32, Type::Scalar);
+        if let Some(accessor) = self.root.accessors.get_mut(times.value()) {
+            accessor.min = Some(Value::from(vec![animation.times_s.first().copied().unwrap_or(0.0)]));
+            accessor.max = Some(Value::from(vec![animation.times_s.last().copied().unwrap_or(0.0)]));
+        }
+        let mut outputs = |numbers: usize, each: u64, kind: Type| {
+            let view = (numbers > 0).then(|| self.view(4 * each * numbers as u64, None));
+            view.map(|view| self.accessor(Some(view), numbers, ComponentType::F32, kind))
+        };
+        let weights = outputs(animation.weights.len(), 1, Type::Scalar);
+        Keys { times, weights, turns: outputs(animation.turns.len(), 4, Type::Vec4) }
+    }
+
     /// Adds vectors that are zero except at some vertices; the view with the vertex indices is shared.
     fn sparse_vectors(
         &mut self,
@@ -308,7 +338,7 @@ fn document<'a>(
     (mesh, look, seam): (&TriangleMesh, &GltfLook<'_>, &Seam),
     targets: &[GltfTarget],
     displacements: &dyn Fn(usize) -> Cow<'a, [[f32; 3]]>,
-    animations: &[GltfAnimation],
+    animations: &[&GltfAnimation],
     metres: Option<f64>,
 ) -> io::Result<(Root, u64)> {
     let count = seam.places.len();
@@ -346,19 +376,7 @@ fn document<'a>(
         };
         morphs.push(MorphTarget { positions: Some(positions), normals: Some(normals), tangents: None });
     }
-    let sampler = |animation: &GltfAnimation| {
-        let frames = animation.times_s.len();
-        let view = builder.view(4 * frames as u64, None);
-        let input = builder.accessor(Some(view), frames, ComponentType::F32, Type::Scalar);
-        if let Some(accessor) = builder.root.accessors.get_mut(input.value()) {
-            accessor.min = Some(Value::from(vec![animation.times_s.first().copied().unwrap_or(0.0)]));
-            accessor.max = Some(Value::from(vec![animation.times_s.last().copied().unwrap_or(0.0)]));
-        }
-        let view = builder.view(4 * animation.weights.len() as u64, None);
-        let output = builder.accessor(Some(view), animation.weights.len(), ComponentType::F32, Type::Scalar);
-        Sampler { input, output, interpolation: Checked::Valid(Interpolation::Linear), extensions: None, extras: None }
-    };
-    let samplers: Vec<Sampler> = animations.iter().map(sampler).collect();
+    let keys: Vec<Keys> = animations.iter().map(|animation| builder.keys(animation)).collect();
     let picture = look.texture.as_ref().map(|texture| builder.picture(texture.jpeg.len()));
     let Builder { mut root, length } = builder;
     root.push(Buffer { byte_length: USize64(length), name: None, uri: None, extensions: None, extras: None });
@@ -390,18 +408,29 @@ fn document<'a>(
         primitives,
     });
     let scale = metres.map(|m| [m as f32; 3]);
-    let node = root.push(Node { mesh: Some(mesh), name: Some("face".to_owned()), scale, ..Node::default() });
-    let scene = root.push(Scene { nodes: vec![node], name: None, extensions: None, extras: None });
+    let face = Node { mesh: Some(mesh), name: Some("face".to_owned()), scale, ..Node::default() };
+    let (face, head) = if animations.iter().any(|animation| !animation.turns.is_empty()) {
+        let pivot = look.pivot.map(|c| c * metres.unwrap_or(1.0) as f32);
+        let face = root.push(Node { translation: Some(pivot.map(|c| -c)), ..face });
+        let (children, name) = (Some(vec![face]), Some("head".to_owned()));
+        (face, Some(root.push(Node { children, name, translation: Some(pivot), ..Node::default() })))
+    } else {
+        (root.push(face), None)
+    };
+    let scene = root.push(Scene { nodes: vec![head.unwrap_or(face)], name: None, extensions: None, extras: None });
     root.scene = Some(scene);
-    for (animation, sampler) in animations.iter().zip(samplers) {
-        let target = Target { node, path: Checked::Valid(Property::MorphTargetWeights), extensions: None, extras: None };
-        root.push(Animation {
-            name: Some(animation.name.clone()),
-            channels: vec![Channel { sampler: Index::new(0), target, extensions: None, extras: None }],
-            samplers: vec![sampler],
-            extensions: None,
-            extras: None,
-        });
+    for (animation, keys) in animations.iter().zip(keys) {
+        let weights = keys.weights.map(|output| (output, face, Property::MorphTargetWeights));
+        let turns = keys.turns.zip(head).map(|(output, head)| (output, head, Property::Rotation));
+        let (mut channels, mut samplers) = (Vec::new(), Vec::new());
+        for (output, node, property) in weights.into_iter().chain(turns) {
+            let target = Target { node, path: Checked::Valid(property), extensions: None, extras: None };
+            channels.push(Channel { sampler: Index::new(samplers.len() as u32), target, extensions: None, extras: None });
+            let interpolation = Checked::Valid(Interpolation::Linear);
+            samplers.push(Sampler { input: keys.times, output, interpolation, extensions: None, extras: None });
+        }
+        let name = Some(animation.name.clone());
+        root.push(Animation { name, channels, samplers, extensions: None, extras: None });
     }
     Ok((root, length))
 }

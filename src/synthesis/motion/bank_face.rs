@@ -136,6 +136,23 @@ pub fn fapu_length(bank: &Bank, fapu: Fapu) -> Option<f64> {
     length(fapu, &at).filter(|length| *length > 0.0)
 }
 
+/// Returns the point about which the head turns, the bank's unit: feature point 7.1, the top of the spine. In a bank without it, the
+/// point is taken 1.4 eye separations behind the pupils and 0.6 below, roughly the joint of skull and spine; in one without eyes, it is
+/// the origin.
+pub fn head_pivot(bank: &Bank) -> [f32; 3] {
+    /// Distance behind and below the pupils, over the eye separation.
+    const BEHIND: f64 = 1.4;
+    const BELOW: f64 = 0.6;
+    let at = |group: u8, point: u8| bank.feature_point_position(FeaturePoint { group, point });
+    if let Some(spine) = at(7, 1) {
+        return spine;
+    }
+    let corners: Option<Vec<[f32; 3]>> = [7, 11, 12, 8].into_iter().map(|point| at(3, point)).collect();
+    let Some((corners, es)) = corners.zip(fapu_length(bank, Fapu::Es)) else { return [0.0; 3] };
+    let middle = |axis: usize| corners.iter().map(|corner| f64::from(corner[axis])).sum::<f64>() / 4.0;
+    [middle(0), middle(1) - BELOW * es, middle(2) - BEHIND * es].map(|c| c as f32)
+}
+
 /// Length of a FAPU from feature points of the skin. The pupils are taken halfway between the corners of their eye.
 fn length(fapu: Fapu, at: &dyn Fn(FeaturePoint) -> Option<Vector2<f64>>) -> Option<f64> {
     let at = |group: u8, point: u8| at(FeaturePoint { group, point });

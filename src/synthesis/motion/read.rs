@@ -227,6 +227,9 @@ fn read_track_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, Synthes
     })
 }
 
+/// Unit of the FAPs of angles, radians.
+const ANGLE: f64 = 1e-5;
+
 /// Reads the motion of a FAP file.
 fn read_fap_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, SynthesisError> {
     fap_motion(read_fap(path)?.sequence, face, path)
@@ -245,7 +248,9 @@ pub(super) fn fap_motion(mut sequence: FapSequence, face: &BankFace<'_>, path: &
         let row = catalog.row(fap);
         row.shows_from_front() && row.nodes.iter().any(|&node| face.has(node))
     };
-    let not_shown = sequence.moving_faps().into_iter().filter(|&fap| !is_shown(fap)).collect();
+    let turns = [48, 49, 50].map(|number| FapNumber::try_from(number).ok());
+    let not_shown = sequence.moving_faps().into_iter().filter(|&fap| !is_shown(fap) && !turns.contains(&Some(fap))).collect();
+    let turn_of = |frame: &FapFrame| Vector3::from(turns.map(|fap| ANGLE * fap.and_then(|fap| frame.value(fap)).unwrap_or(0.0)));
     let set = sequence.set_faps();
     for (from, to) in catalog.lip_twins().iter().flat_map(|&(inner, outer)| [(inner, outer), (outer, inner)]) {
         if set.contains(&from) && !set.contains(&to) {
@@ -285,7 +290,7 @@ pub(super) fn fap_motion(mut sequence: FapSequence, face: &BankFace<'_>, path: &
             // A single pose is reached from the neutral face, as in `clone` and `play`.
             frames.push(frame_of(&|node| of_node(node).map(|_| Vector2::zeros())));
         }
-        frames.push(frame_of(&of_node));
+        frames.push(FpMotion { turn: turn_of(frame), ..frame_of(&of_node) });
     }
     let fps = Some(sequence.fps);
     Ok(Motion { kind: MotionKind::Fap, frames, fps, ignored: Vec::new(), not_shown, scale: Some(face.scale), uneven: None })
