@@ -121,7 +121,7 @@ pub enum CorrespondenceError {
         /// What was found and what was expected.
         reason: String,
     },
-    /// Points of several faces, as `grimace locate` writes them.
+    /// Points of several faces, as `grimace locate` writes them, or of several frames.
     #[error(
         "{file}, line {line}: this row belongs to another {what} than the lines before ({other}); keep the rows of one {what}"
     )]
@@ -130,7 +130,7 @@ pub enum CorrespondenceError {
         file: String,
         /// Line of the first row with a different picture or face, from 1.
         line: usize,
-        /// `picture` or `face`.
+        /// `picture`, `face` or `frame`.
         what: &'static str,
         /// Value of the column in that row, shortened and printable.
         other: String,
@@ -245,9 +245,9 @@ pub(crate) fn correspondences_of(
     let kind_column = csv.column("kind");
     let error_column = csv.column("expected_error");
     let file = || csv.path().display().to_string();
-    // A table written by `locate` can hold several pictures and faces.
-    let of_what = [("image", "picture"), ("face", "face")].map(|(name, what)| (csv.column(name), what));
-    let mut first: Option<[String; 2]> = None;
+    // A table written by `locate` can hold several pictures and faces, a track or a model several frames.
+    let of_what = [("image", "picture"), ("face", "face"), ("frame", "frame")].map(|(name, what)| (csv.column(name), what));
+    let mut first: Option<[String; 3]> = None;
     let mut line_of = BTreeMap::new();
     let mut correspondences = Vec::new();
     for row in csv.rows() {
@@ -407,6 +407,12 @@ mod tests {
         assert!(message(b"node,x,y\n3.5,2,3\n").contains("the middle of nodes 67, 68, 71, 72, not a single node"));
         // Feature point 8.3 is node 31.
         assert_eq!(message(b"node,x,y\n8.3,2,3\n\n31,2,3\n"), "C.csv, line 4: node 31 is already in line 2; keep one of the two");
+        // Of a track or a model.
+        let frames = message(b"frame,node,x,y\n1,10,2,3\n2,10,2,3\n");
+        assert!(
+            frames.ends_with("this row belongs to another frame than the lines before (1); keep the rows of one frame"),
+            "{frames}"
+        );
         assert!(message(b"node,x,y,kind\n1,2,3,soft\n").contains("kind is `soft`; `mark` or `hard` was expected"));
         assert!(message(b"").contains("is empty"));
         assert_eq!(

@@ -187,6 +187,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 pub fn open(path: &Path) -> anyhow::Result<Bank> {
     match EmbeddedBank::of_path(path) {
         Some(embedded) => Ok(embedded.bank()?),
+        None if !path.exists() => {
+            let path = path.display();
+            anyhow::bail!(
+                "{path}: there is no such bank: `head` and `candide` are in the program, all others are files (see `grimace bank`)"
+            )
+        }
         None => open_file(path),
     }
 }

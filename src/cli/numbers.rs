@@ -75,6 +75,11 @@ pub fn positive(text: &str) -> Result<f64, String> {
     number(text, |v| v > 0.0, "a number greater than 0")
 }
 
+/// The emphasis of `synthesize`, whose letter other commands use for marks.
+pub fn emphasis_beside_marks(text: &str) -> Result<f64, String> {
+    number(text, |v| v > 0.0, "a number greater than 0; marks of a portrait are given with --correspondences")
+}
+
 /// Frames per second of a recording or of an output.
 pub fn frame_rate(text: &str) -> Result<f64, String> {
     within(text, FRAME_RATES, "0.1 to 1000 frames per second")

@@ -425,7 +425,8 @@ fn say_what_coefficients_lack(bank: &Bank, animation: &Animation<'_>, limited: &
     if let Some(arkit::Limited { coefficient, frames, farthest }) = limited.iter().max_by(|a, b| beyond(a).total_cmp(&beyond(b)))
     {
         println!(
-            "arkit.csv, livelink.csv: {} limited to 0 to 1; farthest beyond is {coefficient}, {farthest:.3}, in {}",
+            "{}: arkit.csv, livelink.csv: {} limited to 0 to 1; farthest beyond is {coefficient}, {farthest:.3}, in {}",
+            animation.name,
             count(limited.len(), "coefficient is", "coefficients are"),
             count(*frames, "frame", "frames")
         );

@@ -58,7 +58,7 @@ pub struct SearchArgs {
     #[arg(long, default_value_t = OVERLAP, value_name = "SHARE", value_parser = positive)]
     overlap: f64,
     /// Emphasis c: a factor on the strength of the motion
-    #[arg(short = 'c', long, default_value_t = 1.0, value_name = "C", value_parser = positive)]
+    #[arg(short = 'c', long, default_value_t = 1.0, value_name = "C", value_parser = numbers::emphasis_beside_marks)]
     emphasis: f64,
     /// Crossover of the genetic algorithm
     #[arg(long, value_enum, default_value = "line")]
