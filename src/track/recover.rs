@@ -1,9 +1,10 @@
 //! Rejects extreme displacements: their nodes count as lost.
 //!
 //! KP ask for "a uniform distribution" of displacements and treat nodes "with extreme displacement as lost", without a rule. Here a node's
-//! displacement is compared with the component-wise median over its neighbours (nodes one or two springs away). It is extreme when the
-//! difference exceeds `extreme` robust standard deviations (1.4826 MAD) of all nodes' differences. A minimum relative to the face size
-//! keeps sub-pixel noise from rejecting nodes of a still face.
+//! displacement is compared with the component-wise median over its neighbours (nodes one or two springs away), and with the two of them
+//! that move most like it: the outer end of a brow that rises fast has more neighbours on the still temple than on the brow. It is extreme
+//! when both differences exceed `extreme` robust standard deviations (1.4826 MAD) of all nodes' differences from the median. A minimum
+//! relative to the face size keeps sub-pixel noise from rejecting nodes of a still face.
 
 use nalgebra::Vector2;
 
@@ -16,6 +17,8 @@ use crate::{
 
 /// Smallest standard deviation assumed, over the eye distance.
 const SIGMA_FLOOR: f64 = 0.004;
+/// Number of neighbours that move like a node whose displacement is not extreme.
+const COMPANIONS: usize = 2;
 
 /// Result of a step for one live node.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,12 +77,19 @@ pub fn reject_extremes(neighbours: &Neighbours, steps: &mut [NodeStep], extreme:
     let mut sizes: Vec<f64> = differences.iter().copied().flatten().collect();
     let Some(spread) = median(&mut sizes) else { return };
     let limit = extreme * (spread * MAD_TO_SIGMA).max(SIGMA_FLOOR * eye_distance);
-    for (step, difference) in steps.iter_mut().zip(differences) {
-        if difference.is_some_and(|d| d > limit) {
-            step.loss = Some(LossReason::Extreme);
-            step.displacement = Vector2::zeros();
-            step.predicted = false;
-        }
+    let extreme: Vec<usize> = (0..steps.len())
+        .filter(|&i| differences[i].is_some_and(|d| d > limit))
+        .filter(|&i| {
+            let is_like =
+                |j: &&usize| differences[**j].is_some() && (steps[i].displacement - steps[**j].displacement).norm() <= limit;
+            neighbours.0[i].iter().filter(is_like).count() < COMPANIONS
+        })
+        .collect();
+    for i in extreme {
+        let step = &mut steps[i];
+        step.loss = Some(LossReason::Extreme);
+        step.displacement = Vector2::zeros();
+        step.predicted = false;
     }
 }
 
@@ -114,6 +124,27 @@ mod tests {
         let lost: Vec<usize> = (0..steps.len()).filter(|&i| steps[i].loss.is_some()).collect();
         assert_eq!(lost, [20]);
         assert_eq!(steps[20].loss, Some(LossReason::Extreme));
+    }
+
+    #[test]
+    fn a_brow_that_rises_alone_is_not_extreme_and_two_nodes_of_it_are() {
+        let wireframe = Wireframe::candide3();
+        let neighbours = Neighbours::new(&wireframe);
+        let lost_of = |brow: &[u16]| {
+            let step = |node: &NodeId| NodeStep {
+                node: *node,
+                displacement: if brow.contains(&node.0) { Vector2::new(0.0, -8.0) } else { Vector2::zeros() },
+                predicted: false,
+                residual: None,
+                difference: 1.0,
+                loss: None,
+            };
+            let mut steps: Vec<_> = wireframe.live_nodes().iter().map(step).collect();
+            reject_extremes(&neighbours, &mut steps, 6.0, 100.0);
+            steps.iter().filter(|s| s.loss.is_some()).map(|s| s.node.0).collect::<Vec<_>>()
+        };
+        assert!(lost_of(&[15, 16, 17, 18]).is_empty());
+        assert_eq!(lost_of(&[15, 16]), [15, 16]);
     }
 
     #[test]
