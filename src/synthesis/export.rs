@@ -172,7 +172,12 @@ pub fn write_gltf(path: &Path, animations: &[Animation<'_>]) -> Result<(), Synth
     let (bank, regions, texture) = (first.synthesizer.bank(), first.synthesizer.regions(), first.texture);
     let metres = fapu_length(bank, Fapu::Es).map(|es| EYE_SEPARATION_M / es);
     let scene = FaceScene::new(bank);
-    let paint = scene.colours();
+    let mut paint = scene.colours();
+    if let Some((paint, texture)) = paint.as_mut().zip(texture) {
+        for &v in scene.eye_triangles().as_flattened() {
+            paint[v as usize] = texture.colours[v as usize];
+        }
+    }
     let mut surfaces = scene.surfaces();
     if let Some(texture) = texture {
         surfaces.retain(|(name, _)| *name != "hair");

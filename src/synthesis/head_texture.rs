@@ -7,7 +7,11 @@ use image::{Rgb, RgbImage};
 use nalgebra::{Point2, Vector3};
 use rayon::prelude::*;
 
-use super::{Bank, FaceScene, FpMotion, SynthesisError, interpolate};
+use super::{
+    Bank, FaceScene, FpMotion, SynthesisError,
+    head_irises::{colour_irises, iris_colour},
+    interpolate,
+};
 use crate::{
     geometry::{Similarity, polygon::inside_depth},
     interpolation::smooth_step,
@@ -57,7 +61,8 @@ pub struct HeadTexture {
     pub worn: Vec<[u32; 3]>,
     /// Triangles of the skin that do not use it: the inside of the mouth.
     pub inside: Vec<[u32; 3]>,
-    /// Colours of the vertices, sRGB: sampled from the texture, or the bank's own for vertices that do not use it.
+    /// Colours of the vertices, sRGB: sampled from the texture, or the bank's own for vertices that do not use it; irises have the
+    /// portrait's colour.
     pub colours: Vec<[u8; 3]>,
 }
 
@@ -152,6 +157,9 @@ impl HeadTexture {
         let picture = canvas.painted(&worn, &corners);
         let mut colours = own;
         worn.iter().flatten().for_each(|&v| colours[v as usize] = sampled(&picture, places[v as usize]));
+        if let Some(colour) = iris_colour(portrait, nodes, tables) {
+            colour_irises(&mut colours, &scene.eye_triangles(), colour);
+        }
         Ok(Self { picture, places, worn, inside, colours })
     }
 }

@@ -26,6 +26,7 @@ mod file;
 mod fitness;
 mod folds;
 mod head;
+mod head_irises;
 mod head_learn;
 mod head_mesh;
 mod head_parts;

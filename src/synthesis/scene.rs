@@ -179,6 +179,11 @@ impl<'b> FaceScene<'b> {
         self.surfaces().swap_remove(0).1
     }
 
+    /// Triangles of the eyes; none if the mesh has no eyes of its own.
+    pub fn eye_triangles(&self) -> Vec<[u32; 3]> {
+        self.surfaces().into_iter().find(|(name, _)| *name == "eyes").map(|(_, eyes)| eyes).unwrap_or_default()
+    }
+
     /// Triangles by kind: `skin`, `eyes`, `mouth` and `hair`, in this order; the last three only if there are any.
     pub fn surfaces(&self) -> Vec<(&'static str, Vec<[u32; 3]>)> {
         let mut surfaces: Vec<(&'static str, Vec<[u32; 3]>)> =
