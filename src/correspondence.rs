@@ -123,7 +123,7 @@ pub enum CorrespondenceError {
     },
     /// Points of several faces, as `grimace locate` writes them, or of several frames.
     #[error(
-        "{file}, line {line}: this row belongs to another {what} than the lines before ({other}); keep the rows of one {what}"
+        "{file}, line {line}: this row belongs to another {what} ({other}) than the lines before; keep the rows of one {what}"
     )]
     Several {
         /// The file.
@@ -410,14 +410,14 @@ mod tests {
         // Of a track or a model.
         let frames = message(b"frame,node,x,y\n1,10,2,3\n2,10,2,3\n");
         assert!(
-            frames.ends_with("this row belongs to another frame than the lines before (1); keep the rows of one frame"),
+            frames.ends_with("this row belongs to another frame (2) than the lines before; keep the rows of one frame"),
             "{frames}"
         );
         assert!(message(b"node,x,y,kind\n1,2,3,soft\n").contains("kind is `soft`; `mark` or `hard` was expected"));
         assert!(message(b"").contains("is empty"));
         assert_eq!(
             message(b"image,face,node,x,y\na.jpg,1,31,2,3\nb.jpg,1,31,2,3\n"),
-            "C.csv, line 3: this row belongs to another picture than the lines before (b.jpg); keep the rows of one picture"
+            "C.csv, line 3: this row belongs to another picture (b.jpg) than the lines before; keep the rows of one picture"
         );
         assert!(message(b"node,x,y\n\xE9,2,3\n").contains("not UTF-8"));
     }
