@@ -329,9 +329,7 @@ impl<'a> Played<'a> {
             about(path)(&format!("{error}{to_do}"))
         })?;
         warn_of_not_shown(path, &motion)?;
-        if motion.turns() {
-            note_turns(path, args.format.contains(&Format::Glb));
-        }
+        note_turns(path, &motion, args.format.contains(&Format::Glb));
         note_frames_between(path, &motion);
         let noise = args.time.noise.unwrap_or_else(|| motion.default_noise());
         anyhow::ensure!((0.0..1.0).contains(&noise), "--noise {noise}: expected a share of at least 0 and less than 1");

@@ -38,7 +38,10 @@ pub fn warn_of_not_shown(path: &Path, motion: &Motion) -> anyhow::Result<()> {
 }
 
 /// Notes where a head that turns is shown.
-pub fn note_turns(path: &Path, is_glb: bool) {
+pub fn note_turns(path: &Path, motion: &Motion, is_glb: bool) {
+    if !motion.turns() {
+        return;
+    }
     let place = if is_glb { "animation.glb; all other files show it upright" } else { "animation.glb alone (--format glb)" };
     eprintln!("note: {}: the head turns (FAPs 48 to 50) in {place}", path.display());
 }

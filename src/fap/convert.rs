@@ -30,7 +30,7 @@ use crate::{
 /// Number of FAP units in one FAPU length [MPEG-4].
 pub(crate) const FAP_UNITS_PER_FAPU: f64 = 1024.0;
 /// One unit of an angular FAP, rad [MPEG-4].
-const ANGLE_UNIT_RAD: f64 = 1e-5;
+pub(crate) const ANGLE_UNIT_RAD: f64 = 1e-5;
 /// Mean radius of the adult eyeball, mm: half of 24 mm (Bekerman, Gottlieb, Vaiman: *Variations in eyeball diameters of the
 /// healthy adults*, J. Ophthalmology 2014).
 const EYEBALL_RADIUS_MM: f64 = 12.0;

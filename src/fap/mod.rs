@@ -23,7 +23,7 @@ mod writer;
 
 pub use catalog::{Directionality, FapCatalog, FapMotion, FapNumber, FapRow, ParseFapNumberError};
 pub use check::{beyond_range, check_fap, check_lips};
-pub(crate) use convert::FAP_UNITS_PER_FAPU;
+pub(crate) use convert::{ANGLE_UNIT_RAD, FAP_UNITS_PER_FAPU};
 pub use convert::{Clamped, ConvertError, measure_faps, offsets_from_frame, unlimited_faps};
 pub use finding::{Finding, Rule, Severity};
 pub use interpolate::InterpolateError;

@@ -21,7 +21,7 @@ use nalgebra::{Point2, Vector2};
 
 use crate::{
     dataset::LANDMARK_COUNT,
-    fap::{ConvertError, FapCatalog, FapNumber, FapSequence},
+    fap::{ANGLE_UNIT_RAD, ConvertError, FapCatalog, FapNumber, FapSequence},
     model::{DynamicExpressionModel, ModelError},
     normalize::{IrisdMode, NormalizeError, NormalizeOptions, Normalizer},
     pose::{HEAD_ES, HeadFit, HeadModel},
@@ -416,7 +416,7 @@ fn landmarks(fit: &HeadFit, m: usize, frame: &TrackedFrame, tables: &Tables) -> 
 
 /// Returns FAPs 48 to 50 for yaw, pitch and roll in degrees, in 1e-5 rad: positive down, left, and towards the right shoulder.
 pub fn head_faps([yaw, pitch, roll]: [f64; 3]) -> Vec<(FapNumber, f64)> {
-    let units = |degrees: f64| degrees.to_radians() / 1e-5;
+    let units = |degrees: f64| degrees.to_radians() / ANGLE_UNIT_RAD;
     let values = [(48, units(pitch)), (49, units(yaw)), (50, units(roll))];
     values.into_iter().filter_map(|(number, value)| Some((FapNumber::try_from(number).ok()?, value))).collect()
 }

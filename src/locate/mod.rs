@@ -516,7 +516,7 @@ mod tests {
     #[test]
     fn a_least_eye_distance_that_is_none_ends_the_search() {
         let (locator, wall) = (Locator::shipped().unwrap(), GrayImage::from_pixel(40, 32, image::Luma([128])));
-        for distance in [f64::INFINITY, f64::NAN, -5.0] {
+        for distance in [f64::INFINITY, 1e300, f64::NAN, 0.0, -5.0, f64::NEG_INFINITY] {
             let options = LocateOptions { least_eye_distance: Some(distance), ..LocateOptions::default() };
             assert!(locator.locate(&wall, &options).is_empty(), "{distance}");
         }

@@ -173,13 +173,12 @@ pub fn write_gltf(path: &Path, animations: &[Animation<'_>]) -> Result<(), Synth
     let metres = fapu_length(bank, Fapu::Es).map(|es| EYE_SEPARATION_M / es);
     let scene = FaceScene::new(bank);
     let mut paint = scene.colours();
-    if let Some((paint, texture)) = paint.as_mut().zip(texture) {
-        for &v in scene.eye_triangles().as_flattened() {
-            paint[v as usize] = texture.colours[v as usize];
-        }
-    }
     let mut surfaces = scene.surfaces();
     if let Some(texture) = texture {
+        let eyes = surfaces.iter().filter(|(name, _)| *name == "eyes").flat_map(|(_, eyes)| eyes.as_flattened());
+        if let Some(paint) = &mut paint {
+            eyes.for_each(|&v| paint[v as usize] = texture.colours[v as usize]);
+        }
         surfaces.retain(|(name, _)| *name != "hair");
         let is_of = |name: &'static str| move |surface: &&mut (&str, Vec<[u32; 3]>)| surface.0 == name;
         if let Some((_, skin)) = surfaces.iter_mut().find(is_of("skin")) {

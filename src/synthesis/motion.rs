@@ -222,6 +222,17 @@ mod tests {
         read_motion(&path, &testing::bank(), None)
     }
 
+    /// Reads a FAP file that sets the same FAPs in all frames, to these values.
+    fn read_faps(bank: &super::super::Bank, faps: &[usize], frames: &[&str]) -> Motion {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("m.fap");
+        let mask = (1..=68).map(|k| if faps.contains(&k) { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
+        let frames: String = frames.iter().enumerate().map(|(k, values)| format!("{mask}\n{k} {values}\n")).collect();
+        let count = frames.lines().count() / 2;
+        fs::write(&path, format!("2.1 m 25 {count}\n{frames}")).unwrap();
+        read_motion(&path, bank, None).unwrap()
+    }
+
     #[test]
     fn feature_points_are_read_in_space_and_in_the_plane() {
         let motion = read("frame,fp,dx,dy,dz\n3,8.4,1,2,3\n7,8.3,0,0,0\n7,2.1,1,1,1\n").unwrap();
@@ -336,22 +347,14 @@ mod tests {
     #[test]
     fn a_file_that_sets_nothing_that_the_bank_has_rests() {
         let bank = candide_bank().unwrap();
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("push.fap");
-        let mask = (1..=68).map(|k| if k == 16 { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
-        fs::write(&path, format!("2.1 push 25 2\n{mask}\n0 0\n{mask}\n1 90\n")).unwrap();
-        let motion = read_motion(&path, &bank, None).unwrap();
+        let motion = read_faps(&bank, &[16], &["0", "90"]);
         assert!(motion.is_still() && motion.not_shown == ["16".parse().unwrap()]);
     }
 
     #[test]
     fn head_turns_of_a_file_are_read_and_interpolated() {
         let bank = candide_bank().unwrap();
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("nod.fap");
-        let mask = (1..=68).map(|k| if (48..=50).contains(&k) { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
-        fs::write(&path, format!("2.1 nod 25 2\n{mask}\n0 0 0 0\n{mask}\n1 20000 -10000 4000\n")).unwrap();
-        let motion = read_motion(&path, &bank, None).unwrap();
+        let motion = read_faps(&bank, &[48, 49, 50], &["0 0 0", "20000 -10000 4000"]);
         assert!(motion.turns() && !motion.is_still() && motion.not_shown.is_empty());
         let between = motion.with_frames_between(1).unwrap();
         assert_eq!(between.frames.len(), 3);
@@ -365,11 +368,7 @@ mod tests {
     #[test]
     fn a_single_pose_is_reached_from_the_neutral_face() {
         let bank = candide_bank().unwrap();
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("jaw.fap");
-        let mask = (1..=68).map(|k| if k == 3 { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
-        fs::write(&path, format!("2.1 jaw 25 1\n{mask}\n0 400\n")).unwrap();
-        let motion = read_motion(&path, &bank, None).unwrap();
+        let motion = read_faps(&bank, &[3], &["400"]);
         let chin = bank.feature_point_index("2.1".parse().unwrap()).unwrap();
         let y: Vec<f64> = motion.frames.iter().map(|frame| frame.offsets[chin].unwrap().y).collect();
         assert!(y.len() == 2 && y[0] == 0.0 && y[1] < 0.0, "{y:?}");

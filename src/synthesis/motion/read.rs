@@ -9,7 +9,7 @@ use super::{
     bank_face::{BankFace, face_size, implausible},
 };
 use crate::{
-    fap::{FapCatalog, FapFrame, FapNumber, FapSequence, offsets_from_frame, read_fap},
+    fap::{ANGLE_UNIT_RAD, FapCatalog, FapFrame, FapNumber, FapSequence, offsets_from_frame, read_fap},
     input::CsvFile,
     interpolation::{MOST_EVEN, too_many_between},
     model::DynamicExpressionModel,
@@ -227,9 +227,6 @@ fn read_track_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, Synthes
     })
 }
 
-/// Unit of the FAPs of angles, radians.
-const ANGLE: f64 = 1e-5;
-
 /// Reads the motion of a FAP file.
 fn read_fap_motion(path: &Path, face: &BankFace<'_>) -> Result<Motion, SynthesisError> {
     fap_motion(read_fap(path)?.sequence, face, path)
@@ -250,7 +247,8 @@ pub(super) fn fap_motion(mut sequence: FapSequence, face: &BankFace<'_>, path: &
     };
     let turns = [48, 49, 50].map(|number| FapNumber::try_from(number).ok());
     let not_shown = sequence.moving_faps().into_iter().filter(|&fap| !is_shown(fap) && !turns.contains(&Some(fap))).collect();
-    let turn_of = |frame: &FapFrame| Vector3::from(turns.map(|fap| ANGLE * fap.and_then(|fap| frame.value(fap)).unwrap_or(0.0)));
+    let turn_of =
+        |frame: &FapFrame| Vector3::from(turns.map(|fap| ANGLE_UNIT_RAD * fap.and_then(|fap| frame.value(fap)).unwrap_or(0.0)));
     let set = sequence.set_faps();
     for (from, to) in catalog.lip_twins().iter().flat_map(|&(inner, outer)| [(inner, outer), (outer, inner)]) {
         if set.contains(&from) && !set.contains(&to) {

@@ -308,7 +308,7 @@ mod tests {
         let lips = [87, 81, 82, 88, 89, 40, 83, 84];
         let edge: Vec<u16> = LID_MARGINS.concat().concat().into_iter().chain(lips).collect();
         let mut checked = 0;
-        for (emotion, frame) in [(Emotion::Anger, 0), (Emotion::Surprise, 1)] {
+        for (emotion, frame) in [(Emotion::Anger, 0), (Emotion::Surprise, 1), (Emotion::Happiness, 1), (Emotion::Disgust, 1)] {
             let sequence = SimulatedSequence::new(&subject, emotion, &options).unwrap();
             let (nodes, offsets, pose) = (sequence.nodes(frame), sequence.offsets(frame as f64), sequence.pose(frame));
             for anchor in subject.mesh.anchors() {
@@ -326,8 +326,8 @@ mod tests {
                 checked += 1;
             }
         }
-        // 96 skin nodes minus 16 of the lid margins and 8 of the inner lips, each in two frames.
-        assert_eq!(checked, (96 - 16 - 8) * 2);
+        // 96 skin nodes minus 16 of the lid margins and 8 of the inner lips, each in four frames.
+        assert_eq!(checked, (96 - 16 - 8) * 4);
     }
 
     #[test]
