@@ -61,6 +61,32 @@ pub struct Evidence {
     pub correction: f64,
 }
 
+/// How the skin around a node looks beside the neutral frame, read through the wireframe as it was placed in this frame. Where the wireframe
+/// was left behind, it does not look the same, whatever the steps before said.
+///
+/// ```
+/// use grimace::track::SkinMatch;
+///
+/// // Grey values that differ by 6 where they change by 3 a px are as far off as skin that was left behind by 2 px.
+/// let brow = SkinMatch { difference: 6.0, gradient: 3.0 };
+/// assert_eq!(brow.offset_px(), 2.0);
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SkinMatch {
+    /// Mean absolute grey difference from the neutral frame, but for a change of brightness of each triangle; 0 to 255.
+    pub difference: f64,
+    /// Mean absolute gradient of the current frame, grey levels per px.
+    pub gradient: f64,
+}
+
+impl SkinMatch {
+    /// Returns the shift that the difference stands for, px.
+    #[must_use]
+    pub fn offset_px(&self) -> f64 {
+        self.difference / self.gradient.max(GRADIENT_FLOOR)
+    }
+}
+
 /// Features of a live node in a frame. Lengths are over the eye distance ES0; sums run over the frames after the neutral one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NodeFeatures {
@@ -100,6 +126,13 @@ pub struct NodeFeatures {
     pub frame_lost: f64,
     /// Median neutral offset of the face: the head's motion.
     pub head: f64,
+    /// Grey difference of the skin from the neutral frame ([`SkinMatch::difference`]); for a node without skin the largest grey difference
+    /// so far.
+    pub skin_difference: f64,
+    /// Shift that it stands for ([`SkinMatch::offset_px`]); for a node without skin the median of the face.
+    pub skin_offset: f64,
+    /// Median of this shift over the face.
+    pub frame_skin_offset: f64,
 }
 
 impl NodeFeatures {
@@ -128,6 +161,9 @@ impl NodeFeatures {
             "hard_start_log_frames",
             "hard_start_log_offset",
             "log_size",
+            "log_skin_difference",
+            "log_skin_offset",
+            "log_frame_skin_offset",
         ];
         let regions = Region::ALL.iter().skip(1).map(|region| format!("region_{region}"));
         fixed.into_iter().map(str::to_owned).chain(regions).collect()
@@ -161,6 +197,9 @@ impl NodeFeatures {
             hard * self.frames.max(1.0).ln(),
             hard * log(self.offset, 0.005),
             self.size.clamp(SIZES.0, SIZES.1).ln(),
+            log(self.skin_difference, 0.2),
+            log(self.skin_offset, 0.001),
+            log(self.frame_skin_offset, 0.001),
         ];
         terms.extend(Region::ALL.iter().skip(1).map(|&region| flag(self.region == region)));
         terms
@@ -220,6 +259,9 @@ pub fn node_features(frames: &[TrackedFrame], wireframe: &Wireframe, tables: &Ta
                 frame_difference,
                 frame_lost: context.lost,
                 head: context.head.norm() / unit,
+                skin_difference: node.skin.map_or(sum.difference, |skin| skin.difference),
+                skin_offset: node.skin.map_or(context.skin_offset, |skin| skin.offset_px()) / unit,
+                frame_skin_offset: context.skin_offset / unit,
             })
         });
         out.push(features.collect());
@@ -256,6 +298,8 @@ struct FrameContext {
     /// Their component-wise median.
     head: Vector2<f64>,
     difference: f64,
+    /// Median shift that the skin's grey differences stand for, px.
+    skin_offset: f64,
     lost: f64,
     has_evidence: bool,
 }
@@ -271,12 +315,14 @@ impl FrameContext {
         let head = Vector2::new(median(&mut x).unwrap_or(0.0), median(&mut y).unwrap_or(0.0));
         let nodes = || live.iter().filter_map(|id| frame.nodes.get(id.index()));
         let mut differences: Vec<f64> = nodes().filter_map(|n| Some(n.evidence?.difference)).collect();
+        let mut skin_offsets: Vec<f64> = nodes().filter_map(|n| Some(n.skin?.offset_px())).collect();
         let lost = nodes().filter(|n| n.state.loss().is_some()).count();
         Self {
             offsets,
             head,
             has_evidence: !differences.is_empty(),
             difference: median(&mut differences).unwrap_or(0.0),
+            skin_offset: median(&mut skin_offsets).unwrap_or(0.0),
             lost: lost as f64 / live.len().max(1) as f64,
         }
     }
@@ -439,6 +485,7 @@ mod tests {
             state: if shift == 0.0 { NodeState::Fitted } else { NodeState::Tracked },
             residual: (shift > 0.0).then_some(0.3),
             evidence: (shift > 0.0).then_some(Evidence { difference: 2.0, gradients: [1.0, 4.0], correction: 0.4 }),
+            skin: (shift > 0.0).then_some(SkinMatch { difference: 3.0, gradient: 6.0 }),
             expected_error: None,
         };
         let frame = |number: u32, shift: f64| TrackedFrame { number, nodes: (0..113).map(|k| node(k, shift)).collect() };
@@ -469,6 +516,23 @@ mod tests {
         // Lost: the median difference of the frame, and the gradients of the previous frame.
         assert!((corner.difference - 2.0).abs() < 1e-12 && (corner.gradients[0] - unit).abs() < 1e-9);
         assert!(corner.strain > 0.04);
+        // The skin is compared around lost nodes, too: 3 grey levels where they change by 6 a px are half a px.
+        assert!(corner.skin_difference == 3.0 && (corner.skin_offset * unit - 0.5).abs() < 1e-9);
+        assert_eq!(corner.frame_skin_offset, corner.skin_offset);
+    }
+
+    #[test]
+    fn a_node_without_skin_has_the_shift_of_the_face() {
+        let (w, t) = (Wireframe::candide3(), Tables::candide3());
+        let mut frames = frames(&w);
+        frames[1].nodes[10].skin = None;
+        frames[1].nodes[20].skin = Some(SkinMatch { difference: 3.0, gradient: 0.0 });
+        let place = |node: u16| w.live_nodes().iter().position(|&n| n == NodeId(node)).unwrap();
+        let features = node_features(&frames, &w, &t);
+        let [none, flat] = [10, 20].map(|node| features[1][place(node)].unwrap());
+        assert_eq!((none.skin_difference, none.skin_offset), (2.0, none.frame_skin_offset));
+        // Skin without texture: 3 grey levels over the least gradient, 0.2 a px.
+        assert!((flat.skin_offset * 61.3 - 15.0).abs() < 1e-9);
     }
 
     #[test]

@@ -215,7 +215,7 @@ impl Eye {
                 node.position += place.down * (share * (there - place.of(&node.position)[1]));
                 if share >= 0.5 {
                     // The lid was found by the look of its eye, not by its own window.
-                    (node.state, node.residual, node.evidence) = (NodeState::Tracked, None, None);
+                    (node.state, node.residual, node.evidence, node.skin) = (NodeState::Tracked, None, None, None);
                 }
             }
         }

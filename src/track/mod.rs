@@ -35,7 +35,7 @@ mod whole;
 
 pub use align::{AlignOptions, Patch};
 pub(crate) use clock::{MOST_FILLED, clock_of_frames, whole_steps};
-pub use confidence::{Confidence, Evidence, NodeFeatures, expect_errors, node_features};
+pub use confidence::{Confidence, Evidence, NodeFeatures, SkinMatch, expect_errors, node_features};
 pub(crate) use corrections::CORRECTIONS_FOLDER;
 pub use corrections::{
     SavedCorrections, TrackCorrections, corrections_in_track, corrections_path, far_corrections, fitting_corrections,

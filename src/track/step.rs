@@ -14,7 +14,7 @@
 use nalgebra::{Matrix2, Point2, Vector2};
 
 use super::{
-    AlignOptions, Evidence, Forces, Found, LossReason, NodeState, PointTracker, Probe, Slot, TrackError, TrackOptions,
+    AlignOptions, Evidence, Forces, Found, LossReason, NodeState, PointTracker, Probe, SkinMatch, Slot, TrackError, TrackOptions,
     TrackedFrame, TrackedNode,
     align::{Patch, Template, Ties},
     check_nodes,
@@ -268,11 +268,12 @@ impl Step<'_> {
         let gradients = tracker.gradients(Slot::Previous, self.window, &starts)?;
         let gradients = finite_gradients(gradients, &starts)?;
         let mut moved = self.place(&positions, &steps, &gradients)?;
-        self.align(tracker, &steps, &gradients, &mut moved)?;
+        let skin = self.align(tracker, &steps, &gradients, &mut moved)?;
         let follows = |&position| TrackedNode::new(position, NodeState::Follows, None);
         let mut nodes: Vec<_> = moved.iter().map(follows).collect();
-        for (step, gradient) in steps.iter().zip(&gradients) {
+        for (k, (step, gradient)) in steps.iter().zip(&gradients).enumerate() {
             let node = &mut nodes[step.node.index()];
+            node.skin = skin.get(k).copied().flatten();
             node.state = step.loss.map_or(NodeState::Tracked, NodeState::Recovered);
             node.residual = step.residual;
             if step.loss.is_none() {
@@ -419,31 +420,32 @@ impl Step<'_> {
         Ok(self.plan.springs.deform(self.wireframe, positions, &targets)?)
     }
 
-    /// Corrects the nodes by comparison with the neutral frame; see [`super::align`].
+    /// Corrects the nodes by comparison with the neutral frame, and returns how the skin around each live node looks beside it; see
+    /// [`super::align`]. Nothing without images or alignment.
     fn align(
         &mut self,
         tracker: &impl PointTracker,
         steps: &[recover::NodeStep],
         gradients: &[Matrix2<f64>],
         nodes: &mut [Point2<f64>],
-    ) -> Result<(), TrackError> {
+    ) -> Result<Vec<Option<SkinMatch>>, TrackError> {
         let options = &self.options.align;
         if self.template.is_none() || options.gain <= 0.0 {
-            return Ok(());
+            return Ok(Vec::new());
         }
         let patch = tracker.patch(Slot::Current, nodes, PATCH_MARGIN_PX, options.smoothing)?;
-        let Some(patch) = whole(patch)? else { return Ok(()) };
+        let Some(patch) = whole(patch)? else { return Ok(Vec::new()) };
         let force = |(s, g): (&recover::NodeStep, &Matrix2<f64>)| {
             if s.loss.is_some() && !s.predicted { Matrix2::zeros() } else { self.force(s, g) }
         };
         let forces: Vec<_> = steps.iter().zip(gradients).map(force).collect();
         let live = self.wireframe.live_nodes();
         let start: Vec<_> = live.iter().map(|n| nodes[n.index()]).collect();
-        let Some(template) = &mut self.template else { return Ok(()) };
-        let aligned = template.align(&patch, &start, &forces, options);
+        let Some(template) = &mut self.template else { return Ok(Vec::new()) };
+        let (aligned, skin): (Vec<_>, Vec<_>) = template.align(&patch, &start, &forces, options).into_iter().unzip();
         live.iter().zip(aligned).for_each(|(n, position)| nodes[n.index()] = position);
         self.wireframe.place_followers(nodes);
-        Ok(())
+        Ok(skin)
     }
 
     /// Returns the force matrix of a node that was not lost: the one of the module's equation, or the same for all nodes.

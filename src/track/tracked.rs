@@ -2,7 +2,7 @@
 
 use nalgebra::Point2;
 
-use super::{Evidence, NodeState};
+use super::{Evidence, NodeState, SkinMatch};
 use crate::{
     locate::FacePart,
     model::{DynamicExpressionModel, FrameExpressionModel, ModelError},
@@ -30,6 +30,9 @@ pub struct TrackedNode {
     pub residual: Option<f64>,
     /// Measurements of the step into this frame; `None` in the neutral frame, for a lost node, and in a track read from a file.
     pub evidence: Option<Evidence>,
+    /// Comparison of the skin around the node with the neutral frame, whether the node was lost or not; `None` in the neutral frame,
+    /// without images or alignment, where a node has no skin, and in a track read from a file.
+    pub skin: Option<SkinMatch>,
     /// Expected error, px: half of such nodes are closer, half further away. In the neutral frame it is the error of the node's position on
     /// the face, `None` when unknown. In later frames it is the error of its offset from the neutral frame, see
     /// [`Confidence`](super::Confidence).
@@ -39,7 +42,7 @@ pub struct TrackedNode {
 impl TrackedNode {
     /// Creates a node without evidence and expected error.
     pub fn new(position: Point2<f64>, state: NodeState, residual: Option<f64>) -> Self {
-        Self { position, state, residual, evidence: None, expected_error: None }
+        Self { position, state, residual, evidence: None, skin: None, expected_error: None }
     }
 }
 

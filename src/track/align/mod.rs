@@ -32,9 +32,11 @@ use std::{collections::BTreeSet, sync::Arc};
 use nalgebra::{Matrix2, Point2, Vector2};
 use serde::{Deserialize, Serialize};
 
+use super::SkinMatch;
+
 use self::{
     normal::{Compared, MIN_SAMPLES, Mean, NormalEquations, Sums, places},
-    patch::{LANES, total},
+    patch::{LANES, add, times, total},
     sampler::{Group, Sampler},
     surface::{Quadratic, Shares, border, doubled_area, openings, quadratics},
 };
@@ -110,6 +112,9 @@ const SCALE_FLOOR: f64 = 1.0;
 
 /// Indices in a group of the grey differences used for the scale: their median needs no more.
 const SCALED: [usize; 2] = [0, 4];
+
+/// Sum of the weights of samples from which the skin around a node says something about it.
+const MIN_SKIN: f64 = 0.5;
 
 /// Small gain that fixes nodes that nothing else holds.
 const REST_GAIN: f64 = 1e-6;
@@ -250,7 +255,8 @@ impl Template {
         }
     }
 
-    /// Returns corrected positions of the live nodes in the current frame. `start`: uncorrected positions; `forces`: the step's force on
+    /// Returns corrected positions of the live nodes in the current frame, and how the skin around each looks there beside the neutral
+    /// frame; `None` for nodes without skin. `start`: uncorrected positions; `forces`: the step's force on
     /// each node, zero if lost.
     pub fn align(
         &mut self,
@@ -258,7 +264,7 @@ impl Template {
         start: &[Point2<f64>],
         forces: &[Matrix2<f64>],
         options: &AlignOptions,
-    ) -> Vec<Point2<f64>> {
+    ) -> Vec<(Point2<f64>, Option<SkinMatch>)> {
         widest(
             #[inline(always)]
             || self.aligned(patch, start, forces, options),
@@ -272,7 +278,7 @@ impl Template {
         start: &[Point2<f64>],
         forces: &[Matrix2<f64>],
         options: &AlignOptions,
-    ) -> Vec<Point2<f64>> {
+    ) -> Vec<(Point2<f64>, Option<SkinMatch>)> {
         self.room.ties.scaled_from(&self.ties.springs, options.stiffness);
         for (i, (force, anchor)) in forces.iter().zip(&self.anchors).enumerate() {
             self.room.ties.add_diagonal(i, &(force * *anchor + Matrix2::identity() * REST_GAIN));
@@ -281,9 +287,10 @@ impl Template {
         let held = self.hold_corners(start, options.corners);
         let mut places = start.to_vec();
         let mut last = 0.0;
+        let mut coarse = true;
         for iteration in 0..MAX_ITERATIONS {
             let with_matrix = iteration < REBUILT || (iteration == REBUILT && last > FAR_PX);
-            let coarse = iteration < COARSE;
+            coarse = iteration < COARSE;
             self.room.ties.times(&correction, &mut self.room.pull);
             self.room.pull.iter_mut().for_each(|pull| *pull = -*pull);
             held.iter().for_each(|(place, force)| self.room.pull[*place] += force);
@@ -307,7 +314,44 @@ impl Template {
             }
             last = step;
         }
-        places
+        places.into_iter().zip(self.skin(coarse)).collect()
+    }
+
+    /// Returns how the skin around each live node looked in the last comparison with the neutral frame, which was over all samples or the
+    /// coarse subset. A sample counts for the corners of its triangle by their weights in its motion.
+    #[inline(always)]
+    fn skin(&self, coarse: bool) -> Vec<Option<SkinMatch>> {
+        // Nearness, and grey difference and gradient weighed by it.
+        let mut sums = vec![[0.0_f64; 3]; self.neutral.len()];
+        let mut rest = self.room.compared.as_slice();
+        for (face, mean) in self.faces.iter().zip(&self.room.means) {
+            let (groups, _) = face.looked_at(coarse);
+            let (list, behind) = rest.split_at(groups.len());
+            rest = behind;
+            if mean.count < MIN_SAMPLES {
+                continue;
+            }
+            let level = mean.difference as f32;
+            let mut of_corners = [[[0.0; LANES]; 3]; 3];
+            for (group, [differences, gx, gy, inside]) in groups.iter().zip(list) {
+                let mut values = [[0.0; LANES]; 3];
+                for k in 0..LANES {
+                    values[0][k] = group.nearness[k] * inside[k];
+                    values[1][k] = values[0][k] * (differences[k] - level).abs();
+                    values[2][k] = values[0][k] * (gx[k] * gx[k] + gy[k] * gy[k]).sqrt();
+                }
+                for (weights, sums) in group.weights.iter().zip(&mut of_corners) {
+                    values.iter().zip(sums).for_each(|(values, sum)| add(sum, &times(weights, values)));
+                }
+            }
+            for (corner, of_corner) in face.corners.into_iter().zip(&of_corners) {
+                sums[corner].iter_mut().zip(of_corner).for_each(|(sum, lanes)| *sum += f64::from(total(lanes)));
+            }
+        }
+        let of = |[weight, difference, gradient]: [f64; 3]| {
+            (weight > MIN_SKIN).then(|| SkinMatch { difference: difference / weight, gradient: gradient / weight })
+        };
+        sums.into_iter().map(of).collect()
     }
 
     /// Adds the springs of the mouth's corners to the system and returns their forces with the nodes they act on. `start`: positions of the
@@ -429,7 +473,7 @@ mod tests {
         let off = |(i, p): (usize, &Point2<f64>)| p + nalgebra::Vector2::new((i as f64).sin(), (i as f64 * 0.7).cos()) * 0.8;
         let start: Vec<_> = truth.iter().enumerate().map(off).collect();
         let aligned = template.align(current, &start, &vec![Matrix2::zeros(); live.len()], &options);
-        aligned.iter().zip(&truth).map(|(a, t)| (a - t).norm()).fold(0.0, f64::max)
+        aligned.iter().zip(&truth).map(|((a, _), t)| (a - t).norm()).fold(0.0, f64::max)
     }
 
     #[test]
@@ -455,7 +499,7 @@ mod tests {
         let mut template = template(&wireframe, &nodes, &grey, &options);
         let start: Vec<_> = wireframe.live_nodes().iter().map(|n| nodes[n.index()]).collect();
         let aligned = template.align(&grey, &start, &vec![Matrix2::identity(); start.len()], &options);
-        for (a, s) in aligned.iter().zip(&start) {
+        for ((a, _), s) in aligned.iter().zip(&start) {
             assert_relative_eq!(a, s, epsilon = 1e-9);
         }
     }
@@ -468,7 +512,26 @@ mod tests {
         let start: Vec<_> = wireframe.live_nodes().iter().map(|n| nodes[n.index()] + nalgebra::Vector2::new(1e4, 0.0)).collect();
         let small = Patch { left: 0, top: 0, width: 3, height: 3, values: vec![0.0; 9] };
         let aligned = template.align(&small, &start, &vec![Matrix2::zeros(); start.len()], &options);
-        assert_eq!(aligned, start);
+        assert_eq!(aligned, start.into_iter().map(|place| (place, None)).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn skin_that_was_left_behind_looks_unlike_the_neutral_frame() {
+        let wireframe = Wireframe::candide3();
+        let (nodes, options) = (face(&wireframe), AlignOptions::default());
+        let mut template = template(&wireframe, &nodes, &picture(|p| p, |v| v), &options);
+        let start: Vec<_> = wireframe.live_nodes().iter().map(|n| nodes[n.index()]).collect();
+        // So strong a force holds every node in its place.
+        let held = vec![Matrix2::identity() * 1e9; start.len()];
+        let mut skin = |current: &Patch| -> Vec<SkinMatch> {
+            template.align(current, &start, &held, &options).into_iter().filter_map(|(_, skin)| skin).collect()
+        };
+        let seen = skin(&picture(|p| p, |v| v + 12.0));
+        assert!(seen.len() > 80 && seen.iter().all(|skin| skin.difference < 1e-3 && skin.gradient > 5.0), "{}", seen.len());
+        let left = skin(&picture(|p| p - Vector2::new(0.0, 1.0), |v| v));
+        let mut offsets: Vec<f64> = left.iter().map(SkinMatch::offset_px).collect();
+        let middle = median(&mut offsets).unwrap();
+        assert!((0.3..1.1).contains(&middle), "{middle} px for one px");
     }
 
     #[test]
@@ -486,6 +549,7 @@ mod tests {
             let options = AlignOptions { corners, ..AlignOptions::default() };
             let mut template = Template::new(&wireframe, &ties, &[], &nodes, &flat, (9, 46.0), &options);
             let aligned = template.align(&flat, &start, &vec![Matrix2::zeros(); start.len()], &options);
+            let aligned: Vec<_> = aligned.into_iter().map(|(place, _)| place).collect();
             let offset = (nodes[inner.index()] - nodes[outer.index()]) * 1.1;
             (aligned[place(inner)] - aligned[place(outer)] - offset).x
         };

@@ -36,7 +36,7 @@ Examples:
   grimace evaluate confidence -o confidence --photographs FACES --leave-out L004,L022
   grimace evaluate confidence faces -o confidence --by kind --start landmarks
 
-Without a DATASET, simulated people are tracked, and with --photographs also warped photographs: clean and hard, at full, half, quarter and \
+Without a DATASET, simulated people are tracked, and with --photographs also warped photographs: clean, hard, and hard in a third of the frames, at full, half, quarter and \
 sixth size (down to 64 px), from exact positions and from marks. Weights and calibration are trained on them, written to \
 track_confidence.csv, and evaluated on held-out people: every fifth person of FACES and the simulated people of --held-out. With --photographs, clean simulated people serve for \
 evaluation only. confidence_quintiles.csv and confidence.svg show expected and true median error by quintile; verdicts.csv the verdicts. \
@@ -84,6 +84,8 @@ const HELD_OUT_SEED: u64 = 0x5EED_0000;
 const PHOTOGRAPHED_HELD_OUT: usize = 5;
 /// Number of kinds of pictures over which the other people are distributed.
 const PHOTOGRAPHED_SPLIT: usize = 4;
+/// How many times fewer frames a fast expression has.
+const FAST: usize = 3;
 /// Smallest width and height of rendered pictures, px.
 const LEAST_SIDE: u32 = 64;
 /// Name of pictures without noise, blur and changing light.
@@ -110,11 +112,16 @@ impl Args {
         let fits = |part: u32| part == 1 || clean.width.min(clean.height) / part >= LEAST_SIDE;
         let simulations = sizes.iter().filter(|(_, part)| fits(*part)).flat_map(|&(size, part)| {
             let clean = smaller(part);
-            [(format!("hard{size}"), hard_simulation(&clean)), (format!("{CLEAN}{size}"), clean)]
+            let fast = SimulateOptions { frames: (clean.frames / FAST).max(2), ..clean.clone() };
+            [
+                (format!("hard{size}"), hard_simulation(&clean)),
+                (format!("{CLEAN}{size}"), clean),
+                (format!("fast{size}"), hard_simulation(&fast)),
+            ]
         });
         let mut out = Vec::new();
         for (k, (name, simulation)) in simulations.enumerate() {
-            // Every photographed person is in one of the larger and one of the smaller conditions.
+            // Every photographed person is seen clean, hard and fast, at three sizes.
             let chosen = faces.iter().skip(k % PHOTOGRAPHED_SPLIT).step_by(PHOTOGRAPHED_SPLIT);
             let photographs = chosen
                 .map(|face| Ok(PhotographedPerson::new(face, simulation.width, fitter, wireframe, tables)?))
