@@ -89,9 +89,9 @@ pub struct Intensity {
     /// Expected error of the value: half of such values are closer, half further away.
     pub expected_error: f64,
     /// How much better the face is explained with the action unit than by all others alone: difference of the log posteriors of the best
-    /// mixtures. 0 for intensities below 1, where it is not determined, and for AU 5 without an eye that is open wider than in the neutral
-    /// frame. AU 25 has 2 at twice its expected error, and grows with the square. In films, frames in a row with an intensity of at least 1
-    /// share one value, which a third of them reach.
+    /// mixtures. 0 for intensities below 1, where it is not determined, for AU 5 without an eye that is open wider than in the neutral
+    /// frame, and for AU 45 without one that is at least a tenth narrower. AU 25 has 2 at twice its expected error, and grows with the
+    /// square. In films, frames in a row with an intensity of at least 1 share one value, which a third of them reach.
     pub evidence: f64,
 }
 

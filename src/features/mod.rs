@@ -54,8 +54,16 @@ const LIDS: [[usize; 2]; 2] = [[21, 22], [54, 55]];
 const LIPS: [usize; 2] = [87, 40];
 /// Number of the action unit that raises the upper lids.
 const UPPER_LIDS: u8 = 5;
+/// Number of the action unit that closes the eyes.
+const BLINK: u8 = 45;
+/// Opening below which an eye closes, relative to the neutral frame. A blink of intensity 1, the least that is present, closes a fifth.
+const CLOSING: f64 = 0.9;
 /// The top of the skull, which lies on hair or beyond the picture: no muscle moves it, and its track may be far off.
 const SKULL: [u16; 5] = [0, 11, 12, 44, 45];
+
+/// The forehead, which says nothing of action units: how far its skin follows a raised brow differs from face to face, and its upper part
+/// lies on hair. With it, raised brows of 300 FAP units had an AU 1 of 0 to 3 from pictures and of 5 from landmarks, which it lacks.
+const FOREHEAD: [u16; 11] = [0, 1, 2, 11, 12, 13, 34, 35, 44, 45, 46];
 
 /// The values of one frame.
 ///
@@ -284,7 +292,11 @@ impl FeatureMeter {
             let m = by_time[k];
             SeenFrame {
                 offsets: model.neutral_offsets(m),
-                nodes: self.deviations(&track[m], m == 0, es),
+                nodes: self
+                    .deviations(&track[m], m == 0, es)
+                    .into_iter()
+                    .filter(|(node, _)| !FOREHEAD.contains(&node.0))
+                    .collect(),
                 seconds: seconds.get(m).copied(),
                 is_neutral: m == 0,
             }
@@ -389,6 +401,9 @@ impl FeatureMeter {
             // Without a wider eye, what looks like raised upper lids is the rest of the face.
             let wider = row.eye_opening.iter().any(|opening| *opening > 1.0);
             row.action_units.iter_mut().filter(|unit| unit.number == UPPER_LIDS && !wider).for_each(|unit| unit.evidence = 0.0);
+            // Without an eye that closes, what looks like a blink is the rest of the face.
+            let closes = row.eye_opening.iter().any(|opening| *opening < CLOSING);
+            row.action_units.iter_mut().filter(|unit| unit.number == BLINK && !closes).for_each(|unit| unit.evidence = 0.0);
             row.faps.extend(head_faps(angles));
             row.faps.sort_by_key(|(fap, _)| *fap);
             row.reason = reason(&row, fit, m);
