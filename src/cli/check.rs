@@ -187,7 +187,7 @@ fn groups_said(column: &CheckedColumn) -> String {
     };
     let people = |n: usize| count(n, "person", "people");
     if column.is_measure {
-        return format!("{} of {}", count(groups.len(), "number", "numbers"), people(groups.iter().map(|(_, n)| n).sum()));
+        return format!("{} of {}", count(groups.len(), "number", "numbers"), people(column.people));
     }
     let of = if groups.len() <= NAMED {
         let named: Vec<String> = groups.iter().map(|(group, n)| format!("{group} ({})", people(*n))).collect();

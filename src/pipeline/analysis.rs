@@ -28,10 +28,9 @@ use crate::{
     statistics::{
         ClassLabel, GroupError, LabelledModel, Representative, SequenceLabels, SequenceModel, StatisticsError,
         bootstrap::DispersionInterval,
-        check_columns, check_numbers,
+        check_columns, check_numbers, column_notes,
         compare::{Comparisons, Strata},
-        far_numbers_said, group_models, is_missing, measures_said, missing_words_said, no_numbers_said, perhaps_missing_said,
-        spell_as_groups, spelling_key,
+        group_models, is_missing, spell_as_groups, spelling_key,
     },
     track::TrackQuality,
     units::SequenceId,
@@ -205,12 +204,7 @@ pub(super) fn analyze_with(
     let grouped = labelled(models);
     let labels: Vec<SequenceLabels<'_>> = grouped.iter().map(LabelledModel::labels).collect();
     let spelled = spelling_warnings(&labels, &options.by);
-    let told_apart_by = [options.by.as_slice(), &options.strata].concat();
-    let missing = missing_words_said(&labels, &told_apart_by);
-    let perhaps = perhaps_missing_said(&labels, &told_apart_by);
-    let measures = measures_said(&labels, &told_apart_by);
-    let no_numbers = no_numbers_said(&labels, &options.covariates);
-    let far = far_numbers_said(&labels, &options.covariates);
+    let about_columns = column_notes(&labels, &options.by, &options.strata, &options.covariates);
     check_columns(&options.strata, grouped.iter().map(|m| &m.metadata))?;
     check_numbers(&options.covariates, &grouped.iter().map(|m| &m.metadata))?;
     let strata = strata_of(&grouped, &options.strata);
@@ -238,11 +232,7 @@ pub(super) fn analyze_with(
     warnings.extend(comparisons.iter().flat_map(|c| c.warnings(options.groups.compare.significance)));
     warnings.extend(same.iter().cloned());
     warnings.extend(spelled);
-    warnings.extend(missing);
-    warnings.extend(perhaps);
-    warnings.extend(measures);
-    warnings.extend(no_numbers);
-    warnings.extend(far);
+    warnings.extend(about_columns);
     let mut amplitudes = AmplitudeResults::new(&emotions, &grouped, strata, bench);
     warnings.extend(amplitudes.warnings());
     let covariates = covariates(&emotions, &grouped, &classes, &amplitudes, strata, bench);

@@ -63,12 +63,17 @@ pub(super) fn covariates(
     let mut met = BTreeSet::new();
     for column in bench.options.covariates.iter().filter(|&column| met.insert(column)) {
         let value = |m: &LabelledModel| m.metadata.get(column).filter(|v| !is_missing(v)).and_then(|v| number_of(v));
-        let numbers = Numbers::new(models.iter().map(|m| (m.model.id.subject.as_str(), value(m))));
+        let rows = || models.iter().map(|m| (&m.model.id, value(m)));
+        let of_all = Numbers::new(rows().map(|(id, value)| (id.subject.as_str(), value)));
         for (emotion, groups) in emotions {
             let Some((_, whole)) = groups.iter().find(|(label, _)| label.group.is_empty()) else { continue };
             let of_emotion = amplitudes.sequences.iter().filter(|s| s.emotion == *emotion);
             let values: BTreeMap<&SequenceId, [Option<f64>; 4]> = of_emotion.map(|s| (&s.id, s.values)).collect();
             let Some(class) = whole_class(classes, emotion) else { continue };
+            // A number may differ from sequence to sequence, such as a rating. One that is only given with another emotion still holds.
+            let ids: BTreeSet<&SequenceId> = whole.iter().map(|m| &m.id).collect();
+            let own = rows().filter(|(id, _)| ids.contains(id)).map(|(id, value)| (id.subject.as_str(), value));
+            let numbers = Numbers::new(own).or(&of_all);
             let stream = stream_of(&[(emotion, &BTreeMap::from([(column.clone(), String::new())]))]);
             let people: BTreeSet<&str> = whole.iter().map(|m| m.id.subject.as_str()).collect();
             let slope = |region: AmplitudeRegion| {

@@ -3,7 +3,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::AnalyzedModel;
-use crate::{model::FrameExpressionModel, output::listed, statistics::SequenceModel, track::TrackInfo};
+use crate::{
+    dataset::FACE_COLUMN, model::FrameExpressionModel, output::listed, statistics::SequenceModel, track::TrackInfo,
+    units::SequenceId,
+};
 
 /// Most pairs that a note names.
 const MOST_NAMED: usize = 5;
@@ -28,27 +31,47 @@ fn motion_of(model: &SequenceModel) -> Option<String> {
     Some(hash.finalize().to_hex().to_string())
 }
 
+/// A sequence and what identifies its contents.
+pub(super) struct Contents<'a> {
+    pub id: &'a SequenceId,
+    pub emotion: &'a str,
+    /// Its pictures and its motion, as far as they are known. Sequences that agree in either are copies.
+    pub keys: [Option<String>; 2],
+}
+
 /// Notes on sequences with the same pictures or exactly the same motion: of two people, and of one person with one emotion.
 pub(super) fn same_said(models: &[AnalyzedModel]) -> Vec<String> {
-    let mut models: Vec<&AnalyzedModel> = models.iter().collect();
-    models.sort_by(|a, b| a.model.id.cmp(&b.model.id));
+    let contents = models.iter().map(|model| Contents {
+        id: &model.model.id,
+        emotion: &model.emotion,
+        keys: [model.pictures.as_ref().map(|pictures| with_face(pictures, &model.metadata)), motion_of(&model.model)],
+    });
+    copies_said(contents.collect(), "the same pictures or exactly the same motion")
+}
+
+/// Identifies pictures of one of several faces.
+pub(super) fn with_face(pictures: &str, metadata: &BTreeMap<String, String>) -> String {
+    format!("{pictures} {}", metadata.get(FACE_COLUMN).map_or("", String::as_str))
+}
+
+/// Notes on copies, which have `same` in common.
+pub(super) fn copies_said(mut all: Vec<Contents<'_>>, same: &str) -> Vec<String> {
+    all.sort_by(|a, b| a.id.cmp(b.id));
     // A copy is named together with the first sequence that it equals.
-    let mut first: BTreeMap<(usize, String), &AnalyzedModel> = BTreeMap::new();
+    let mut first: BTreeMap<(usize, &str), &Contents<'_>> = BTreeMap::new();
     let (mut people, mut sequences) = (BTreeMap::new(), BTreeSet::new());
-    for model in models {
-        let face = model.metadata.get("face_id").map_or("", String::as_str);
-        let pictures = model.pictures.as_ref().map(|pictures| (0, format!("{pictures} {face}")));
-        for key in pictures.into_iter().chain(motion_of(&model.model).map(|motion| (1, motion))) {
-            let earlier = *first.entry(key).or_insert(model);
-            let (a, b) = (&earlier.model.id, &model.model.id);
+    for one in &all {
+        for (kind, key) in one.keys.iter().enumerate() {
+            let Some(key) = key else { continue };
+            let earlier = *first.entry((kind, key)).or_insert(one);
+            let (a, b) = (earlier.id, one.id);
             if a.subject != b.subject {
                 people.entry((&a.subject, &b.subject)).or_insert_with(BTreeSet::new).insert((a, b));
-            } else if a != b && earlier.emotion == model.emotion {
+            } else if a != b && earlier.emotion == one.emotion {
                 sequences.insert((a, b));
             }
         }
     }
-    let same = "the same pictures or exactly the same motion";
     let mut said = Vec::new();
     if !people.is_empty() {
         let pair = |(subjects, ids): (&(&String, &String), &BTreeSet<_>)| {

@@ -8,6 +8,7 @@
 
 pub mod amplitude;
 pub mod bootstrap;
+mod columns;
 mod comparable;
 pub mod compare;
 pub mod covariate;
@@ -39,6 +40,7 @@ pub use dispersion::Dispersions;
 use median::SearchEnding;
 
 pub(crate) use amplitude::{t_above, t_quantile};
+pub use columns::{column_notes, without_stratum_said};
 use compare::Strata;
 pub use groups::{
     EMOTIONS, GroupError, LabelledModel, check_columns, check_groups, check_numbers, group_models, group_models_unchecked,
@@ -47,10 +49,7 @@ pub use groups::{
 pub use representative::{NEUTRAL_TOLERANCE, check_models, representative};
 pub use spelling::{abbreviations, common_spellings, likely_emotion, near_twins, spelling_key, synonyms};
 pub use trimming::TrimLevel;
-pub use values::{
-    SequenceLabels, UNKNOWN_GROUP, far_numbers_said, is_missing, measures_said, missing_words_said, no_numbers_said, number_of,
-    perhaps_missing_said,
-};
+pub use values::{SequenceLabels, UNKNOWN_GROUP, is_missing, measures_said, number_of};
 pub use weights::Weighting;
 pub(crate) use weights::sequence_weights;
 

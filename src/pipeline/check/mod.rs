@@ -20,15 +20,17 @@ use super::{
     corrected::unused_corrections,
     folder::open_dataset,
     recognition::left_out_said,
+    same::{Contents, copies_said, with_face},
 };
 use crate::{
     dataset::{FACE_COLUMN, SEGMENT_COLUMN, SequenceEntry, is_publish_column, not_shown_said, unlisted_said},
     output::{OutputError, listed, nine_digits, write_records},
     statistics::{
-        GroupError, SequenceLabels, UNKNOWN_GROUP,
+        GroupError, SequenceLabels, UNKNOWN_GROUP, column_notes,
         compare::LEAST_PEOPLE,
-        far_numbers_said, group_sequences, measures_said, missing_words_said, no_numbers_said, perhaps_missing_said,
+        group_sequences, is_missing, measures_said,
         recognize::{labels_to_learn, shown_by_several},
+        without_stratum_said,
     },
     units::SequenceId,
 };
@@ -57,6 +59,8 @@ pub struct CheckedColumn {
     /// Its groups with their number of people over all emotions, in alphabetical order, without missing values; or the reason why it cannot
     /// group.
     pub groups: Result<Vec<(String, usize)>, GroupError>,
+    /// People with a value over all emotions, each once.
+    pub people: usize,
     /// Whether some emotion has two groups that are large enough for a test.
     pub is_testable: bool,
     /// Whether its values are measurements, such as ages, rather than names of groups.
@@ -112,6 +116,12 @@ pub fn check_dataset(
     let whole: Vec<&SequenceId> = sequences.iter().filter(|s| s.is_recording()).map(|s| &s.id).collect();
     let mut notes = notes(&usable, &labels, &whole, bench).map_err(AnalysisError::from)?;
     let lengths = sequences.iter().filter(|s| s.failure.is_none() && !s.is_recording()).filter_map(|s| Some((&s.id, s.frames?)));
+    let contents = sequences.iter().zip(&labels).map(|(s, (.., metadata))| Contents {
+        id: &s.id,
+        emotion: &s.emotion,
+        keys: [s.pictures.as_ref().map(|pictures| with_face(pictures, metadata)), None],
+    });
+    notes.extend(copies_said(contents.collect(), "the same neutral and apex pictures"));
     let too_short = too_short(lengths, bench.options.normalize.resample);
     let recommends_linear = too_short.is_some();
     notes.extend(too_short);
@@ -167,7 +177,10 @@ fn columns_of(all: &[SequenceLabels<'_>]) -> Vec<CheckedColumn> {
         let emotions: BTreeSet<&str> = all.iter().map(|(_, emotion, _)| *emotion).collect();
         let is_enough = |groups: Vec<(String, usize)>| groups.iter().filter(|(_, people)| *people >= LEAST_PEOPLE).count() >= 2;
         let is_testable = emotions.into_iter().any(|emotion| groups(Some(emotion)).is_ok_and(is_enough));
-        CheckedColumn { name: name.clone(), groups: groups(None), is_testable, is_measure: measures_said(all, by).is_some() }
+        let has_value = |(.., metadata): &&SequenceLabels<'_>| metadata.get(name).is_some_and(|value| !is_missing(value));
+        let people = people_of(&all.iter().filter(has_value).collect::<Vec<_>>());
+        let is_measure = measures_said(all, by).is_some();
+        CheckedColumn { name: name.clone(), groups: groups(None), people, is_testable, is_measure }
     };
     names.into_iter().map(column).collect()
 }
@@ -189,12 +202,8 @@ fn notes(
     let sizes = known.map(|(stem, of)| ClassSize { stem, sequences: of.len(), people: people_of(of) });
     let mut notes = few_said(&sizes.collect::<Vec<_>>());
     notes.extend(spelling_warnings(all, by));
-    let told_apart_by = [by.as_slice(), &bench.options.strata].concat();
-    notes.extend(missing_words_said(all, &told_apart_by));
-    notes.extend(perhaps_missing_said(all, &told_apart_by));
-    notes.extend(measures_said(all, &told_apart_by));
-    notes.extend(no_numbers_said(all, &bench.options.covariates));
-    notes.extend(far_numbers_said(all, &bench.options.covariates));
+    notes.extend(column_notes(all, by, &bench.options.strata, &bench.options.covariates));
+    notes.extend(without_stratum_said(usable, &bench.options.strata));
     notes.extend(not_shown_said(all.iter().map(|&(id, _, metadata)| (id.subject.as_str(), metadata))));
     let shown: Vec<(&str, &str)> = usable.iter().map(|&(id, emotion, _)| (id.subject.as_str(), emotion)).collect();
     let (shown, left_out) = shown_by_several(shown, |&shown| shown);

@@ -54,6 +54,8 @@ pub struct CheckedSequence {
     pub reasons: Vec<String>,
     /// Other messages of a run about it, one sentence each.
     pub notes: Vec<String>,
+    /// Identifies the grey values of its neutral and apex frames; `None` for anything but images.
+    pub pictures: Option<String>,
 }
 
 /// Source of a row that is a whole recording.
@@ -114,6 +116,7 @@ impl CheckedSequence {
             ends_run: false,
             reasons: Vec::new(),
             notes: Vec::new(),
+            pictures: None,
         }
     }
 
@@ -214,6 +217,9 @@ impl CheckedSequence {
             let ends = [files.first(), files.last()].into_iter().flatten().cloned().collect();
             let ends = SequenceReader::open_part(&FrameSource::Images(ends), &source.frames).map_err(&failed)?;
             let ends = ends.collect::<Result<Vec<_>, _>>().map_err(&failed)?;
+            let mut hash = blake3::Hasher::new();
+            ends.iter().for_each(|frame| _ = hash.update(frame.image().as_raw()));
+            self.pictures = Some(hash.finalize().to_hex().to_string());
             summary.reasons.extend(missing_said(files.iter().map(|file| file.number)));
             if let Some(last) = ends.last().filter(|_| bench.options.track.locates()) {
                 let nodes = fitted.model.nodes();

@@ -69,8 +69,8 @@ pub struct AmplitudeTest {
     pub p_equivalence: f64,
     /// [`AmplitudeTest::p_equivalence`] with Holm's correction over all amplitudes compared.
     pub p_equivalence_adjusted: f64,
-    /// Number of people per group, or of pairs, that detect a difference of this size with the requested power; `None` without a
-    /// difference.
+    /// Number of people per group, or of pairs, that detect a difference of this size with the requested power, and with which
+    /// permutations can reach 5 %; `None` without a difference.
     pub people_for_power: Option<usize>,
 }
 
@@ -105,6 +105,10 @@ pub struct AmplitudeComparison {
 /// Smallest number of people in each group.
 const LEAST_PEOPLE: usize = 2;
 
+/// Smallest number of pairs, and of people in each of two groups, with which the smallest p of all permutations is at most 5 %: 2 of 2^6
+/// signs and 2 of the 70 splits of 4 against 4.
+const LEAST_FOR_PERMUTATIONS: [usize; 2] = [6, 4];
+
 /// Largest standard deviation, relative to the largest magnitude, that counts as rounding error.
 const ROUNDING: f64 = 1e-12;
 
@@ -119,8 +123,8 @@ fn variance(values: &[f64]) -> f64 {
 
 /// Compares the amplitudes of two groups of people; each person occurs once per group.
 ///
-/// If all people of the smaller group are also in the other one, the comparison is paired and uses these people only. With `strata`,
-/// people are permuted within strata only.
+/// If most people of the smaller group are also in the other one, as before and after a treatment with some drop-outs, the comparison is
+/// paired and uses these people only. With `strata`, people are permuted within strata only.
 ///
 /// # Errors
 /// The reason why no test is possible, in words.
@@ -139,9 +143,9 @@ pub fn compare_amplitudes(
     let pairs: Vec<(f64, f64)> = a.iter().filter_map(|p| Some((p.value, *of_b.get(p.subject.as_str())?))).collect();
     match pairs.len() {
         0 => independent(a, b, strata, options, permutations),
-        n if n == smaller => paired(&pairs, options, permutations),
+        n if n >= LEAST_PEOPLE && 2 * n > smaller => paired(&pairs, options, permutations),
         n => Err(format!(
-            "{} in both groups, but others only in one; compare different people, or the same people twice",
+            "{} in both groups, but most of the smaller group only in one; compare different people, or the same people twice",
             count(n, "person is", "people are")
         )),
     }
@@ -192,12 +196,15 @@ impl Permutations {
 /// Returns the number of people per group for a two-sided test at 5 % of an effect of `effect` standard deviations. `groups` is 2, or 1
 /// for pairs.
 ///
-/// Uses Lehr's form of the normal approximation, with Guenther's correction for the unknown standard deviation.
+/// Uses Lehr's form of the normal approximation, with Guenther's correction for the unknown standard deviation. Permutations of fewer
+/// than [`LEAST_FOR_PERMUTATIONS`] never reach 5 %, however large the effect.
 fn people_for_power(effect: f64, power: f64, groups: f64) -> Option<usize> {
     const MOST: f64 = 1e9;
     let (z_level, z_power) = (normal_quantile(0.975)?, normal_quantile(power)?);
     let people = groups * ((z_level + z_power) / effect).powi(2) + z_level.powi(2) / (2.0 * groups);
-    (people < MOST).then(|| (people.ceil() as usize).max(2))
+    let [pairs, each] = LEAST_FOR_PERMUTATIONS;
+    let least = if groups == 1.0 { pairs } else { each };
+    (people < MOST).then(|| (people.ceil() as usize).max(least))
 }
 
 fn finished(
@@ -396,7 +403,18 @@ mod tests {
         let all = people(&A, "p");
         assert!(compared(&all, &b).unwrap().paired && in_one_only(&all, &b) == ["p7"] && in_one_only(&a, &b).is_empty());
         let why = compared(&people(&A, "p"), &[people(&B[..3], "p"), people(&B, "q")].concat()).unwrap_err();
-        assert!(why.starts_with("3 people are in both groups, but others only in one"), "{why}");
+        assert!(why.starts_with("3 people are in both groups, but most of the smaller group only in one"), "{why}");
+        // Drop-outs on both sides: the pairs are the same test.
+        let (before, after) =
+            ([a.clone(), people(&A[..1], "only before")].concat(), [b.clone(), people(&B[..3], "only after")].concat());
+        assert_eq!(compared(&before, &after).unwrap(), t);
+        assert_eq!(in_one_only(&before, &after).len(), 4);
+    }
+
+    #[test]
+    fn a_study_has_the_people_with_whom_permutations_can_reach_five_percent() {
+        assert_eq!((people_for_power(40.0, 0.8, 1.0), people_for_power(-40.0, 0.8, 2.0)), (Some(6), Some(4)));
+        assert_eq!(people_for_power(0.0, 0.8, 2.0), None);
     }
 
     #[test]

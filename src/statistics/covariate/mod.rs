@@ -18,7 +18,7 @@
 //! large) / (1 + number drawn). Strata affect only p: shares, slopes and intervals are those of all people together. With many people the
 //! test uses a random draw ([`CompareOptions::people`]); lines are fitted to all people.
 //!
-//! A person with several numbers (sessions at two ages) counts with their mean. Only linear relations are detected: an effect that is
+//! A person with several numbers (sessions at two ages) counts with the mean of those of the tested emotion's sequences. Only linear relations are detected: an effect that is
 //! largest in the middle is not. A number can also stand for another one that it is correlated with.
 
 mod slope;
@@ -77,6 +77,15 @@ impl Numbers {
         let known = values.into_iter().filter(|(_, v)| !v.is_empty()).map(|(subject, v)| (subject.to_owned(), mean(v)));
         let of = known.filter(|(_, number)| number.is_finite()).collect();
         Self { of }
+    }
+
+    /// Returns these numbers, and those of `others` for people who have none here.
+    #[must_use]
+    pub fn or(mut self, others: &Self) -> Self {
+        for (subject, &number) in &others.of {
+            self.of.entry(subject.clone()).or_insert(number);
+        }
+        self
     }
 
     /// Returns the number of a person.
@@ -445,6 +454,14 @@ mod tests {
 
     const FIVE: [(&str, f64, f64); 5] =
         [("a", 1.0, 10.0), ("b", 2.0, 20.0), ("c", 3.0, 30.0), ("d", 4.0, 40.0), ("e", 5.0, 100.0)];
+
+    #[test]
+    fn numbers_of_an_emotion_come_before_those_of_others() {
+        let ratings = Numbers::new([("a", Some(3.0)), ("a", Some(5.0)), ("b", None)]);
+        let all = Numbers::new([("a", Some(90.0)), ("b", Some(7.0)), ("c", Some(8.0))]);
+        let both = ratings.or(&all);
+        assert_eq!(["a", "b", "c", "d"].map(|who| both.get(who)), [Some(4.0), Some(7.0), Some(8.0), None]);
+    }
 
     #[test]
     fn on_a_line_it_is_simple_regression() {
