@@ -394,7 +394,7 @@ fn report_html(analysis: &Analysis, title: &str, bench: &Workbench) -> Result<St
         variations: analysis.classes.iter().map(|class| variation_data(analysis, class)).collect(),
         covariates: analysis.covariates.iter().map(CovariateResult::shown).collect(),
         compare: bench.options.groups.compare,
-        strata: !bench.options.strata.is_empty(),
+        strata: &bench.options.strata,
         groups: analysis.comparisons.as_ref().map(|comparisons| GroupsData {
             comparisons,
             amplitudes: &analysis.amplitudes.comparisons,

@@ -48,7 +48,8 @@ pub(super) struct CovariatesView {
     significance: String,
     has_unknown: bool,
     drawn: bool,
-    strata: bool,
+    /// Columns within whose values people exchange their numbers, joined; empty if among all.
+    within: String,
 }
 
 #[derive(Serialize)]
@@ -118,7 +119,7 @@ impl CovariatesView {
         let why = |c: &CovariateData<'_>| c.outcome.as_ref().err().map(|why| format!("{} with {}: {why}", c.emotion, c.column));
         (!all.is_empty()).then(|| Self {
             drawn: all.iter().any(|c| c.outcome.as_ref().is_ok_and(|t| t.used < t.people)),
-            strata: data.strata,
+            within: data.strata.join(", "),
             has_unknown: rows.iter().any(|row| row.unknown > 0),
             rows,
             untested: all.iter().filter_map(why).collect(),

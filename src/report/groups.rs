@@ -41,6 +41,8 @@ pub(super) struct GroupsView {
     tests_made: usize,
     differing: usize,
     permutations: usize,
+    /// Columns within whose values people are exchanged, joined; empty if among all.
+    within: String,
     replicates: usize,
     significance: String,
     significance_percent: String,
@@ -183,6 +185,7 @@ impl GroupsView {
             tests_made,
             differing: drawn.len(),
             permutations: groups.options.compare.permutations,
+            within: data.strata.join(", "),
             replicates: groups.options.bootstrap,
             significance: format!("{significance}"),
             significance_percent: nine_digits(significance * 100.0),

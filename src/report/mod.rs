@@ -119,8 +119,8 @@ pub struct ReportData<'a> {
     pub covariates: Vec<CovariateData<'a>>,
     /// Options of the tests.
     pub compare: CompareOptions,
-    /// Whether labels and numbers are exchanged within strata.
-    pub strata: bool,
+    /// Columns within whose values labels and numbers are exchanged; empty if among all people.
+    pub strata: &'a [String],
     /// Comparison of groups; `None` without groups.
     pub groups: Option<GroupsData<'a>>,
 }

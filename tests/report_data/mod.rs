@@ -107,7 +107,7 @@ impl Fixture {
             variations: Vec::new(),
             covariates: Vec::new(),
             compare: CompareOptions::default(),
-            strata: false,
+            strata: &[],
             groups: None,
         }
     }

@@ -337,31 +337,32 @@ fn difference(pair: &read::Pair, results: &Results, bench: &Workbench, lines: &L
     let described = if differing.is_empty() { bench.wireframe.live_nodes() } else { &differing };
     let directions = figures::directions(&a.model, &b.model, described, &bench.tables);
     let [first, second] = [pair.groups[0].as_str(), pair.groups[1].as_str()];
-    let words = if directions.is_empty() {
-        vec![format!("At the apex {first} and {second} look alike.")]
-    } else {
-        let mut lines = vec![format!("At the apex of {first}, compared with {second}:")];
-        lines.extend(directions.iter().cloned());
-        lines
-    };
     let energy = |n| pair.nodes.get(&n).map_or(0.0, |(energy, _)| energy.max(0.0));
     let title = format!("{}: {first} and {second}", pair.emotion);
-    let drawing = figures::difference(&title, [first, second], [&a.model, &b.model], &energy, &differing, &words, lines);
     let of_whole = |&(p, holm): &(f64, f64)| is_of_whole([p, holm], pair.clearest.unwrap_or(1.0), results.significance);
     let not_whole = pair.whole.filter(|whole| differs && !of_whole(whole));
+    let within = if results.strata.is_empty() { String::new() } else { format!(", within {}", results.strata) };
+    let by_p = |p| format!("(p of either test after Holm's correction{within}: {})", p_value(p));
     let verdict = match (pair.p, differs) {
         (Some(p), true) if let Some((_, whole)) = not_whole => format!(
-            "The groups differ at single nodes (p of either test after Holm's correction: {}); as a whole they are not shown to differ \
-             (p after Holm's correction: {})",
-            p_value(p),
+            "The groups differ at single nodes {}; as a whole they are not shown to differ (p after Holm's correction: {})",
+            by_p(p),
             p_value(whole)
         ),
-        (Some(p), true) => format!("The groups differ (p of either test after Holm's correction: {})", p_value(p)),
-        (Some(p), false) => {
-            format!("The groups are not shown to differ (p of either test after Holm's correction: {})", p_value(p))
-        }
+        (Some(p), true) => format!("The groups differ {}", by_p(p)),
+        (Some(p), false) => format!("The groups are not shown to differ {}", by_p(p)),
         (None, _) => "The groups were not tested".to_owned(),
     };
+    let mut words: Vec<String> = verdict.split("; ").map(|part| format!("{part}.")).collect();
+    if directions.is_empty() {
+        words.push(format!("At the apex {first} and {second} look alike."));
+    } else {
+        words
+            .push(format!("At the apex of {first}, compared with {second}{}:", if differs { "" } else { ", perhaps by chance" }));
+        words.extend(directions.iter().cloned());
+    }
+    let drawing =
+        figures::difference(&title, [first, second], [&a.model, &b.model], (&energy, differs), &differing, &words, lines);
     let in_words = if directions.is_empty() {
         String::new()
     } else {

@@ -77,6 +77,8 @@ pub struct Results {
     pub classes: Vec<Class>,
     pub pairs: Vec<Pair>,
     pub significance: f64,
+    /// Columns within whose values people were exchanged by the tests, joined; empty if among all.
+    pub strata: String,
     /// People of all classes.
     pub people: usize,
     /// Number of sequences in all classes, and of those without features.
@@ -172,10 +174,11 @@ impl Results {
         let people = classes.iter().flat_map(|c| &c.about.sequences).map(of).collect::<BTreeSet<String>>().len();
         // A journal left beside the record of a complete run has no further information.
         let unfinished = out.join(JOURNAL).exists() && run.as_ref().is_none_or(|run| !run.complete);
+        let strata = run.as_ref().map(|r| r.options.strata.join(", ")).unwrap_or_default();
         let significance = run.map_or_else(CompareOptions::default, |r| r.options.groups.compare).significance;
         let without_features = [with_features.len(), with_features.values().filter(|there| !**there).count()];
         let missing = TABLES.into_iter().filter(|(name, _)| !out.join(name).exists()).collect();
-        Ok(Self { pairs: pairs(out)?, classes, significance, people, without_features, unfinished, missing })
+        Ok(Self { pairs: pairs(out)?, classes, significance, strata, people, without_features, unfinished, missing })
     }
 }
 

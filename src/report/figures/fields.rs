@@ -184,7 +184,8 @@ pub fn spread(title: &str, minus: &Model, mean: &Model, plus: &Model, lines: &Li
     const WIDE: f64 = 260.0;
     let within = view_box([minus, mean, plus], lines);
     let high = WIDE * within[3] / within[2];
-    let mut sheet = Drawing::new(WIDE + 20.0, high + 66.0);
+    // The legend is wider than the face.
+    let mut sheet = Drawing::new(WIDE + 50.0, high + 66.0);
     sheet.heading(10.0, 18.0, HEADING, Anchor::Start, title);
     let mut face = Drawing::within(within);
     let mean_at = |n: NodeId| place(mean, apex(mean), n);
@@ -194,7 +195,7 @@ pub fn spread(title: &str, minus: &Model, mean: &Model, plus: &Model, lines: &Li
         face.path(Pen::line("contours", colour, 1.1), lines.contours(&at));
         face.path(Pen::line("fine", colour, 0.6), chains(&lines.fine, &at));
     }
-    sheet.place(&face, [10.0, 28.0, WIDE, high]);
+    sheet.place(&face, [25.0, 28.0, WIDE, high]);
     legend(&mut sheet, 10.0, high + 46.0, &[("\u{2212}2 standard deviations", BLUE), ("+2 standard deviations", ORANGE)]);
     sheet
 }

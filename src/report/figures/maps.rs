@@ -153,7 +153,7 @@ pub fn difference(
     title: &str,
     names: [&str; 2],
     models: [&Model; 2],
-    energy: &dyn Fn(NodeId) -> f64,
+    (energy, differs): (&dyn Fn(NodeId) -> f64, bool),
     differing: &[NodeId],
     words: &[String],
     lines: &Lines,
@@ -173,7 +173,8 @@ pub fn difference(
     sheet.place(&both, [20.0, 42.0, WIDE, high]);
     let span = (0.0, range(energy, lines).1.max(1e-9));
     let differences = map(models[0], energy, span, differing, within, lines);
-    sheet.text(40.0 + 1.5 * WIDE, 36.0, SMALL, Anchor::Middle, "where they differ");
+    let shown = if differs { "where they differ" } else { "distance of every node; not shown to differ" };
+    sheet.text(40.0 + 1.5 * WIDE, 36.0, SMALL, Anchor::Middle, shown);
     sheet.place(&differences, [40.0 + WIDE, 42.0, WIDE, high]);
     colour_bar(&mut sheet, [40.0 + WIDE, high + 50.0, WIDE, 9.0], span, "energy distance per node, face units");
     legend(&mut sheet, 20.0, high + 60.0, &[(names[0], BLUE), (names[1], ORANGE)]);
