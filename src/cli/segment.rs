@@ -14,9 +14,9 @@ use grimace::{
     dataset::{check_file_name, list_recording},
     output::{check_writable, claim_folder, count, listed},
     pipeline::{
-        EarlierSegments, GivenForAll, ManifestColumns, PipelineOptions, Recording, RecordingError, RecordingFiles,
-        RecordingOutputs, RecordingStep, SegmentRow, UNLABELLED, Workbench, reuse_recording, segment_recording, segments_folder,
-        write_recording, write_recording_film, write_segments,
+        EarlierSegments, GivenForAll, KeptRows, ManifestColumns, PipelineOptions, Recording, RecordingError, RecordingFiles,
+        RecordingOutputs, RecordingStep, SegmentRow, UNLABELLED, Workbench, keep_edited, reuse_recording, segment_recording,
+        segments_folder, write_recording, write_recording_film, write_segments,
     },
     segment::SegmentOptions,
     sequence::check_video,
@@ -46,7 +46,7 @@ and the confidence of the proposal, 0 to 1. A folder of the same name holds the 
 phase, pose and action units of each frame. `segment` does not recognize emotions: correct the labels in the table.
 
 With --force you can run it again: recordings that did not change are kept, also your edits of rows for the same frames; deleted rows stay \
-deleted. See docs/recordings.md.
+deleted. If you added rows or changed frames, the old table is kept beside the new one. See docs/recordings.md.
 
 Exit status: 0 done, 1 no proposals for any recording, 3 no proposals for some recordings.")]
 pub struct Args {
@@ -294,9 +294,12 @@ fn propose(args: &Args, folder: &Path) -> anyhow::Result<Outcome> {
     }
     let added = earlier.columns().to_vec();
     let given = GivenForAll { emotion: args.emotion.trim() != UNLABELLED, subject: args.subject.is_some() };
-    let (notes, proposed) = earlier.keep_in(&mut rows, given);
+    let KeptRows { notes, proposed, is_lossy } = earlier.keep_in(&mut rows, given);
     for note in notes {
         eprintln!("note: {note}");
+    }
+    if is_lossy {
+        eprintln!("note: the old table is kept as {}; copy from it what you need", keep_edited(&args.output)?.display());
     }
     let marks = folder.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     proposed.write(&args.output, || write_segments(&args.output, &marks, &added, &rows))?;

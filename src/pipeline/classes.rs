@@ -2,11 +2,11 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::{AnalysisError, AnalyzedClass, FapOptions, Workbench};
+use super::{AnalysisError, AnalyzedClass, FapOptions, UNLABELLED, Workbench};
 use crate::{
     clone::NoSkin,
     fap::{Clamped, FapCatalog, FapSequence},
-    output::listed,
+    output::{count, listed},
     statistics::{
         ClassLabel, Representative, SequenceLabels, StatisticsOptions, Weighting, abbreviations, bootstrap::DispersionInterval,
         is_missing, likely_emotion, near_twins, scale::MANY_MODELS, sequence_weights, spelling_key, synonyms,
@@ -241,6 +241,13 @@ pub(super) fn spelling_warnings(labels: &[SequenceLabels<'_>], by: &[String]) ->
     subjects.into_iter().for_each(|subject| spelled.entry(spelling_key(subject)).or_default().push(subject));
     let people: Vec<String> = spelled.into_values().filter(|s| s.len() > 1).map(|s| s.join(" and ")).collect();
     let mut warnings = Vec::new();
+    let unlabelled = labels.iter().filter(|(_, emotion, _)| *emotion == UNLABELLED).count();
+    if unlabelled > 0 {
+        warnings.push(format!(
+            "{} the label `{UNLABELLED}`, which counts as one emotion, whatever they show; fill in the column emotion",
+            count(unlabelled, "sequence has", "sequences have")
+        ));
+    }
     let meant: Vec<String> = emotions
         .iter()
         .filter(|emotion| !is_word(emotion))

@@ -91,9 +91,9 @@ pub use recognition::{
     NONE_LEVEL, RecognitionResults, RecognizedRow, left_out_said, recognition_header, recognition_record, write_recognition,
 };
 pub use recording::{
-    EarlierSegments, GivenForAll, ManifestColumns, Recording, RecordingError, RecordingFiles, RecordingOutputs, RecordingStep,
-    SegmentRow, SegmentedRecording, UNLABELLED, reuse_recording, segment_recording, segments_folder, write_recording,
-    write_recording_film, write_segments,
+    EarlierSegments, GivenForAll, KeptRows, ManifestColumns, Recording, RecordingError, RecordingFiles, RecordingOutputs,
+    RecordingStep, SegmentRow, SegmentedRecording, UNLABELLED, keep_edited, reuse_recording, segment_recording, segments_folder,
+    write_recording, write_recording_film, write_segments,
 };
 pub use run::{Event, RunError, RunSummary, run};
 pub use sequence::{SequenceFailure, SequenceSource, track_one, track_pictures};

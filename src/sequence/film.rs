@@ -52,7 +52,7 @@ pub enum FilmError {
     #[error(
         "{}: {source}{}",
         path.display(),
-        if matches!(source, CompanionError::NotInstalled) { "; GIF and APNG do not need it" } else { "" }
+        if matches!(source, CompanionError::NotInstalled) { "; where a command writes GIF or APNG, these do not need it" } else { "" }
     )]
     Program {
         /// The file.

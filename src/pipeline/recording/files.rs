@@ -9,7 +9,7 @@ use image::RgbImage;
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
-use super::{Recording, RecordingError, RecordingFrame, RecordingStep, Segment, SegmentedRecording, Tick};
+use super::{Recording, RecordingError, RecordingFrame, RecordingStep, Segment, SegmentedRecording, Tick, kept::free_edited};
 use crate::{
     correspondence::write_correspondences,
     features::{ACTION_UNITS, OPENFACE_UNITS, OpenFaceFace, OpenFaceRow, measured, openface_csv, unit_column},
@@ -197,14 +197,12 @@ fn make_room(folder: &Path, stem: &str) -> Result<Vec<String>, RecordingError> {
         match since(folder, name, hash) {
             Since::Unchanged => std::fs::remove_file(&path).map_err(OutputError::at(&path))?,
             Since::Edited if old.is_marks(name) => {
-                let plain = name.strip_suffix(".csv").unwrap_or(name);
-                let free = (1..).map(|k| format!("{plain}_edited{}.csv", if k == 1 { String::new() } else { format!("-{k}") }));
-                if let Some(kept) = free.into_iter().find(|kept| !folder.join(kept).exists()) {
-                    std::fs::rename(&path, folder.join(&kept)).map_err(OutputError::at(&path))?;
-                    notes.push(format!(
-                        "the marks in {name} were edited; they are kept as {kept}, because the recording is segmented again"
-                    ));
-                }
+                let free = free_edited(&path);
+                std::fs::rename(&path, &free).map_err(OutputError::at(&path))?;
+                let kept = free.file_name().unwrap_or_default().to_string_lossy();
+                notes.push(format!(
+                    "the marks in {name} were edited; they are kept as {kept}, because the recording is segmented again"
+                ));
             }
             Since::Edited | Since::Gone => {}
         }
@@ -305,7 +303,7 @@ fn frames_units() -> BTreeMap<String, String> {
         ("timestamp", "s from the first frame of the recording"),
         ("stretch", "number of the stretch between cuts and lost faces"),
         ("phase", "rest, onset, apex, offset, or other (speech, a blink, a frame that cannot be used)"),
-        ("activity", "norm of the intensities above those at rest, 0 to 5 each"),
+        ("activity", "norm of the intensities above those at rest, 0 to 5 each; without a rest, of the intensities"),
         ("success, reason", "1, or 0 where `reason` says why the row is not to be used"),
         ("pose_yaw, pose_pitch, pose_roll", "degrees"),
         ("eye_opening_*", "over the opening at rest"),

@@ -135,7 +135,9 @@ pub(super) fn follow(
                     Err(error) => return Err(error.into()),
                 },
             };
+            // Across missing frames a face changes as much as from one person to another.
             if let Some((frame_before, before)) = &before
+                && survey.are_consecutive(before.number, frame.number())
                 && is_another((frame_before, before), (&frame, &tracked), eye_distance, bench)?
             {
                 let behind = frame.number().max(before.number);

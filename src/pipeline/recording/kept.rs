@@ -1,6 +1,6 @@
 //! Transfers what a user wrote into a table of segments to the table that replaces it.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::{
     Segment,
@@ -179,9 +179,8 @@ impl EarlierSegments {
     }
 
     /// Transfers entries of the earlier table to rows with the same frames of the same recording: labels and subjects unless `is_given` for
-    /// all, and the fields of added columns. It removes rows that the user had deleted. Returns messages, and the list of proposed
-    /// sequences for the new table.
-    pub fn keep_in(self, rows: &mut Vec<SegmentRow<'_>>, is_given: GivenForAll) -> (Vec<String>, Proposed) {
+    /// all, and the fields of added columns. It removes rows that the user had deleted.
+    pub fn keep_in(self, rows: &mut Vec<SegmentRow<'_>>, is_given: GivenForAll) -> KeptRows {
         let (mut labels, mut other, mut moved) = (0, Vec::new(), Vec::new());
         let (earlier, old) = (&self.rows, &self.proposed);
         // Row of each proposed sequence, whatever the user changed in it. A proposal without a row was deleted.
@@ -241,6 +240,7 @@ impl EarlierSegments {
         };
         let is_gone = |(k, old): &(usize, &EarlierRow)| !kept_from.contains(&Some(*k)) && is_worth(old);
         let gone: Vec<String> = earlier.iter().enumerate().filter(is_gone).map(|(_, old)| old.said()).collect();
+        let is_lossy = !moved.is_empty() || !gone.is_empty();
         let mut said = Vec::new();
         if !left_out.is_empty() {
             let names: Vec<String> = left_out
@@ -270,7 +270,42 @@ impl EarlierSegments {
                 said.push(format!("{what}: {}", list.join("; ")));
             }
         }
-        (said, proposed)
+        KeptRows { notes: said, proposed, is_lossy }
+    }
+}
+
+/// Result of [`EarlierSegments::keep_in`].
+#[derive(Clone, Debug)]
+pub struct KeptRows {
+    /// Messages.
+    pub notes: Vec<String>,
+    /// List of proposed sequences for the new table.
+    pub proposed: Proposed,
+    /// Whether the earlier table has rows or frames that the new one lacks, so that it should be kept.
+    pub is_lossy: bool,
+}
+
+/// Copies a table of segments to a free name beside it, `STEM_edited.csv`. Returns the copy.
+///
+/// # Errors
+/// [`OutputError`] when it cannot be copied.
+pub fn keep_edited(table: &Path) -> Result<PathBuf, OutputError> {
+    let copy = free_edited(table);
+    std::fs::copy(table, &copy).map_err(OutputError::at(&copy))?;
+    Ok(copy)
+}
+
+/// Returns the first free name for an edited `.csv` file: `STEM_edited.csv`, then `STEM_edited-2.csv` and so on.
+pub(super) fn free_edited(file: &Path) -> PathBuf {
+    let stem = file.file_stem().unwrap_or_default().to_string_lossy();
+    let mut number = 1;
+    loop {
+        let suffix = if number == 1 { String::new() } else { format!("-{number}") };
+        let free = file.with_file_name(format!("{stem}_edited{suffix}.csv"));
+        if !free.exists() {
+            return free;
+        }
+        number += 1;
     }
 }
 
@@ -335,7 +370,7 @@ mod tests {
         let row = |segment| SegmentRow { of: of.clone(), more: Vec::new(), fps: Some(25.0), segment };
         let mut rows: Vec<SegmentRow<'_>> = segments.iter().map(row).collect();
         let earlier = EarlierSegments::read(table).unwrap();
-        let (said, proposed) = earlier.keep_in(&mut rows, GivenForAll { emotion: false, subject: false });
+        let KeptRows { notes: said, proposed, .. } = earlier.keep_in(&mut rows, GivenForAll { emotion: false, subject: false });
         proposed.write(table, || write_segments(table, "segments", &[], &rows)).unwrap();
         (rows.iter().map(|row| row.segment.name.clone()).collect(), said)
     }
@@ -443,7 +478,7 @@ mod tests {
             let of = ManifestColumns { subject: "P1".to_owned(), emotion: UNLABELLED.to_owned(), frames: "talk".to_owned() };
             let mut rows = vec![SegmentRow { of, more: Vec::new(), fps: Some(25.0), segment: &fewer[0] }];
             let earlier = EarlierSegments::read(&table).unwrap();
-            let (_, proposed) = earlier.keep_in(&mut rows, GivenForAll { emotion: false, subject: false });
+            let KeptRows { proposed, .. } = earlier.keep_in(&mut rows, GivenForAll { emotion: false, subject: false });
             let ended = proposed.write(&table, || {
                 if is_written {
                     write_segments(&table, "segments", &[], &rows)?;

@@ -37,7 +37,7 @@ use crate::{
     locate::FacePart,
     output::OutputError,
     pose::{HeadPose, PoseError},
-    segment::{Phase, RecordedFrame, SegmentError, SegmentOptions, Segmentation, segment},
+    segment::{Phase, RecordedFrame, SegmentError, SegmentOptions, Segmentation, segment, strength},
     sequence::{Clock, FilmError, ImageSize, SequenceError},
     track::TrackError,
 };
@@ -47,7 +47,7 @@ pub use files::{
     ManifestColumns, RecordingFiles, RecordingOutputs, SegmentRow, reuse_recording, write_recording, write_segments,
 };
 pub use film::write_recording_film;
-pub use kept::{EarlierSegments, GivenForAll, UNLABELLED};
+pub use kept::{EarlierSegments, GivenForAll, KeptRows, UNLABELLED, keep_edited};
 
 /// Stage of the work on a recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -158,6 +158,12 @@ pub enum RecordingError {
     /// A frame cannot be read.
     #[error(transparent)]
     Sequence(#[from] SequenceError),
+    /// A picture of a folder cannot be decoded.
+    #[error("{source}; remove this picture, and the recording lacks one frame")]
+    Picture {
+        /// The picture and what is wrong with it.
+        source: SequenceError,
+    },
     /// There are no frames.
     #[error("the recording has no frames")]
     NoFrames,
@@ -238,7 +244,12 @@ pub fn segment_recording(
     options: &SegmentOptions,
     tick: Tick<'_>,
 ) -> Result<SegmentedRecording, RecordingError> {
-    let survey = Survey::new(recording, tick)?;
+    let survey = Survey::new(recording, tick).map_err(|error| match (error, &recording.frames) {
+        (RecordingError::Sequence(source @ SequenceError::Decode { .. }), FrameSource::Images(_)) => {
+            RecordingError::Picture { source }
+        }
+        (error, _) => error,
+    })?;
     let (stretches, turns) = survey.stretches();
     let mut later = Vec::new();
     if let Some((frame, _)) = &recording.marks
@@ -400,7 +411,7 @@ impl Entry {
                     SegmentError::TooFew { .. } => format!("{}: {text}", named(&followed)),
                     SegmentError::NoRest { .. } | SegmentError::Option { .. } => text,
                 });
-                (vec![Phase::Other; measured.frames.len()], vec![0.0; measured.frames.len()])
+                (vec![Phase::Other; measured.frames.len()], measured.frames.iter().map(strength).collect())
             }
         };
         if let Ok(found) = &segmentation {

@@ -17,7 +17,7 @@ use crate::{
     geometry::Similarity,
     locate::FacePart,
     normalize::stable_nodes,
-    output::{count, per_second},
+    output::{count, listed, per_second},
     pipeline::{FoundFace, Workbench},
     segment::densest,
     sequence::{Clock, Frame, ImageSize, SequenceReader},
@@ -64,6 +64,8 @@ impl Look {
 pub(super) struct Survey {
     /// Frame numbers, ascending.
     pub numbers: Vec<u32>,
+    /// Usual difference of the numbers of consecutive frames.
+    pub step: u32,
     pub size: ImageSize,
     pub fps: f64,
     /// Times of the frames; empty if no video states them.
@@ -126,6 +128,25 @@ pub(super) fn too_short(named: &str, frames: usize, fps: f64) -> String {
     format!("{named}: too short for a rest and an expression: {found}; at least {least} are needed at {}", per_second(fps))
 }
 
+/// Usual difference of the numbers of consecutive frames.
+fn usual_step(numbers: &[u32]) -> u32 {
+    let mut steps: Vec<u32> = numbers.windows(2).map(|pair| pair[1].saturating_sub(pair[0])).collect();
+    steps.sort_unstable();
+    steps.get(steps.len() / 2).copied().unwrap_or(1).max(1)
+}
+
+/// Note about numbers that are missing, if there are any.
+fn missing_said(numbers: &[u32], step: u32) -> Option<String> {
+    let gaps = numbers.windows(2).filter(|pair| pair[1].saturating_sub(pair[0]) > step);
+    let named: Vec<String> = gaps
+        .map(|pair| match (pair[0].saturating_add(step), pair[1].saturating_sub(step)) {
+            (first, last) if first < last => format!("{first} to {last}"),
+            (only, _) => only.to_string(),
+        })
+        .collect();
+    (!named.is_empty()).then(|| format!("frames are missing: {}", listed(&named, 6)))
+}
+
 impl Survey {
     /// Runs the first pass.
     pub fn new(recording: &Recording, tick: Tick<'_>) -> Result<Self, RecordingError> {
@@ -182,10 +203,18 @@ impl Survey {
         let marked_in = |scene: usize| marked.filter(|(place, _)| scene_of(*place) == scene);
         let looks = scenes.into_iter().enumerate().flat_map(|(k, looks)| followed(looks, marked_in(k))).collect();
         let clock = fps.map_or_else(|| reader.clock(), |fps| Clock::even(Some(fps)));
-        let notes = clock.remark().into_iter().chain(reader.remark()).chain(unread_beside(&recording.frames)).collect();
+        let step = usual_step(&numbers);
+        let missing = missing_said(&numbers, step);
+        let notes =
+            clock.remark().into_iter().chain(missing).chain(reader.remark()).chain(unread_beside(&recording.frames)).collect();
         let fps = clock.fps.unwrap_or(USUAL_FPS);
         let clock = Clock { fps: Some(fps), ..clock };
-        Ok(Self { numbers, size, fps, clock, notes, cuts, looks, content: reader.into_content_blake3()? })
+        Ok(Self { numbers, step, size, fps, clock, notes, cuts, looks, content: reader.into_content_blake3()? })
+    }
+
+    /// Whether no frame is missing between two numbers.
+    pub fn are_consecutive(&self, a: u32, b: u32) -> bool {
+        a.abs_diff(b) <= self.step
     }
 
     /// Returns the stretches with a face, and the events between them.
@@ -374,6 +403,15 @@ mod tests {
         assert_eq!(cuts, [false, false, false, false, false, true, false]);
     }
 
+    #[test]
+    fn missing_numbers_are_named() {
+        let said = |numbers: &[u32]| missing_said(numbers, usual_step(numbers));
+        assert_eq!(said(&[1, 2, 3, 4]), None);
+        assert_eq!(said(&[2, 4, 6, 8]), None, "every second frame");
+        assert_eq!(said(&[1, 2, 3, 5, 6, 7, 12, 13]).unwrap(), "frames are missing: 4; 8 to 11");
+        assert_eq!(said(&[7]), None);
+    }
+
     const CUT: &str = "frame 71: a new scene begins; if it shows another person, give its sequences another subject";
 
     /// A recording of 80 frames with a look at every tenth.
@@ -393,6 +431,7 @@ mod tests {
         };
         Survey {
             numbers: (1..=80).collect(),
+            step: 1,
             size: ImageSize { width: 64, height: 48 },
             fps: 25.0,
             clock: Clock::even(Some(25.0)),
