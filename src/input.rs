@@ -291,12 +291,15 @@ impl CsvRow<'_> {
         number.ok_or_else(|| self.field_error(column, "a finite number"))
     }
 
-    /// A field as a whole number of 0 or more, such as a frame number.
+    /// A field as a whole number of 0 or more, such as a frame number; `12.0` is 12, as tables with gaps are often written.
     ///
     /// # Errors
     /// [`InputErrorKind::Field`] for anything else.
     pub fn whole_number(&self, column: usize) -> Result<u32, InputError> {
-        self.get(column).parse().map_err(|_| self.field_error(column, "a whole number of 0 or more"))
+        let text = self.get(column);
+        let whole = text.split_once('.').filter(|(_, rest)| !rest.is_empty() && rest.bytes().all(|b| b == b'0'));
+        let digits = whole.map_or(text, |(whole, _)| whole);
+        digits.parse().map_err(|_| self.field_error(column, "a whole number of 0 or more"))
     }
 
     /// An error with this row's line, the column, and its content.
@@ -466,6 +469,9 @@ mod tests {
         assert!(rows[2].number(0).is_err());
         assert!(rows[3].whole_number(0).is_err());
         assert_eq!(rows[4].whole_number(0).unwrap(), 4);
+        let file = super::tests::file(b"a\n7.0\n7.50\n7.\n").unwrap();
+        let whole: Vec<_> = file.rows().map(|row| row.unwrap().whole_number(0).ok()).collect();
+        assert_eq!(whole, [Some(7), None, None]);
         // Terminal commands are escaped, and a field as long as the file is not repeated.
         let hostile = super::tests::file(format!("a\n\u{1b}[2J\n{}\n", "9e".repeat(1_000_000)).as_bytes()).unwrap();
         let errors: Vec<_> = hostile.rows().map(|row| row.unwrap().number(0).unwrap_err().to_string()).collect();

@@ -1,14 +1,18 @@
 //! What `clone` says about FAPs that are not shown as requested.
 
-use grimace::{clone::CutFap, output::listed};
+use grimace::{
+    clone::CutFap,
+    fap::{FapCatalog, FapNumber},
+    output::listed,
+};
 
 /// Number of changed FAPs that are printed.
 const CHANGED_PRINTED: usize = 8;
 
 /// Message about FAPs that are not shown as requested, if there are any.
 pub fn not_as_asked_said(cut: &[CutFap], changed: &[CutFap]) -> Option<String> {
-    let reduced = |c: &CutFap| format!("{} ({} of {})", c.fap, c.shown, c.asked);
-    let other = |c: &CutFap| format!("{} (asked {}, shown {} in frame {})", c.fap, c.asked, c.shown, c.frame);
+    let reduced = |c: &CutFap| format!("{} ({} of {})", named(c.fap), c.shown, c.asked);
+    let other = |c: &CutFap| format!("{} (asked {}, shown {} in frame {})", named(c.fap), c.asked, c.shown, c.frame);
     let mut parts = Vec::new();
     if !cut.is_empty() {
         parts.push(format!("reduced FAP {}", cut.iter().map(reduced).collect::<Vec<_>>().join(", ")));
@@ -25,6 +29,12 @@ pub fn not_as_asked_said(cut: &[CutFap], changed: &[CutFap]) -> Option<String> {
     })
 }
 
+/// Number and name of a FAP.
+fn named(fap: u8) -> String {
+    let name = FapNumber::try_from(fap).map(|number| FapCatalog::mpeg4().row(number).name.as_str());
+    format!("{fap} {}", name.unwrap_or_default())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -36,9 +46,9 @@ mod tests {
         let because = ", because the skin would fold over, or lips or lids would lose their shape or pass through each other";
         let said = |cut: &[CutFap], changed: &[CutFap]| not_as_asked_said(cut, changed).map(|said| said.replace(because, ""));
         assert_eq!(said(&[], &[]), None);
-        assert_eq!(said(&cut, &[]).unwrap(), "reduced FAP 10 (-5 of 31)");
-        let other = "stronger or the other way: FAP 52 (asked -13, shown 19 in frame 24)";
+        assert_eq!(said(&cut, &[]).unwrap(), "reduced FAP 10 raise_b_lip_lm (-5 of 31)");
+        let other = "stronger or the other way: FAP 52 raise_b_midlip_o (asked -13, shown 19 in frame 24)";
         assert_eq!(said(&[], &changed).unwrap(), other);
-        assert_eq!(said(&cut, &changed).unwrap(), format!("reduced FAP 10 (-5 of 31); {other}"));
+        assert_eq!(said(&cut, &changed).unwrap(), format!("reduced FAP 10 raise_b_lip_lm (-5 of 31); {other}"));
     }
 }

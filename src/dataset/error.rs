@@ -110,12 +110,17 @@ pub enum DatasetError {
         images: PathBuf,
     },
     /// A table of people that lists nobody of the dataset.
-    #[error("{}: none of its subjects is in the dataset, whose first subject is `{subject}`", path.display())]
+    #[error(
+        "{}: none of its subjects is in the dataset, whose first subject is `{subject}`{}", path.display(),
+        if *only_zeros { "; without leading zeros some are: spreadsheets remove these from numbers, so store the column as text" } else { "" }
+    )]
     NobodyKnown {
         /// The table.
         path: PathBuf,
         /// The first subject of the dataset.
         subject: String,
+        /// Whether some subjects differ in leading zeros only.
+        only_zeros: bool,
     },
     /// A person who appears twice in a table of people, with different fields.
     #[error("{}, line {line}: `{subject}` appears twice, with different values; keep one row", path.display())]

@@ -195,7 +195,10 @@ impl ProposedManifest {
         };
         if !self.rows.iter().any(|row| key_of(&row.subject).is_some()) {
             let subject = self.rows.first().map(|row| row.subject.clone()).unwrap_or_default();
-            return Err(DatasetError::NobodyKnown { path: path.to_owned(), subject });
+            let without_zeros = |name: &str| name_key(name).trim_start_matches('0').to_owned();
+            let listed: BTreeSet<String> = people.values().map(|(name, _)| without_zeros(name)).collect();
+            let only_zeros = self.rows.iter().any(|row| listed.contains(&without_zeros(&row.subject)));
+            return Err(DatasetError::NobodyKnown { path: path.to_owned(), subject, only_zeros });
         }
         let of_sequences = ours.iter().map(|&k| format!("`{}`, which the manifest sets for each sequence", csv.header()[k]));
         self.not_joined = of_sequences.chain(filled.iter().map(|k| format!("column {}, which has no name", k + 1))).collect();

@@ -148,9 +148,10 @@ impl FapSequence {
     }
 }
 
-/// Computes the FAP values of every frame of a normalized model, limited to the standard's ranges but not rounded.
+/// Measures the FAP values of every frame of a normalized model, neither limited to the standard's ranges nor rounded.
 ///
-/// This is for calculations; for a file use [`FapSequence::from_model`]. `fapus` are as in that function.
+/// This is for calculations; for a file, whose values have ranges, use [`FapSequence::from_model`]. `fapus` are as in that
+/// function.
 ///
 /// ```
 /// use grimace::{fap::{FapCatalog, measure_faps}, normalize::Canonical, pipeline::read_model, wireframe::Face};
@@ -173,7 +174,14 @@ pub fn measure_faps(
     fapus: &Fapus,
     catalog: &FapCatalog,
 ) -> Result<Vec<FapFrame>, ConvertError> {
-    Ok(key_frames(model, (fapus, LidUnits::CANONICAL), catalog)?.0)
+    let frame = |index: usize| {
+        let mut frame = FapFrame::default();
+        for (row, value) in values(&model.neutral_offsets(index), (fapus, LidUnits::CANONICAL), catalog)? {
+            frame.set_value(row.number, Some(value));
+        }
+        Ok(frame)
+    };
+    (0..model.frame_count()).map(frame).collect()
 }
 
 /// Computes FAP values from the offsets of one frame from neutral, neither limited to the standard's ranges nor rounded. `units`

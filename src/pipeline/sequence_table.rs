@@ -25,7 +25,7 @@ pub struct SequenceRow {
     pub emotion: String,
     /// Further columns of the manifest.
     pub metadata: BTreeMap<String, String>,
-    /// FAPs of the normalized model, neither clamped nor rounded, in the units of the standard; empty for a wireframe without Candide-3's
+    /// FAPs of the normalized model, neither limited nor rounded, in the units of the standard; empty for a wireframe without Candide-3's
     /// nodes.
     pub faps: BTreeMap<FapNumber, f64>,
 }

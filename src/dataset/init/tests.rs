@@ -91,8 +91,18 @@ fn cohn_kanade_without_labels_is_read_and_people_are_joined() {
     fs::write(&people, "who,gender\nS005,f\n").unwrap();
     assert!(manifest.join_people(&people).unwrap_err().to_string().contains("has no column `subject`"));
     fs::write(&people, "subject,gender\nX,f\n").unwrap();
-    assert!(manifest.join_people(&people).unwrap_err().to_string().contains("none of its subjects"));
+    let nobody = manifest.join_people(&people).unwrap_err().to_string();
+    assert!(nobody.ends_with("none of its subjects is in the dataset, whose first subject is `S005`"), "{nobody}");
     assert!(propose_manifest(&folder.path().join("cohn-kanade/S005/001")).is_ok(), "a folder of images is one sequence");
+}
+
+#[test]
+fn leading_zeros_that_a_spreadsheet_removed_are_noticed() {
+    let folder = folder(&["001/a.mp4", "002/a.mp4"]);
+    let people = folder.path().join("people.csv");
+    fs::write(&people, "subject,gender\n1,f\n2,m\n").unwrap();
+    let error = propose_manifest(folder.path()).unwrap().join_people(&people).unwrap_err().to_string();
+    assert!(error.contains("whose first subject is `001`; without leading zeros some are"), "{error}");
 }
 
 #[test]

@@ -157,7 +157,7 @@ fn by_images(later: &[TrackedFrame]) -> bool {
 pub(crate) fn missing_said(numbers: impl Iterator<Item = u32>) -> Option<String> {
     let (first, last) = missing_frames(numbers.collect())?;
     Some(format!(
-        "frames {first} to {last} are missing: the motion between them is unknown, and the model uses the nearest frames"
+        "frames {first} to {last} are missing: the motion between them is unknown, and the model rests on the frames around"
     ))
 }
 
