@@ -229,7 +229,7 @@ facade! {
 facade! {
     /// Method: tracks the wireframe from the neutral to the apex frame \[KP, section 3\], with a [`PointTracker`](track::PointTracker) or
     /// with landmarks.
-    track: AlignOptions, Evidence, Forces, Found, Klt, KltKind, LandmarkPlan, LossReason, NodeState, Patch, PointTracker, Probe, SkinMatch, Slot, Track,
+    track: AlignOptions, Evidence, Forces, Found, Klt, KltKind, LandmarkPlan, LossReason, NodeState, Patch, PointTracker, Probe, Slot, Track,
     TrackError, TrackFileError, TrackInfo, TrackOptions, TrackPlan, TrackSummary, TrackedFrame, TrackedNode, Verdict, read_track,
     read_track_info, summarize, track_model, track_sequence, track_with, write_track
 }

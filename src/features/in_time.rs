@@ -4,7 +4,7 @@ use super::FrameFeatures;
 use crate::{
     fap::{FapFrame, FapSequence, whole_rate},
     sequence::Clock,
-    track::{MOST_FILLED, whole_steps},
+    track::MOST_FILLED,
 };
 
 /// Returns the rows in order of time, whatever the tracking order.
@@ -74,14 +74,20 @@ pub(crate) fn frame_steps(numbers: &[u32]) -> Vec<u32> {
 /// way to the next one. If the numbers do not count frames, returns the existing frames only.
 fn every_frame(numbers: &[u32]) -> Vec<(usize, f64)> {
     let steps: Vec<u32> = numbers.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    let whole = whole_steps(numbers);
-    let usual = whole.map_or(1, |(usual, _)| usual);
-    let frames = whole.is_some_and(|(_, total)| total <= MOST_FILLED * numbers.len() as u64);
+    // The largest step of which all are multiples: the smallest one may itself skip frames.
+    let usual = steps.iter().copied().reduce(common_divisor).unwrap_or(1).max(1);
+    let total: u64 = steps.iter().map(|step| u64::from(step / usual)).sum();
+    let frames = total <= MOST_FILLED * numbers.len() as u64;
     let of = |k: usize| {
         let count = steps.get(k).filter(|_| frames).map_or(1, |step| step / usual).max(1);
         (0..count).map(move |m| (k, f64::from(m) / f64::from(count)))
     };
     (0..numbers.len()).flat_map(of).collect()
+}
+
+/// Greatest common divisor.
+fn common_divisor(a: u32, b: u32) -> u32 {
+    if b == 0 { a } else { common_divisor(b, a % b) }
 }
 
 #[cfg(test)]
@@ -96,6 +102,7 @@ mod tests {
             (frame_steps(&[3, 4, 7, 8]), frame_steps(&[10, 20, 40]), frame_steps(&[7])),
             (vec![0, 1, 4, 5], vec![0, 1, 3], vec![0])
         );
+        assert_eq!(every_frame(&[1, 3, 6, 9, 12]).len(), 12, "no two in a row");
         // Milliseconds, and a neutral frame from another time.
         assert_eq!(every_frame(&[33, 66, 100]).len(), 3);
         assert_eq!(every_frame(&[1, 500, 501]).len(), 3);

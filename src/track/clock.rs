@@ -7,7 +7,7 @@ use crate::{interpolation::FPS, sequence::Clock};
 pub(crate) const MOST_FILLED: u64 = 10;
 
 /// Returns the smallest step of ascending numbers and their total span in such steps; `None` if a step is not a multiple of the smallest.
-pub(crate) fn whole_steps(numbers: &[u32]) -> Option<(u32, u64)> {
+fn whole_steps(numbers: &[u32]) -> Option<(u32, u64)> {
     let steps = || numbers.windows(2).map(|pair| pair[1].saturating_sub(pair[0]));
     let usual = steps().min().unwrap_or(1).max(1);
     steps().all(|step| step.is_multiple_of(usual)).then(|| (usual, steps().map(|step| u64::from(step / usual)).sum()))

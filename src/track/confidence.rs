@@ -63,14 +63,6 @@ pub struct Evidence {
 
 /// How the skin around a node looks beside the neutral frame, read through the wireframe as it was placed in this frame. Where the wireframe
 /// was left behind, it does not look the same, whatever the steps before said.
-///
-/// ```
-/// use grimace::track::SkinMatch;
-///
-/// // Grey values that differ by 6 where they change by 3 a px are as far off as skin that was left behind by 2 px.
-/// let brow = SkinMatch { difference: 6.0, gradient: 3.0 };
-/// assert_eq!(brow.offset_px(), 2.0);
-/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SkinMatch {
     /// Mean absolute grey difference from the neutral frame, but for a change of brightness of each triangle; 0 to 255.
@@ -80,7 +72,7 @@ pub struct SkinMatch {
 }
 
 impl SkinMatch {
-    /// Returns the shift that the difference stands for, px.
+    /// Returns the shift that the difference stands for, px: 6 grey levels where they change by 3 a px are 2 px.
     #[must_use]
     pub fn offset_px(&self) -> f64 {
         self.difference / self.gradient.max(GRADIENT_FLOOR)

@@ -34,7 +34,7 @@ mod tracked;
 mod whole;
 
 pub use align::{AlignOptions, Patch};
-pub(crate) use clock::{MOST_FILLED, clock_of_frames, whole_steps};
+pub(crate) use clock::{MOST_FILLED, clock_of_frames};
 pub use confidence::{Confidence, Evidence, NodeFeatures, SkinMatch, expect_errors, node_features};
 pub(crate) use corrections::CORRECTIONS_FOLDER;
 pub use corrections::{

@@ -31,7 +31,8 @@ pub struct TrackedNode {
     /// Measurements of the step into this frame; `None` in the neutral frame, for a lost node, and in a track read from a file.
     pub evidence: Option<Evidence>,
     /// Comparison of the skin around the node with the neutral frame, whether the node was lost or not; `None` in the neutral frame,
-    /// without images or alignment, where a node has no skin, and in a track read from a file.
+    /// without images or alignment, where a node has no skin, and in a track read from a file. Only expected errors are made of it.
+    #[doc(hidden)]
     pub skin: Option<SkinMatch>,
     /// Expected error, px: half of such nodes are closer, half further away. In the neutral frame it is the error of the node's position on
     /// the face, `None` when unknown. In later frames it is the error of its offset from the neutral frame, see
