@@ -118,10 +118,10 @@ pub struct NodeFeatures {
     pub frame_lost: f64,
     /// Median neutral offset of the face: the head's motion.
     pub head: f64,
-    /// Grey difference of the skin from the neutral frame ([`SkinMatch::difference`]); for a node without skin the largest grey difference
+    /// Grey difference of the skin from the neutral frame (`SkinMatch::difference`); for a node without skin the largest grey difference
     /// so far.
     pub skin_difference: f64,
-    /// Shift that it stands for ([`SkinMatch::offset_px`]); for a node without skin the median of the face.
+    /// Shift that it stands for (`SkinMatch::offset_px`); for a node without skin the median of the face.
     pub skin_offset: f64,
     /// Median of this shift over the face.
     pub frame_skin_offset: f64,
