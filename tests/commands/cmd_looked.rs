@@ -4,28 +4,21 @@ use std::fs;
 
 use crate::common::Work;
 
-/// Three smiles. The first is played backwards, which is a reason to look at it. `run` has run over them.
+/// Three smiles. The first is played backwards, which is a reason to look at it. The second ends early: so small a picture of a broad smile
+/// is no clear case. `run` has run over them.
 fn doubtful() -> Work {
     let work = Work::with_sequences(&["S001_005", "S002_005", "S003_005"]);
     let manifest = work.read("faces/manifest.csv");
-    let column = |name: &str| manifest.lines().next().unwrap().split(',').position(|n| n == name);
-    let (first, last) = (column("first_frame"), column("last_frame"));
-    let rows: Vec<String> = manifest
-        .lines()
-        .enumerate()
-        .map(|(k, line)| {
-            let mut fields: Vec<String> = line.split(',').map(str::to_owned).collect();
-            for (column, value) in [(first, "6"), (last, "1")] {
-                match column {
-                    Some(column) if line.starts_with("S001") => fields[column] = value.to_owned(),
-                    Some(_) => {}
-                    None if k == 0 => fields.push(if value == "6" { "first_frame" } else { "last_frame" }.to_owned()),
-                    None => fields.push(if line.starts_with("S001") { value.to_owned() } else { String::new() }),
-                }
-            }
-            fields.join(",")
-        })
-        .collect();
+    let rows = manifest.lines().map(|line| {
+        let [first, last] = match line.split(',').next() {
+            Some("subject") => ["first_frame", "last_frame"],
+            Some("S001") => ["6", "1"],
+            Some("S002") => ["1", "4"],
+            _ => ["", ""],
+        };
+        format!("{line},{first},{last}")
+    });
+    let rows: Vec<String> = rows.collect();
     work.write("faces/manifest.csv", rows.join("\n") + "\n");
     let said = ["note: 1 of 3 sequences need a look; verdicts.csv has the reasons: S001_005", NEXT];
     work.grimace("run faces -o out").exit(0).prints(&said).prints(&["3 sequences  out/fap/happiness.fap"]);

@@ -266,6 +266,7 @@ fn a_smile_that_grows_with_age_is_found_and_shown() {
     // With three people at each of two sites there are 3! * 3! = 36 permutations.
     work.grimace("analyze out/tracks -o again --resample linear --covariate age --strata site --permutations 99").exit(0);
     assert_eq!(work.rows("again/covariates.csv")[0]["permutations"], "36");
+    assert!(work.read("again/report.html").contains("within equal values of site"));
     // Every column that `units.json` lists is in the table of that name.
     work.grimace("analyze out/tracks -o units --resample linear --covariate age --by site --permutations 99").exit(0);
     assert_eq!((work.rows("units/comparisons.csv").len(), work.rows("units/covariates.csv").len()), (1, 1));

@@ -176,16 +176,20 @@ fn labels_by_a_person_are_kept_when_a_recording_is_segmented_again() {
     work.write("segments.csv", &edited);
     segment("").says(&["labels kept from the old table: 1 sequence", "columns kept from the old table: publish"]);
     assert_eq!(work.read("segments.csv"), edited);
-    // Frames that were changed on the page are kept; so is the label.
+    // Frames that were changed and rows that were added are in a copy of the table; the label is kept.
     let first = work.rows("segments.csv")[0]["first_frame"].clone();
     let moved = edited.replace(&format!(",{first},"), &format!(",{},", first.parse::<u32>().unwrap() + 1));
     assert_ne!(moved, edited);
-    work.write("segments.csv", format!("{moved}P7,talk-09,fear,talk,900,910,,25,1,yes\n"));
+    let by_hand = format!("{moved}P7,talk-09,fear,talk,900,910,,25,1,yes\n");
+    work.write("segments.csv", &by_hand);
     segment("").says(&[
         "the old table had other frames: talk-01 (happiness, frames ",
         "in the old table, but not found now: talk-09 (fear, frames 900 to 910)",
+        "the old table is kept as segments_edited.csv",
     ]);
-    assert_eq!(work.read("segments.csv"), edited);
+    assert_eq!((work.read("segments.csv"), work.read("segments_edited.csv")), (edited.clone(), by_hand.clone()));
+    work.write("segments.csv", &by_hand);
+    segment("").says(&["the old table is kept as segments_edited-2.csv"]);
     segment("--emotion joy").says(&["the old table had other labels: talk-01 (happiness, now joy)"]);
     assert_eq!(work.rows("segments.csv")[0]["emotion"], "joy");
     // Rows of a recording that is not named are not dropped.
