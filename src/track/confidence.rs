@@ -71,6 +71,13 @@ pub struct SkinMatch {
     pub gradient: f64,
 }
 
+impl Evidence {
+    /// Returns the shift that the difference stands for, px, as [`SkinMatch::offset_px`].
+    fn offset_px(&self) -> f64 {
+        self.difference / self.gradients[0].hypot(self.gradients[1]).max(GRADIENT_FLOOR)
+    }
+}
+
 impl SkinMatch {
     /// Returns the shift that the difference stands for, px: 6 grey levels where they change by 3 a px are 2 px.
     #[must_use]
@@ -123,7 +130,8 @@ pub struct NodeFeatures {
     pub skin_difference: f64,
     /// Shift that it stands for (`SkinMatch::offset_px`); for a node without skin the median of the face.
     pub skin_offset: f64,
-    /// Median of this shift over the face.
+    /// Median of this shift over the face. Without alignment no skin is compared; then it is the shift that the grey differences of the
+    /// step stand for.
     pub frame_skin_offset: f64,
 }
 
@@ -308,6 +316,9 @@ impl FrameContext {
         let nodes = || live.iter().filter_map(|id| frame.nodes.get(id.index()));
         let mut differences: Vec<f64> = nodes().filter_map(|n| Some(n.evidence?.difference)).collect();
         let mut skin_offsets: Vec<f64> = nodes().filter_map(|n| Some(n.skin?.offset_px())).collect();
+        if skin_offsets.is_empty() {
+            skin_offsets = nodes().filter_map(|n| Some(n.evidence.as_ref()?.offset_px())).collect();
+        }
         let lost = nodes().filter(|n| n.state.loss().is_some()).count();
         Self {
             offsets,
@@ -525,6 +536,11 @@ mod tests {
         assert_eq!((none.skin_difference, none.skin_offset), (2.0, none.frame_skin_offset));
         // Skin without texture: 3 grey levels over the least gradient, 0.2 a px.
         assert!((flat.skin_offset * 61.3 - 15.0).abs() < 1e-9);
+        // Without any skin: 2 grey levels over gradients of 1 and 4.
+        frames[1].nodes.iter_mut().for_each(|node| node.skin = None);
+        let without = node_features(&frames, &w, &t)[1][place(10)].unwrap();
+        assert!((without.skin_offset * 61.3 - 2.0 / 17.0_f64.sqrt()).abs() < 1e-9);
+        assert_eq!(without.skin_offset, without.frame_skin_offset);
     }
 
     #[test]

@@ -157,7 +157,7 @@ fn a_track_is_found_right_or_left_out_with_one_key() {
     let work = Work::with_sequences(&["S001_005", "S002_005"]);
     work.write(
         "faces/manifest.csv",
-        "subject,sequence,emotion,first_frame,last_frame\nS001,005,happiness,6,1\nS002,005,happiness,1,6\n",
+        "subject,sequence,emotion,first_frame,last_frame\nS001,005,happiness,6,1\nS002,005,happiness,1,4\n",
     );
     work.grimace("run faces -o results -q").exit(0);
     let server = Server::start(&work, "--tracks results");

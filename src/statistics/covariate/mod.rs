@@ -63,16 +63,19 @@ impl Numbers {
     /// Makes numbers from the values of a column. There is one row per sequence: subject and value, or `None` for a value that is not a
     /// number.
     ///
-    /// A person's different values are averaged. People without any number are left out.
+    /// A person's values are averaged over the rows. People without any number are left out.
     pub fn new<'a>(rows: impl IntoIterator<Item = (&'a str, Option<f64>)>) -> Self {
         let mut values: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
         for (subject, value) in rows {
-            let known = values.entry(subject).or_default();
-            known.extend(value.filter(|v| v.is_finite() && !known.contains(v)));
+            values.entry(subject).or_default().extend(value.filter(|v| v.is_finite()));
         }
         let mean = |mut v: Vec<f64>| {
             v.sort_by(f64::total_cmp);
-            v.iter().sum::<f64>() / v.len() as f64
+            match (v.first(), v.last()) {
+                // Their mean may be rounded.
+                (Some(&least), Some(most)) if least == *most => least,
+                _ => v.iter().sum::<f64>() / v.len() as f64,
+            }
         };
         let known = values.into_iter().filter(|(_, v)| !v.is_empty()).map(|(subject, v)| (subject.to_owned(), mean(v)));
         let of = known.filter(|(_, number)| number.is_finite()).collect();
@@ -457,7 +460,7 @@ mod tests {
 
     #[test]
     fn numbers_of_an_emotion_come_before_those_of_others() {
-        let ratings = Numbers::new([("a", Some(3.0)), ("a", Some(5.0)), ("b", None)]);
+        let ratings = Numbers::new([("a", Some(3.0)), ("a", Some(6.0)), ("a", Some(3.0)), ("b", None)]);
         let all = Numbers::new([("a", Some(90.0)), ("b", Some(7.0)), ("c", Some(8.0))]);
         let both = ratings.or(&all);
         assert_eq!(["a", "b", "c", "d"].map(|who| both.get(who)), [Some(4.0), Some(7.0), Some(8.0), None]);

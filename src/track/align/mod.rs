@@ -256,8 +256,7 @@ impl Template {
     }
 
     /// Returns corrected positions of the live nodes in the current frame, and how the skin around each looks there beside the neutral
-    /// frame; `None` for nodes without skin. `start`: uncorrected positions; `forces`: the step's force on
-    /// each node, zero if lost.
+    /// frame; `None` for nodes without skin. `start`: uncorrected positions; `forces`: the step's force on each node, zero if lost.
     pub fn align(
         &mut self,
         patch: &Patch,
