@@ -2,14 +2,13 @@
 
 use std::path::Path;
 
-use super::{AnalyzedClass, write::Wrote};
+use super::{AnalyzedClass, Workbench, write::Wrote};
 use crate::{
     output::{OutputError, nine_digits, write_records},
     statistics::{
         bootstrap::{DispersionInterval, no_interval},
         compare::{Comparisons, OmnibusComparison, group_values},
     },
-    wireframe::Wireframe,
 };
 
 /// Columns of `intervals.csv` before those of the groups.
@@ -24,11 +23,11 @@ pub(super) fn write_groups(
     out: &Path,
     classes: &[AnalyzedClass],
     comparisons: &Comparisons,
-    wireframe: &Wireframe,
-    by: &[String],
-    replicates: usize,
+    bench: &Workbench,
     wrote: &mut Wrote<'_>,
 ) -> Result<(), OutputError> {
+    let (by, replicates) = (&bench.options.by, bench.options.groups.bootstrap);
+    let strata = bench.options.strata.join(", ");
     let group_names = || by.iter().map(|name| format!("group_{name}"));
     let optional = |value: Option<f64>| value.map(nine_digits).unwrap_or_default();
 
@@ -80,6 +79,7 @@ pub(super) fn write_groups(
             "p_max_node",
             "p_either",
             "p_either_holm",
+            "strata",
         ])
         .map(str::to_owned)
         .collect();
@@ -100,6 +100,7 @@ pub(super) fn write_groups(
                 row.extend(std::iter::repeat_n(String::new(), 4));
             }
         }
+        row.push(strata.clone());
         row
     });
     wrote("comparisons.csv", write_records(&out.join("comparisons.csv"), &header, rows)?)?;
@@ -107,7 +108,7 @@ pub(super) fn write_groups(
 
     let header = ["emotion", "group_a", "group_b", "node", "energy", "p"].map(str::to_owned);
     let rows = comparisons.pairs.iter().filter_map(|pair| Some((pair, pair.outcome.as_ref().ok()?))).flat_map(|(pair, t)| {
-        let nodes = wireframe.live_nodes().iter().zip(t.node_energy.iter().zip(&t.node_p));
+        let nodes = bench.wireframe.live_nodes().iter().zip(t.node_energy.iter().zip(&t.node_p));
         nodes.map(move |(node, (&energy, &p))| {
             let names =
                 vec![pair.emotion.clone(), group_values(&pair.groups[0]), group_values(&pair.groups[1]), node.to_string()];

@@ -117,8 +117,7 @@ pub fn write_analysis(
     let html = report_html(analysis, title, bench)?;
     wrote("report.html", output::write_hashed(&out.join("report.html"), |writer| writer.write_all(html.as_bytes()))?)?;
     if let Some(comparisons) = &analysis.comparisons {
-        let options = &bench.options;
-        write_groups(out, &analysis.classes, comparisons, &bench.wireframe, &options.by, options.groups.bootstrap, &mut wrote)?;
+        write_groups(out, &analysis.classes, comparisons, bench, &mut wrote)?;
     }
     write_amplitudes(out, &analysis.amplitudes, bench, &mut wrote)?;
     if !bench.options.covariates.is_empty() {

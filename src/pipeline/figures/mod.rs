@@ -341,7 +341,7 @@ fn difference(pair: &read::Pair, results: &Results, bench: &Workbench, lines: &L
     let title = format!("{}: {first} and {second}", pair.emotion);
     let of_whole = |&(p, holm): &(f64, f64)| is_of_whole([p, holm], pair.clearest.unwrap_or(1.0), results.significance);
     let not_whole = pair.whole.filter(|whole| differs && !of_whole(whole));
-    let within = if results.strata.is_empty() { String::new() } else { format!(", within {}", results.strata) };
+    let within = if pair.strata.is_empty() { String::new() } else { format!(", within {}", pair.strata) };
     let by_p = |p| format!("(p of either test after Holm's correction{within}: {})", p_value(p));
     let verdict = match (pair.p, differs) {
         (Some(p), true) if let Some((_, whole)) = not_whole => format!(

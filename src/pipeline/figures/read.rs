@@ -67,6 +67,8 @@ pub struct Pair {
     /// p of the clearest node.
     pub clearest: Option<f64>,
     pub effect: Option<f64>,
+    /// Columns within whose values people were exchanged, joined; empty if among all.
+    pub strata: String,
     /// Energy distance and p of every node.
     pub nodes: BTreeMap<NodeId, (f64, f64)>,
 }
@@ -77,8 +79,6 @@ pub struct Results {
     pub classes: Vec<Class>,
     pub pairs: Vec<Pair>,
     pub significance: f64,
-    /// Columns within whose values people were exchanged by the tests, joined; empty if among all.
-    pub strata: String,
     /// People of all classes.
     pub people: usize,
     /// Number of sequences in all classes, and of those without features.
@@ -174,11 +174,10 @@ impl Results {
         let people = classes.iter().flat_map(|c| &c.about.sequences).map(of).collect::<BTreeSet<String>>().len();
         // A journal left beside the record of a complete run has no further information.
         let unfinished = out.join(JOURNAL).exists() && run.as_ref().is_none_or(|run| !run.complete);
-        let strata = run.as_ref().map(|r| r.options.strata.join(", ")).unwrap_or_default();
         let significance = run.map_or_else(CompareOptions::default, |r| r.options.groups.compare).significance;
         let without_features = [with_features.len(), with_features.values().filter(|there| !**there).count()];
         let missing = TABLES.into_iter().filter(|(name, _)| !out.join(name).exists()).collect();
-        Ok(Self { pairs: pairs(out)?, classes, significance, strata, people, without_features, unfinished, missing })
+        Ok(Self { pairs: pairs(out)?, classes, significance, people, without_features, unfinished, missing })
     }
 }
 
@@ -336,6 +335,8 @@ fn pairs(out: &Path) -> Result<Vec<Pair>, FiguresError> {
     let csv = CsvFile::open(&path)?;
     let columns = ["emotion", "group_a", "group_b", "effect", "p_either_holm", "p", "p_holm", "p_max_node"];
     let [emotion, a, b, effect, p, of_whole, of_whole_holm, of_node] = csv.require(columns)?;
+    // Tables of earlier versions do not have it.
+    let strata = csv.column("strata");
     let mut pairs = Vec::new();
     for row in csv.rows() {
         let row = row?;
@@ -349,6 +350,7 @@ fn pairs(out: &Path) -> Result<Vec<Pair>, FiguresError> {
             whole: optional(of_whole)?.zip(optional(of_whole_holm)?),
             clearest: optional(of_node)?,
             effect: optional(effect)?,
+            strata: strata.map(|column| row.get(column).to_owned()).unwrap_or_default(),
             nodes: nodes.remove(&key).unwrap_or_default(),
         });
     }
