@@ -139,8 +139,8 @@ fn same_numbers_said(labels: &[SequenceLabels<'_>], columns: &[String]) -> Optio
         .then(|| format!("one number in several spellings, each a group of its own; write them alike: {}", listed(&found, NAMED)))
 }
 
-/// Returns a note to the user about numbers whose point may separate thousands, such as `1.200` in a column whose other numbers do not all
-/// have three decimals. They are read with a decimal point.
+/// Returns a note to the user about numbers whose point may separate thousands, such as `1.200` in a column whose other numbers are whole.
+/// They are read with a decimal point.
 fn perhaps_thousands_said(labels: &[SequenceLabels<'_>], columns: &[String]) -> Option<String> {
     let has_three = |value: &str| {
         let parts = value.trim_start_matches(['-', '+']).split_once('.');
@@ -153,7 +153,7 @@ fn perhaps_thousands_said(labels: &[SequenceLabels<'_>], columns: &[String]) -> 
         let values = labels.iter().filter_map(|(.., metadata)| metadata.get(column)).map(|value| value.trim());
         let values: BTreeSet<&str> = values.filter(|value| number_of(value).is_some()).collect();
         let (three, others): (Vec<&str>, Vec<&str>) = values.into_iter().partition(|value| has_three(value));
-        if !others.is_empty() {
+        if !others.is_empty() && others.iter().all(|value| !value.contains(['.', ','])) {
             let said = |value| format!("`{value}` in the column `{column}` as {}", number_of(value).unwrap_or_default());
             found.extend(three.into_iter().map(said));
         }
@@ -215,11 +215,12 @@ mod tests {
 
     #[test]
     fn a_point_that_may_separate_thousands_is_named() {
-        let ages = rows(&[("a", "joy", "1.200"), ("b", "joy", "34"), ("c", "joy", "0.500")]);
+        let ages = rows(&[("a", "joy", "1.200"), ("b", "joy", "34"), ("c", "joy", "NA")]);
         let said = perhaps_thousands_said(&labels(&ages), &column()).unwrap();
         assert!(said.ends_with(": `1.200` in the column `c` as 1.2"), "{said}");
-        // All numbers of the column have three decimals.
-        let doses = rows(&[("a", "joy", "1.200"), ("b", "joy", "34.000")]);
+        // All numbers have three decimals, or others have decimals.
+        let doses = rows(&[("a", "joy", "1.200"), ("b", "joy", "34.000"), ("c", "joy", "2.5"), ("d", "joy", "3")]);
+        assert_eq!(perhaps_thousands_said(&labels(&doses)[..2], &column()), None);
         assert_eq!(perhaps_thousands_said(&labels(&doses), &column()), None);
     }
 
