@@ -27,7 +27,7 @@ use crate::{
     pose::{HEAD_ES, HeadFit, HeadModel},
     track::{LossReason, NodeState, TrackedFrame, eye_distance_px},
     units::{FaceUnit, NodeId},
-    wireframe::Tables,
+    wireframe::{Region, Tables},
 };
 
 pub use action_units::{ActionUnits, FULL, Intensity};
@@ -60,10 +60,6 @@ const BLINK: u8 = 45;
 const CLOSING: f64 = 0.9;
 /// The top of the skull, which lies on hair or beyond the picture: no muscle moves it, and its track may be far off.
 const SKULL: [u16; 5] = [0, 11, 12, 44, 45];
-
-/// The forehead, which says nothing of action units: how far its skin follows a raised brow differs from face to face, and its upper part
-/// lies on hair. With it, raised brows of 300 FAP units had an AU 1 of 0 to 3 from pictures and of 5 from landmarks, which it lacks.
-const FOREHEAD: [u16; 11] = [0, 1, 2, 11, 12, 13, 34, 35, 44, 45, 46];
 
 /// The values of one frame.
 ///
@@ -248,6 +244,9 @@ pub struct FeatureMeter {
     /// Gap between the inner lips, face units, at full intensity of "lips part".
     lips_full: f64,
     live: Vec<NodeId>,
+    /// The forehead, which says nothing of action units: how far its skin follows a raised brow differs from face to face, and its upper
+    /// part lies on hair. With it, raised brows of 300 FAP units had an AU 1 of 0 to 3 from pictures and of 5 from landmarks, which it lacks.
+    forehead: Vec<NodeId>,
     irises: [Vec<NodeId>; 2],
 }
 
@@ -259,7 +258,10 @@ impl FeatureMeter {
     pub fn new(head: &HeadModel, normalizer: &Normalizer<'_>) -> Result<Self, FeaturesError> {
         let units = ActionUnits::new(head, normalizer)?;
         let lips_full = units.gap_of_jaw(LIPS).max(1.0);
-        Ok(Self { units, lips_full, live: normalizer.face().0.live_nodes().to_vec(), irises: head.irises.clone() })
+        let (wireframe, tables) = normalizer.face();
+        let live = wireframe.live_nodes().to_vec();
+        let forehead = live.iter().copied().filter(|node| tables.region(*node) == Region::Forehead).collect();
+        Ok(Self { units, lips_full, live, forehead, irises: head.irises.clone() })
     }
 
     /// Returns the options with which tracks are normalized for a meter. The deviations of nodes from the shapes of action units were
@@ -290,16 +292,9 @@ impl FeatureMeter {
         by_time.sort_by(|&a, &b| seconds.get(a).partial_cmp(&seconds.get(b)).unwrap_or(Ordering::Equal));
         let frame = |k: usize| {
             let m = by_time[k];
-            SeenFrame {
-                offsets: model.neutral_offsets(m),
-                nodes: self
-                    .deviations(&track[m], m == 0, es)
-                    .into_iter()
-                    .filter(|(node, _)| !FOREHEAD.contains(&node.0))
-                    .collect(),
-                seconds: seconds.get(m).copied(),
-                is_neutral: m == 0,
-            }
+            let mut nodes = self.deviations(&track[m], m == 0, es);
+            nodes.retain(|(node, _)| !self.forehead.contains(node));
+            SeenFrame { offsets: model.neutral_offsets(m), nodes, seconds: seconds.get(m).copied(), is_neutral: m == 0 }
         };
         let mut units = vec![Vec::new(); track.len()];
         for (k, found) in self.units.over_time(track.len(), frame).into_iter().enumerate() {

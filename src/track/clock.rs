@@ -6,6 +6,13 @@ use crate::{interpolation::FPS, sequence::Clock};
 /// Most frames per existing frame: with larger gaps, the numbers do not count frames.
 pub(crate) const MOST_FILLED: u64 = 10;
 
+/// Returns the usual step of ascending numbers, at least 1: the median one.
+pub(crate) fn usual_step(numbers: &[u32]) -> u32 {
+    let mut steps: Vec<u32> = numbers.windows(2).map(|pair| pair[1].saturating_sub(pair[0])).collect();
+    steps.sort_unstable();
+    steps.get(steps.len() / 2).copied().unwrap_or(1).max(1)
+}
+
 /// Returns the smallest step of ascending numbers and their total span in such steps; `None` if a step is not a multiple of the smallest.
 fn whole_steps(numbers: &[u32]) -> Option<(u32, u64)> {
     let steps = || numbers.windows(2).map(|pair| pair[1].saturating_sub(pair[0]));

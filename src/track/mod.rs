@@ -12,6 +12,7 @@ mod confidence;
 mod corrections;
 mod ends;
 mod error;
+mod evidence;
 mod file;
 mod frame_tracker;
 mod in_picture;
@@ -34,8 +35,8 @@ mod tracked;
 mod whole;
 
 pub use align::{AlignOptions, Patch};
-pub(crate) use clock::{MOST_FILLED, clock_of_frames};
-pub use confidence::{Confidence, Evidence, NodeFeatures, SkinMatch, expect_errors, node_features};
+pub(crate) use clock::{MOST_FILLED, clock_of_frames, usual_step};
+pub use confidence::{Confidence, NodeFeatures, expect_errors, node_features};
 pub(crate) use corrections::CORRECTIONS_FOLDER;
 pub use corrections::{
     SavedCorrections, TrackCorrections, corrections_in_track, corrections_path, far_corrections, fitting_corrections,
@@ -44,6 +45,7 @@ pub use corrections::{
 pub(crate) use ends::{Ends, backwards_said, covered_at_apex_said, mouth_back_said};
 pub use error::TrackError;
 use error::check_nodes;
+pub use evidence::{Evidence, SkinMatch};
 pub(crate) use file::write_hashed_track;
 pub use file::{
     TRACK_SCHEMA, TrackFileError, TrackHashes, TrackInfo, neutral_first, parse_track, parse_track_info, read_track,

@@ -21,6 +21,7 @@ use crate::{
     pipeline::{FoundFace, Workbench},
     segment::densest,
     sequence::{Clock, Frame, ImageSize, SequenceReader},
+    track::usual_step,
     units::NodeId,
 };
 
@@ -128,15 +129,8 @@ pub(super) fn too_short(named: &str, frames: usize, fps: f64) -> String {
     format!("{named}: too short for a rest and an expression: {found}; at least {least} are needed at {}", per_second(fps))
 }
 
-/// Usual difference of the numbers of consecutive frames.
-fn usual_step(numbers: &[u32]) -> u32 {
-    let mut steps: Vec<u32> = numbers.windows(2).map(|pair| pair[1].saturating_sub(pair[0])).collect();
-    steps.sort_unstable();
-    steps.get(steps.len() / 2).copied().unwrap_or(1).max(1)
-}
-
 /// Note about numbers that are missing, if there are any.
-fn missing_said(numbers: &[u32], step: u32) -> Option<String> {
+fn gaps_said(numbers: &[u32], step: u32) -> Option<String> {
     let gaps = numbers.windows(2).filter(|pair| pair[1].saturating_sub(pair[0]) > step);
     let named: Vec<String> = gaps
         .map(|pair| match (pair[0].saturating_add(step), pair[1].saturating_sub(step)) {
@@ -204,9 +198,9 @@ impl Survey {
         let looks = scenes.into_iter().enumerate().flat_map(|(k, looks)| followed(looks, marked_in(k))).collect();
         let clock = fps.map_or_else(|| reader.clock(), |fps| Clock::even(Some(fps)));
         let step = usual_step(&numbers);
-        let missing = missing_said(&numbers, step);
+        let gaps = gaps_said(&numbers, step);
         let notes =
-            clock.remark().into_iter().chain(missing).chain(reader.remark()).chain(unread_beside(&recording.frames)).collect();
+            clock.remark().into_iter().chain(gaps).chain(reader.remark()).chain(unread_beside(&recording.frames)).collect();
         let fps = clock.fps.unwrap_or(USUAL_FPS);
         let clock = Clock { fps: Some(fps), ..clock };
         Ok(Self { numbers, step, size, fps, clock, notes, cuts, looks, content: reader.into_content_blake3()? })
@@ -405,7 +399,7 @@ mod tests {
 
     #[test]
     fn missing_numbers_are_named() {
-        let said = |numbers: &[u32]| missing_said(numbers, usual_step(numbers));
+        let said = |numbers: &[u32]| gaps_said(numbers, usual_step(numbers));
         assert_eq!(said(&[1, 2, 3, 4]), None);
         assert_eq!(said(&[2, 4, 6, 8]), None, "every second frame");
         assert_eq!(said(&[1, 2, 3, 5, 6, 7, 12, 13]).unwrap(), "frames are missing: 4; 8 to 11");

@@ -6,7 +6,7 @@ use super::{TrackSummary, Verdict};
 use crate::{
     geometry::Similarity,
     robust::median,
-    track::{LossReason, NodeState, TrackedFrame, TrackedNode},
+    track::{LossReason, NodeState, TrackedFrame, TrackedNode, usual_step},
     units::NodeId,
     wireframe::{Region, Tables, Wireframe},
 };
@@ -165,10 +165,8 @@ pub(crate) fn missing_said(numbers: impl Iterator<Item = u32>) -> Option<String>
 pub(super) fn missing_frames(mut numbers: Vec<u32>) -> Option<(u32, u32)> {
     numbers.sort_unstable();
     let span = numbers.last()? - numbers.first()?;
-    let mut steps: Vec<(u32, u32)> = numbers.windows(2).map(|pair| (pair[1] - pair[0], pair[0])).collect();
-    steps.sort_unstable();
-    let usual = steps.get(steps.len() / 2)?.0.max(1);
-    let &(longest, before) = steps.last()?;
+    let usual = usual_step(&numbers);
+    let (longest, before) = numbers.windows(2).map(|pair| (pair[1] - pair[0], pair[0])).max()?;
     let matters = longest / usual > GAP_STEPS && f64::from(longest) > GAP_SHARE * f64::from(span);
     matters.then(|| (before + usual, before + longest - usual))
 }
