@@ -6,7 +6,7 @@ use super::{
     super::found::found_faces,
     RecordingError, RecordingStep, Tick,
     likeness::{Portrait, is_another},
-    survey::{Stretch, Survey},
+    survey::{Covered, Stretch, Survey},
 };
 use crate::{
     dataset::FrameSource,
@@ -14,12 +14,16 @@ use crate::{
     pipeline::{FoundFace, Workbench},
     sequence::{Frame, SequenceError, SequenceReader, read_frame_of},
     track::{FrameTracker, NodeState, TrackedFrame, TrackedNode, eye_distance_px, window_px},
+    units::NodeId,
 };
 
 /// Median distance of tracked from detected points, in eye distances, above which the face is lost.
 const ASTRAY: f64 = 0.2;
 /// Share of lost nodes from which the face is lost in a frame without a detected face.
 const GONE: f64 = 0.35;
+/// Shares of lost nodes below which nothing covers a face: in every frame, and on average. A hand before the mouth costs a third of them where
+/// it comes and a quarter where it goes, the quick rise of both brows a tenth in one frame.
+const SEEN_THROUGH: (f64, f64) = (0.12, 0.02);
 /// Expected errors of a tracked and of a recovered node, in eye distances.
 const EXPECTED: [f64; 2] = [0.01, 0.05];
 /// The same between two stretches: points are found to about 2 % of the eye distance.
@@ -36,6 +40,12 @@ impl CompactFrame {
     fn new(frame: &TrackedFrame) -> Self {
         let node = |n: &TrackedNode| ([n.position.x as f32, n.position.y as f32], n.state);
         Self { number: frame.number, nodes: frame.nodes.iter().map(node).collect() }
+    }
+
+    /// Share of the `live` nodes that the tracker lost in this frame.
+    fn lost_share(&self, live: &[NodeId]) -> f64 {
+        let is_lost = |node: &&NodeId| self.nodes.get(node.index()).is_some_and(|(_, state)| state.loss().is_some());
+        live.iter().filter(is_lost).count() as f64 / live.len().max(1) as f64
     }
 
     /// Position of a node, px.
@@ -79,6 +89,22 @@ pub(super) struct Followed {
     pub portraits: Vec<Portrait>,
     /// Untracked rest of the stretch on either side, where the face was lost, with the reason.
     pub left: Vec<(Stretch, String)>,
+}
+
+impl Followed {
+    /// Whether the tracker sees through what looks like a cover: the cover begins or ends among these frames, not in the fitted one, and
+    /// hardly a node is lost in any of them. A hand costs nodes where it comes and goes; a face that only looks covered, because it shows a
+    /// strong expression, costs none.
+    pub fn sees_through(&self, covered: &Covered, live: &[NodeId]) -> bool {
+        let end = self.first + self.frames.len();
+        let is_partial = covered.first > self.first || covered.last + 1 < end;
+        let is_fitted = (covered.first..=covered.last).contains(&(self.first + self.fitted));
+        let begin = covered.first.max(self.first) - self.first;
+        let within = self.frames.get(begin..(covered.last + 1).min(end).saturating_sub(self.first)).unwrap_or_default();
+        let lost: Vec<f64> = within.iter().map(|frame| frame.lost_share(live)).collect();
+        let (most, mean) = (lost.iter().copied().fold(0.0, f64::max), lost.iter().sum::<f64>() / lost.len().max(1) as f64);
+        is_partial && !is_fitted && !lost.is_empty() && most < SEEN_THROUGH.0 && mean < SEEN_THROUGH.1
+    }
 }
 
 /// Where tracking of a stretch starts.
@@ -253,4 +279,39 @@ fn frames_between(whole: &FrameSource, from: u32, to: u32) -> Result<Frames, Rec
         FrameSource::Video { path, .. } => FrameSource::Video { path: path.clone(), first: Some(from), last: Some(to) },
     };
     Ok(Box::new(SequenceReader::open_part(&source, whole)?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::track::LossReason;
+
+    /// Thirty frames with 20 nodes each, of which `lost` (frame, number) are lost.
+    fn followed(fitted: usize, lost: &[(usize, usize)]) -> Followed {
+        let frame = |k: usize| {
+            let of = lost.iter().find(|(frame, _)| *frame == k).map_or(0, |(_, count)| *count);
+            let state = |n: usize| if n < of { NodeState::Recovered(LossReason::Klt) } else { NodeState::Tracked };
+            CompactFrame { number: k as u32 + 101, nodes: (0..20).map(|n| ([0.0; 2], state(n))).collect() }
+        };
+        let (frames, marks, portraits, left) = ((0..30).map(frame).collect(), Vec::new(), Vec::new(), Vec::new());
+        Followed { frames, first: 100, fitted, marks, eye_distance: 100.0, portraits, left }
+    }
+
+    #[test]
+    fn a_cover_that_costs_no_nodes_is_an_expression() {
+        let live: Vec<NodeId> = (0..20).map(NodeId).collect();
+        let covered = |first, last| Covered { first, last, parts: Vec::new() };
+        let hand = covered(110, 120);
+        // Two of twenty nodes in one of eleven frames; six of them; one in every third frame.
+        assert!(followed(0, &[(12, 2)]).sees_through(&hand, &live));
+        assert!(!followed(0, &[(12, 6)]).sees_through(&hand, &live));
+        assert!(!followed(0, &[(10, 2), (13, 2), (16, 2)]).sees_through(&hand, &live));
+        // What covers the face all the time, or where it was fitted, costs no nodes.
+        assert!(!followed(0, &[]).sees_through(&covered(90, 140), &live));
+        assert!(!followed(15, &[]).sees_through(&hand, &live));
+        // Frames of another stretch.
+        assert!(
+            !followed(0, &[]).sees_through(&covered(0, 99), &live) && !followed(0, &[]).sees_through(&covered(130, 140), &live)
+        );
+    }
 }

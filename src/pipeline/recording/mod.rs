@@ -26,7 +26,7 @@ use self::{
     follow::{CompactFrame, Followed, Start, follow},
     measure::{Measured, Neutral, Shown, marks_in, measure},
     rests::share_rests,
-    survey::{Look, SHORTEST, SHORTEST_TRACKED, Stretch, Survey, too_short},
+    survey::{Covered, Look, SHORTEST, SHORTEST_TRACKED, Stretch, Survey, too_short},
 };
 use super::{FoundMarksError, Workbench, found::fitting_marks};
 use crate::{
@@ -270,7 +270,9 @@ pub fn segment_recording(
     let places: Vec<(usize, usize)> = tracked.iter().map(|f| (f.first, f.first + f.frames.len().saturating_sub(1))).collect();
     let mut notes: Vec<String> = survey.notes.iter().cloned().chain(survey.several(recording.marks.is_some())).collect();
     notes.extend(turns.into_iter().map(|turn| survey.turn_message(turn, &places)).chain(later));
-    notes.extend(survey.covered().iter().map(|covered| survey.covered_message(covered)));
+    let live = bench.wireframe.live_nodes();
+    let is_covered = |covered: &&Covered| !tracked.iter().any(|followed| followed.sees_through(covered, live));
+    notes.extend(survey.covered().iter().filter(is_covered).map(|covered| survey.covered_message(covered)));
     let mut result = SegmentedRecording {
         stem: recording.stem.clone(),
         fps: survey.fps,
@@ -454,7 +456,8 @@ fn measure_seen(
     tick: Tick<'_>,
 ) -> Result<Measured, RecordingError> {
     let mut measured = measure(followed, neutral, survey, bench, tick)?;
-    for covered in survey.covered() {
+    let live = bench.wireframe.live_nodes();
+    for covered in survey.covered().into_iter().filter(|covered| !followed.sees_through(covered, live)) {
         let reason = FacePart::said_covered(&covered.parts).unwrap_or_default();
         for (k, frame) in measured.frames.iter_mut().enumerate() {
             if (covered.first..=covered.last).contains(&(followed.first + k)) {
