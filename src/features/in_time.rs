@@ -2,7 +2,7 @@
 
 use super::FrameFeatures;
 use crate::{
-    fap::{FapFrame, FapSequence, whole_rate},
+    fap::{FapCatalog, FapFrame, FapNumber, FapSequence, whole_rate},
     sequence::Clock,
     track::MOST_FILLED,
 };
@@ -14,19 +14,28 @@ pub(super) fn in_time(features: &[FrameFeatures]) -> Vec<&FrameFeatures> {
     rows
 }
 
-/// Returns the FAPs of a track as a file, frames by ascending number; missing frames are interpolated. Frames with uneven times are
+/// Returns the FAPs of a track as a file, limited to the ranges of the standard, frames by ascending number; missing frames are
+/// interpolated. Frames with uneven times are
 /// resampled evenly at a whole frame rate ([`FapSequence::at_whole_rate`]). `usual` is the frame rate for tracks of unknown rate.
 pub fn fap_sequence(features: &[FrameFeatures], name: &str, clock: &Clock, usual: f64) -> FapSequence {
     let rows = in_time(features);
     let own = clock.fps.unwrap_or(usual);
     // Resampled frames are placed at the times of the written rate.
     let fps = if clock.times.is_some() { whole_rate(own).written } else { own };
+    let limited = |fap: FapNumber, value: f64| {
+        let row = FapCatalog::mpeg4().row(fap);
+        match row.range.filter(|_| row.frontal.is_measured()) {
+            Some((min, max)) => value.clamp(f64::from(min), f64::from(max)),
+            None => value,
+        }
+    };
     let frame = |(k, share): (usize, f64)| {
         let mut frame = FapFrame::default();
         for &(fap, value) in &rows[k].faps {
+            let value = limited(fap, value);
             let next = rows.get(k + 1).filter(|_| share > 0.0);
             let next = next.and_then(|next| next.faps.iter().find(|(other, _)| *other == fap));
-            let after = next.map_or(value, |(_, after)| *after);
+            let after = next.map_or(value, |(_, after)| limited(fap, *after));
             frame.set_value(fap, Some(value + (after - value) * share));
         }
         frame

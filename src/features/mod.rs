@@ -21,7 +21,7 @@ use nalgebra::{Point2, Vector2};
 
 use crate::{
     dataset::LANDMARK_COUNT,
-    fap::{ANGLE_UNIT_RAD, ConvertError, FapCatalog, FapNumber, FapSequence},
+    fap::{ANGLE_UNIT_RAD, ConvertError, FapCatalog, FapNumber, unlimited_faps},
     model::{DynamicExpressionModel, ModelError},
     normalize::{IrisdMode, NormalizeError, NormalizeOptions, Normalizer},
     pose::{HEAD_ES, HeadFit, HeadModel},
@@ -92,7 +92,7 @@ pub struct FrameFeatures {
     pub landmarks: Vec<Option<Point2<f64>>>,
     /// Eye distance of the mean head at the size of this one, px. It measures the size of the head, not the distance of this person's eyes.
     pub eye_distance: f64,
-    /// FAPs that can be measured in a frontal view, and those of the head, in the units of the standard.
+    /// FAPs that can be measured in a frontal view, and those of the head, in the units of the standard, whole, not limited to its ranges.
     pub faps: Vec<(FapNumber, f64)>,
     /// Action units.
     pub action_units: Vec<Intensity>,
@@ -343,7 +343,6 @@ impl FeatureMeter {
         let catalog = FapCatalog::mpeg4();
         let neutral: Vec<Point2<f64>> = track.first().map(|f| f.nodes.iter().map(|n| n.position).collect()).unwrap_or_default();
         let lid_units = normalizer.lid_units(&neutral);
-        let (faps, _) = FapSequence::from_measured(model, (&canonical.fapus, lid_units), catalog, "track", 1, 0)?;
         let es = eye_distance_px(tables, &neutral).unwrap_or(1.0);
         let mut action_units = self.action_units(measured, (canonical.fapus.es, es));
         let mut features = Vec::with_capacity(track.len());
@@ -352,6 +351,7 @@ impl FeatureMeter {
             let angles = pose.degrees();
             let nodes = model.frames()[m].nodes();
             let offsets = model.neutral_offsets(m);
+            let faps = unlimited_faps(&offsets, (&canonical.fapus, lid_units), catalog)?;
             let gap = |nodes: &[Point2<f64>], [above, below]: [usize; 2]| nodes[above].y - nodes[below].y;
             let rest = model.neutral().nodes();
             // As for the FAPs of the lids: relative to the eye's own opening, not to the iris boxes that models may be normalized by.
@@ -379,7 +379,7 @@ impl FeatureMeter {
                 position: pose.position,
                 landmarks: landmarks(fit, m, frame, tables),
                 eye_distance: pose.scale * HEAD_ES,
-                faps: FapNumber::all().filter_map(|fap| Some((fap, faps.frames[m].value(fap)?))).collect(),
+                faps: faps.into_iter().map(|(fap, value)| (fap, value.round() + 0.0)).collect(),
                 action_units: std::mem::take(&mut action_units[m]),
                 eye_opening: LIDS.map(opening),
                 mouth_opening: gap(nodes, LIPS) / canonical.fapus.mns,

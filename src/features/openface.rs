@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Point2, Rotation3};
 
-use super::{FrameFeatures, in_time, measured, unit_column};
+use super::{FrameFeatures, TRUSTED_TURN, in_time, measured, unit_column};
 use crate::{dataset::LANDMARK_COUNT, pose::HeadPose, sequence::Clock};
 
 /// Action units in the files.
@@ -11,7 +11,11 @@ pub(super) const UNITS: [u8; 17] = [1, 2, 4, 5, 6, 7, 9, 10, 12, 14, 15, 17, 20,
 /// Units of the columns, for the JSON beside the table.
 pub(crate) const ABOUT: [(&str, &str); 6] = [
     ("timestamp", "s from the first row; 0 where the frame rate is not known"),
-    ("confidence, success", "share of the nodes that were seen; 1 or 0"),
+    (
+        "confidence, success",
+        "0.8 to 1 for rows that can be used, 0.75 to 0.79 where the head is turned by more than 25 degrees, 0 to 0.7 where success is 0; within \
+         these ranges the share of the nodes that were seen",
+    ),
     (
         "pose_Rx, pose_Ry, pose_Rz",
         "radians about the camera's axes (x right, y down, z away), R = Rx Ry Rz; positive: down, to the right of the subject, \
@@ -59,6 +63,22 @@ pub(crate) struct OpenFaceFace {
     pub units: Vec<(u8, f64, bool)>,
 }
 
+impl OpenFaceFace {
+    /// Confidence as readers of `OpenFace`'s files understand it: they leave out rows below 0.75 or 0.8. The share of the nodes that were seen
+    /// is lower than that in many good rows, for example where two pictures show a neutral and a smiling face.
+    fn certainty(&self) -> f64 {
+        let [yaw, pitch, _] = self.pose;
+        let (least, range) = if !self.success {
+            (0.0, 0.7)
+        } else if yaw.abs().max(pitch.abs()) > TRUSTED_TURN {
+            (0.75, 0.04)
+        } else {
+            (0.8, 0.2)
+        };
+        least + range * self.confidence
+    }
+}
+
 /// Returns header and records. `units` are the numbers of the action units; those that the format lacks are left out.
 pub(crate) fn openface_csv(rows: impl Iterator<Item = OpenFaceRow>, units: &[u8]) -> (Vec<String>, Vec<Vec<String>>) {
     let mut header: Vec<String> =
@@ -75,7 +95,7 @@ pub(crate) fn openface_csv(rows: impl Iterator<Item = OpenFaceRow>, units: &[u8]
             row.resize(header.len(), String::new());
             return row;
         };
-        row.push(measured(face.confidence));
+        row.push(measured(face.certainty()));
         row.push(u8::from(face.success).to_string());
         row.extend(angles(face.pose).map(measured));
         let at = |k: usize| face.landmarks.get(k).copied().flatten();
@@ -122,5 +142,19 @@ mod tests {
         assert!(near(angles([0.0, 10.0, 0.0]), [ten, 0.0, 0.0]));
         // Counter-clockwise in the image is negative with y down.
         assert!(near(angles([0.0, 0.0, 10.0]), [0.0, 0.0, -ten]));
+    }
+
+    #[test]
+    fn the_usual_limits_of_confidence_leave_out_what_is_not_to_be_used() {
+        let face = |confidence, success, yaw| OpenFaceFace {
+            confidence,
+            success,
+            pose: [yaw, 0.0, 40.0],
+            landmarks: Vec::new(),
+            units: Vec::new(),
+        };
+        assert_eq!([0.5, 1.0].map(|seen| face(seen, true, 25.0).certainty()), [0.9, 1.0]);
+        assert_eq!([0.5, 1.0].map(|seen| face(seen, true, -26.0).certainty()), [0.77, 0.79]);
+        assert_eq!([0.5, 1.0].map(|seen| face(seen, false, 0.0).certainty()), [0.35, 0.7]);
     }
 }
