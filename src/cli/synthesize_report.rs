@@ -118,7 +118,11 @@ impl Report {
             println!("feature points ignored, because the bank does not have them: {}", points.join(" "));
         }
         let Some(fitness) = self.fitness else {
-            println!("the motion contains no movement: every frame is the neutral face");
+            if motion.turns() {
+                println!("the head turns, and the face does not move: every frame is the neutral face");
+            } else {
+                println!("the motion contains no movement: every frame is the neutral face");
+            }
             println!("written to {}", out.display());
             return;
         };

@@ -48,20 +48,16 @@ class Mixture {
       }
       fap.near.forEach((point) => near.add(point));
     }
-    const weights = new Float64Array(axes), freePoints = new Set(), knownPoints = new Set();
+    const weights = new Float64Array(axes);
     for (let k = 0; k < axes; k++) {
       const point = k >> 1, isFree = drivable[k] && !set[k], isSet = set[2 * point] || set[2 * point + 1];
-      if (isFree) {
-        weights[k] = near.has(point) ? free.near : free.far;
-        freePoints.add(point);
-      } else if (isSet) weights[k] = 1;
-      if (isSet) knownPoints.add(point);
+      if (isFree) weights[k] = near.has(point) ? free.near : free.far;
+      else if (isSet) weights[k] = 1;
     }
-    const ridge = (free.ridge * freePoints.size) / (freePoints.size + knownPoints.size);
-    return { target, weights, ridge };
+    return { target, weights };
   }
   solve(values, warm) {
-    const { basis } = this, n = basis.length, { target, weights, ridge } = this.goal(values);
+    const { basis, free: { ridge } } = this, n = basis.length, { target, weights } = this.goal(values);
     if (!target.some((v) => v)) return new Float64Array(n);
     const rows = basis.map((motion) => motion.map((v, k) => v * weights[k]));
     const product = (a, b) => a.reduce((sum, v, k) => sum + v * b[k], 0);
@@ -69,7 +65,7 @@ class Mixture {
     const at = (i, j) => (j > i ? gram[j][i] : gram[i][j]);
     const right = rows.map((a) => product(a, target));
     const trace = gram.reduce((sum, row, i) => sum + row[i], 0);
-    const extra = Math.max(ridge, 1e-10) * (trace / n);
+    const extra = ridge * (trace / n);
     // Coordinate descent; the ridge makes the minimum one.
     const z = Float64Array.from(warm), gradient = right.map((f, i) => f - z.reduce((sum, v, j) => sum + v * at(i, j), 0));
     for (let sweep = 0, most = 1; sweep < 1000 && most > 1e-6; sweep++) {
@@ -82,13 +78,11 @@ class Mixture {
         for (let j = 0; j < n; j++) gradient[j] -= step * at(i, j);
       }
     }
-    if (ridge > 0) {
-      // The ridge shortens the motion.
-      const moved = new Float64Array(target.length);
-      rows.forEach((row, i) => row.forEach((v, k) => { moved[k] += z[i] * v; }));
-      const square = product(moved, moved), along = product(moved, target);
-      for (let i = 0; i < n && square > 0; i++) z[i] *= Math.max(along / square, 0);
-    }
+    // The ridge shortens the motion.
+    const moved = new Float64Array(target.length);
+    rows.forEach((row, i) => row.forEach((v, k) => { moved[k] += z[i] * v; }));
+    const square = product(moved, moved), along = product(moved, target);
+    for (let i = 0; i < n && square > 0; i++) z[i] *= Math.max(along / square, 0);
     return z;
   }
 }

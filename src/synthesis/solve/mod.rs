@@ -94,7 +94,7 @@ pub fn best_member(goal: &Goal) -> Solution {
 pub fn least_squares(goal: &Goal) -> Solution {
     let (gram, right) = normal_equations(goal);
     let mut weights = nonnegative::minimize(&gram, &right, &[]);
-    if goal.free_ridge() > 0.0 {
+    if goal.ridge() > 0.0 {
         // The ridge shortens the motion.
         goal.fit_closest(&mut weights);
     }
@@ -106,7 +106,7 @@ fn normal_equations(goal: &Goal) -> (DMatrix<f64>, DVector<f64>) {
     // Points with unknown motion have the target 0, and nothing to add to the right side.
     let free = DMatrix::from_fn(goal.free_candidate(0).len(), goal.member_count(), |row, m| goal.free_candidate(m)[row]);
     let mut gram = matrix.tr_mul(&matrix) + free.tr_mul(&free);
-    let ridge = goal.free_ridge() * gram.trace() / goal.member_count() as f64;
+    let ridge = goal.ridge() * gram.trace() / goal.member_count() as f64;
     (0..goal.member_count()).for_each(|k| gram[(k, k)] += ridge);
     (gram, matrix.tr_mul(&DVector::from_column_slice(goal.target())))
 }
