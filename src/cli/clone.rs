@@ -52,9 +52,11 @@ Files in OUT:
   frames/      the animation, one PNG per frame
   track/       the dynamic model of the target, for `analyze`
   clone.fap    the motion as a FAP file
+  clone.gif    a film, with --film (also .apng, .mp4, .webm)
   overlay.png  the wireframe on the apex frame
-  sheet.png    source and target side by side
+  sheet.png    five frames, below those of the source with --source-frames
   clone.json   inputs and options
+  frames.b3    names and hashes of the files, for the next clone into OUT
 
 With several sources or targets, every pair gets its own folder OUT/TARGET_SOURCE. If two sources have the same name, the extension or the folder \
 is added (TARGET_sadness-csv, TARGET_sadness-fap). A pair that fails does not stop the others. After an interruption, run the command again: it \

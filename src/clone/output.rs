@@ -120,6 +120,8 @@ pub struct CutFap {
 const CUT_SHARE: f64 = 0.1;
 const CUT_UNITS: f64 = 20.0;
 const CUT_ANGLE: f64 = 500.0;
+/// FAPs of the eyelids, which a blink moves.
+const LID_FAPS: std::ops::RangeInclusive<u8> = 19..=22;
 /// A FAP counts as changed if it differs by as much and the value shown lies beyond what was requested, that is outside the range from 0
 /// to the requested value, by more than this fraction of those units.
 const BEYOND_SHARE: f64 = 0.5;
@@ -404,8 +406,12 @@ fn faps_not_as_asked(
     for frame in first..asked.frame_count().min(shown.frame_count()) {
         let asked = unlimited_faps(&asked.neutral_offsets(frame), units, catalog)?;
         let shown = unlimited_faps(&shown.neutral_offsets(frame), units, catalog)?;
+        let blinks = clone.blinks(frame - first);
         for ((fap, asked), (_, shown)) in asked.into_iter().zip(shown).filter(|((fap, _), _)| source.asks_for(*fap)) {
             let fap = fap.get();
+            if blinks && LID_FAPS.contains(&fap) {
+                continue; // The blink was asked for, too.
+            }
             let found = CutFap { fap, frame: frame + 1 - first, asked: asked.round() + 0.0, shown: shown.round() + 0.0 };
             if asked.abs() > most.get(&fap).map_or(0.0, |cut| cut.asked.abs()) {
                 most.insert(fap, found);
@@ -433,12 +439,13 @@ fn visible(fap: u8, catalog: &FapCatalog) -> f64 {
     if is_angle { CUT_ANGLE } else { CUT_UNITS }
 }
 
-/// Whether visibly less is shown than requested. A value that is visibly of opposite sign counts as changed instead.
+/// Whether visibly less is shown than requested. A request that is too small to be seen cannot be cut, and a value that is visibly of
+/// opposite sign counts as changed instead.
 fn is_cut(cut: &CutFap, catalog: &FapCatalog) -> bool {
     let visible = visible(cut.fap, catalog);
     let (asked, shown) = (cut.asked.abs(), cut.shown * cut.asked.signum());
     let lacking = asked - shown;
-    shown > -visible && lacking > CUT_SHARE * asked && lacking > visible
+    asked > visible && shown > -visible && lacking > CUT_SHARE * asked && lacking > visible
 }
 
 /// Whether visibly more is shown than requested, or the opposite.
@@ -473,6 +480,7 @@ mod tests {
                 && !cut(19, 0.0, -163.0)
                 && !cut(42, -5.0, 9.0)
                 && !cut(4, 37.0, -36.0)
+                && !cut(10, 5.0, -16.0)
         );
         assert!(!cut(23, 20_000.0, 19_600.0) && cut(23, 20_000.0, 12_000.0));
     }

@@ -333,6 +333,12 @@ impl ClonedExpression<'_> {
         self.rest.as_deref()
     }
 
+    /// Whether a blink moves the lids in frame `k`.
+    pub(super) fn blinks(&self, k: usize) -> bool {
+        let seconds = self.frames.len().saturating_sub(1) as f64 / self.fps;
+        self.options.blink && blink(k as f64 / self.fps, seconds) > 0.0
+    }
+
     /// Index of the frame whose nodes are farthest from neutral, without head motion and blinks; the first one of equals.
     pub fn apex(&self) -> usize {
         let neutral = self.target.warp().nodes();
@@ -341,10 +347,8 @@ impl ClonedExpression<'_> {
             let moved = f.deformation.nodes().iter().zip(neutral).enumerate().filter(|(k, _)| !blinks(*k));
             moved.map(|(_, (p, n))| (p - f.deformation.background().apply(n)).norm()).sum::<f64>()
         };
-        let seconds = self.frames.len().saturating_sub(1) as f64 / self.fps;
-        let is_shut = |k: usize| self.options.blink && blink(k as f64 / self.fps, seconds) > 0.0;
         let sizes: Vec<f64> = self.frames.iter().map(size).collect();
-        let open: Vec<usize> = (0..sizes.len()).filter(|&k| !is_shut(k)).collect();
+        let open: Vec<usize> = (0..sizes.len()).filter(|&k| !self.blinks(k)).collect();
         let first = open.first().copied().unwrap_or(0);
         open.into_iter().fold(first, |best, k| if sizes[k] > sizes[best] { k } else { best })
     }

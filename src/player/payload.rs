@@ -130,6 +130,7 @@ pub fn payload(motions: &[Shown], faces: &[Face], wire: &Wire) -> Result<Value, 
         },
         "lashLine": {
             "closing": lash_line::CLOSING,
+            "meeting": lash_line::MEETING,
             "width": lash_line::WIDTH,
             "leastWidth": lash_line::LEAST_WIDTH,
             "corners": lash_line::CORNERS,

@@ -1,7 +1,7 @@
-//! The line of lashes where lids meet.
+//! The line of lashes of a shutting eye.
 //!
-//! The upper lashes of a shutting eye lie over the lower lid as a line that is sharp towards the lid, with single lashes pointing downwards and
-//! fanned out from the middle of the eye. The line also covers white of the eye at the skin's edge, where a fitted lid lies inside the real one.
+//! The lashes of the photograph go as the lid shuts. Those drawn instead stand on the edge of the upper lid, and in the end lie over the lower
+//! one, as a line that is sharp towards the lid, with single lashes pointing downwards and fanned out from the middle of the eye. The line also covers white of the eye at the skin's edge, where a fitted lid lies inside the real one.
 //! The page of `play` draws the same (`player/assets/rig.js`, `gl.js`, and with single lashes as a shade `flat.js`): change all together.
 
 use std::f64::consts::TAU;
@@ -19,8 +19,10 @@ use super::{
 };
 use crate::interpolation::smooth_step;
 
-/// Opening, relative to that on the photograph, below which lashes appear where the lids meet.
-pub const CLOSING: f64 = 0.6;
+/// Opening, relative to that on the photograph, below which lashes appear on the upper lid, and at which they are complete.
+pub const CLOSING: [f64; 2] = [0.65, 0.3];
+/// The same below which the line leaves the upper lid: where the lids meet, it is in the middle between them.
+pub const MEETING: f64 = 0.4;
 /// Width of the line in the middle of the eye, in eye distances; its minimum, px; and the fraction of it that is left at the corners.
 pub const WIDTH: f64 = 0.024;
 pub const LEAST_WIDTH: f64 = 0.6;
@@ -42,14 +44,15 @@ const DARKER: usize = 6;
 
 /// Draws the line over the frame.
 pub fn draw(warp: &Warp, opening: &OpeningMesh, texture: &Texture, vertices: &[Point2<f64>], frame: &mut RgbImage) {
-    let open = gap(warp, opening, &warp.source);
-    let shut = (1.0 - gap(warp, opening, vertices) / (CLOSING * open).max(1e-9)).min(1.0);
+    let open = gap(warp, opening, vertices) / gap(warp, opening, &warp.source).max(1e-9);
+    let shut = ((CLOSING[0] - open) / (CLOSING[0] - CLOSING[1])).min(1.0);
     if !(shut > 0.0) {
         return;
     }
+    let lower = 0.5 * (1.0 - open / MEETING).clamp(0.0, 1.0);
     let dark = colour(warp, opening, texture);
     let edges = opening.upper.iter().zip(&opening.lower);
-    let line: Vec<Point2<f64>> = edges.map(|(&a, &b)| nalgebra::center(&vertices[a as usize], &vertices[b as usize])).collect();
+    let line: Vec<Point2<f64>> = edges.map(|(&a, &b)| vertices[a as usize].lerp(&vertices[b as usize], lower)).collect();
     let (from, to) = (line[0], line[line.len() - 1]);
     let down = warp.frame.down.into_inner();
     // `across` runs from the outer to the inner corner: to the left on one eye and to the right on the other.

@@ -36,8 +36,8 @@ const CHEEK_ASIDE: [f64; 3] = [-0.08, 0.0, 0.08];
 /// Fraction of the cheek's hue that a lid gets, its target brightness relative to the cheek, and the fraction of the way a darker lid is
 /// lifted to it.
 const CHEEK_HUE: f32 = 0.8;
-const AS_BRIGHT: f32 = 0.88;
-const LIFTED: f32 = 0.55;
+const AS_BRIGHT: f32 = 0.92;
+const LIFTED: f32 = 0.75;
 
 /// Colour of the cheek below the middle of a lower lid, levels; `None` if nothing was sampled.
 pub(super) fn cheek(warp: &Warp, lower: &Point2<f64>, texture: &Texture) -> Option<[f32; 3]> {
@@ -143,8 +143,8 @@ mod tests {
 
     #[test]
     fn a_lid_in_the_shade_comes_into_the_light_of_the_cheek_and_one_that_shines_takes_its_hue() {
-        // With equal hues: 0.55 of the way from 100 to 0.88 of 200 levels.
-        shut_colour([100.0; 3], [200.0; 3]).iter().for_each(|level| assert!((level - 141.8).abs() < 1e-2, "{level}"));
+        // With equal hues: 0.75 of the way from 100 to 0.92 of 200 levels.
+        shut_colour([100.0; 3], [200.0; 3]).iter().for_each(|level| assert!((level - 163.0).abs() < 1e-2, "{level}"));
         // With equal brightness (0.3 x 120 + 0.59 x 95 + 0.11 x 72.3 levels are 100): eight tenths of the way to its hue.
         let [red, green, blue] = shut_colour([100.0; 3], [120.0, 95.0, 72.3]);
         assert!((red - 116.0).abs() < 0.1 && (green - 96.0).abs() < 0.1 && (blue - 77.8).abs() < 0.1, "{red} {green} {blue}");

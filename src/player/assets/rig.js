@@ -449,13 +449,15 @@ class Rig {
     return this.lidPixels;
   }
   /**
-   * The line of lashes of an eye whose lids approach each other: both ends of each column, as [x, y, share along, widths below its middle]; degree of
+   * The line of lashes of a shutting eye: both ends of each column, as [x, y, share along, widths below its middle]; degree of
    * closing (0 to 1); its length.
    */
   lashColumns(opening) {
-    const { moved, vertices, unit, down, shared: { lashLine: { closing, width, leastWidth, corners, above, hair } } } = this;
-    const shut = clamp(1 - this.gap(opening, moved) / Math.max(closing * this.gap(opening, vertices), 1e-9), 0, 1);
-    const line = Array.from(opening.upper, (a, k) => [0, 1].map((axis) => (moved[2 * a + axis] + moved[2 * opening.lower[k] + axis]) / 2));
+    const { moved, vertices, unit, down, shared: { lashLine: { closing, meeting, width, leastWidth, corners, above, hair } } } = this;
+    const open = this.gap(opening, moved) / Math.max(this.gap(opening, vertices), 1e-9);
+    const shut = clamp((closing[0] - open) / (closing[0] - closing[1]), 0, 1), lower = 0.5 * clamp(1 - open / meeting, 0, 1);
+    const mixed = (a, b) => moved[a] + (moved[b] - moved[a]) * lower;
+    const line = Array.from(opening.upper, (a, k) => [0, 1].map((axis) => mixed(2 * a + axis, 2 * opening.lower[k] + axis)));
     const [from, to] = [line[0], line[line.length - 1]];
     const across = [to[0] - from[0], to[1] - from[1]], size = across[0] * down[1] - across[1] * down[0];
     const columns = line.map(([x, y]) => {
