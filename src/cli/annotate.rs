@@ -111,7 +111,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     let (sequences, left) = annotator.sequences();
     if args.tracks.is_some() {
-        println!("{}, sorted by lost nodes, worst first", count(sequences, "track", "tracks"));
+        println!(
+            "{}: the first of those to look at opens; the list has most lost nodes first",
+            count(sequences, "track", "tracks")
+        );
     } else if sequences == 0 {
         println!(
             "nothing is left to mark: {} with {ENOUGH_MARKS} marks or more; --all shows all sequences",

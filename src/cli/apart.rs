@@ -88,8 +88,8 @@ pub fn check_outside(option: &str, folder: &Path, inputs: &[Named<'_>]) -> anyho
 }
 
 /// Returns all files of a list with the same name.
-pub fn all<'a>(name: &'a str, paths: &'a [PathBuf]) -> impl Iterator<Item = Named<'a>> {
-    paths.iter().map(move |path| (name, path.as_path()))
+pub fn all<'a>(name: &'a str, paths: impl IntoIterator<Item = &'a PathBuf>) -> impl Iterator<Item = Named<'a>> {
+    paths.into_iter().map(move |path| (name, path.as_path()))
 }
 
 /// Returns the file of an option, if it is given.

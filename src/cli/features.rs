@@ -102,6 +102,15 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             );
         }
     }
+    let existing: Vec<&PathBuf> = targets.keys().filter(|target| !args.general.force && target.exists()).collect();
+    if let [first, others @ ..] = existing.as_slice() {
+        let others = match others.len() {
+            0 => "exists; give --force to overwrite it".to_owned(),
+            1 => "and another table exist; give --force to overwrite them".to_owned(),
+            n => format!("and {n} other tables exist; give --force to overwrite them"),
+        };
+        anyhow::bail!("{} {others}", first.display());
+    }
     let own = OwnFolder::open(&args.output, "features")?;
     let cannot_write = AtomicBool::new(false);
     let table = |path: &PathBuf| {

@@ -76,8 +76,8 @@ struct LocatorArgs {
     #[arg(long, default_value_t = LearnOptions::default().seed)]
     seed: u64,
     /// Number of threads; 0 uses one per core
-    #[arg(short, long, default_value_t = 0)]
-    jobs: usize,
+    #[arg(short = 'j', long, alias = "jobs", default_value_t = 0)]
+    threads: usize,
     #[command(flatten)]
     file: LearnedFileArgs,
 }
@@ -113,7 +113,7 @@ fn locator(args: &LocatorArgs) -> anyhow::Result<Outcome> {
     };
     let kept = args.keep.as_deref().map(Model::read).transpose()?;
     let faces = read_faces(&args.faces, &options.leave_out)?.with_smiles(&args.faces)?;
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(args.jobs).build()?;
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(args.threads).build()?;
     let bar = frame_bar(args.file.quiet, Some(10));
     bar.set_style(indicatif::ProgressStyle::with_template("{bar:32.cyan/blue} {msg}  {elapsed} elapsed")?);
     let begins = |part: &str| {

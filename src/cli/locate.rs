@@ -66,8 +66,8 @@ pub struct Args {
     #[arg(long, default_value_t = TRUSTED, value_parser = share, value_name = "SHARE")]
     trust: f64,
     /// Number of threads; 0 uses one per core
-    #[arg(short, long, default_value_t = 0)]
-    jobs: usize,
+    #[arg(short = 'j', long, alias = "jobs", default_value_t = 0)]
+    threads: usize,
     /// Overwrite existing results
     #[arg(long)]
     force: bool,
@@ -96,7 +96,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     for path in [Some(&args.output), args.overlay.as_ref()].into_iter().flatten() {
         check_free(path, args.force)?;
     }
-    set_threads(args.jobs)?;
+    set_threads(args.threads)?;
     let model = match &args.model {
         Some(path) => Model::read(path)?.0,
         None => Model::shipped()?,
@@ -111,9 +111,14 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     // Overlapping patterns name a picture twice.
     let mut named = BTreeSet::new();
     for path in args.pictures.iter().filter(|path| named.insert(path.canonicalize().unwrap_or_else(|_| (*path).clone()))) {
-        let (found, failed) = pictures_of(path)?;
-        pictures.extend(found);
-        failures.extend(failed);
+        match pictures_of(path) {
+            Ok((found, failed)) => {
+                pictures.extend(found);
+                failures.extend(failed);
+            }
+            Err(error) if args.pictures.len() == 1 => return Err(error.into()),
+            Err(error) => failures.push(super::chain(&error.into())),
+        }
     }
     if let Some(folder) = &args.overlay {
         std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;

@@ -40,7 +40,7 @@ strength and speed. It plots the FAPs over time, moves the face by single FAPs, 
 whoever gets the page gets the pictures.")]
 pub struct Args {
     /// Motions to play: representatives, normalized models or tracks (.csv), or FAP files (.fap)
-    #[arg(required = true, value_name = "MOTION")]
+    #[arg(required_unless_present = "portrait", value_name = "MOTION")]
     motions: Vec<PathBuf>,
     /// Photographs to play on, neutral faces from the front; by default a built-in face
     #[arg(long, num_args = 1.., value_name = "PORTRAIT")]
@@ -62,16 +62,38 @@ pub struct Args {
     general: GeneralArgs,
 }
 
+impl Args {
+    /// The motions, also those behind `--portrait`, which takes all files behind it. A table or a FAP file is no picture.
+    fn motions(&self) -> Vec<&PathBuf> {
+        self.motions.iter().chain(self.portrait.iter().filter(|path| is_motion(path))).collect()
+    }
+
+    /// The photographs.
+    fn portraits(&self) -> Vec<&PathBuf> {
+        self.portrait.iter().filter(|path| !is_motion(path)).collect()
+    }
+}
+
+fn is_motion(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| ["csv", "fap"].iter().any(|known| extension.eq_ignore_ascii_case(known)))
+}
+
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    let (chosen, portraits) = (args.motions(), args.portraits());
     anyhow::ensure!(
-        args.correspondences.is_empty() || args.correspondences.len() == args.portrait.len(),
-        "{} portraits but {} files of --correspondences: give one file for each portrait, in the same order, or none to find the marks",
-        args.portrait.len(),
+        !chosen.is_empty(),
+        "name a motion to play: a representative, model or track (.csv) or a FAP file (.fap), before --portrait and --correspondences"
+    );
+    anyhow::ensure!(
+        args.correspondences.is_empty() || args.correspondences.len() == portraits.len(),
+        "{} portraits but {} files of --correspondences: give one file for each portrait, in the same order, or none to find the marks. \
+         Name the motions first: --correspondences takes all files behind it",
+        portraits.len(),
         args.correspondences.len()
     );
-    let inputs: Vec<_> = all("a motion", &args.motions)
-        .chain(all("--portrait", &args.portrait))
+    let inputs: Vec<_> = all("a motion", chosen)
+        .chain(all("--portrait", portraits))
         .chain(all("--correspondences", &args.correspondences))
         .chain(maybe("--bank", args.bank.as_ref()))
         .collect();
@@ -154,10 +176,11 @@ fn read_motions<'a>(args: &'a Args, dense: Option<&Bank>, bench: &Workbench) -> 
         Ok(Read { path, motion, skin, on_head })
     };
     let (mut motions, mut failed) = (Vec::new(), Vec::new());
-    for path in &args.motions {
+    let chosen = args.motions();
+    for path in &chosen {
         match read(path) {
             Ok(motion) => motions.push(motion),
-            Err(error) if args.motions.len() == 1 => return Err(error),
+            Err(error) if chosen.len() == 1 => return Err(error),
             Err(error) => failed.push(super::chain(&error)),
         }
     }
@@ -227,18 +250,19 @@ fn shown_of(path: &Path, motion: &SourceMotion) -> Result<Option<SequenceId>, Tr
 
 /// The faces and their labels.
 fn targets(args: &Args, bench: &Workbench) -> anyhow::Result<Vec<(String, Target)>> {
-    if args.portrait.is_empty() && args.bank.is_some() {
+    let portraits = args.portraits();
+    if portraits.is_empty() && args.bank.is_some() {
         return Ok(Vec::new());
     }
-    if args.portrait.is_empty() {
+    if portraits.is_empty() {
         return Ok(vec![(PORTRAIT_NAME.to_owned(), showcase_target(bench)?)]);
     }
-    let portrait = |(k, path): (usize, &PathBuf)| -> anyhow::Result<(String, Target)> {
+    let portrait = |(k, path): (usize, &&PathBuf)| -> anyhow::Result<(String, Target)> {
         let marks = args.correspondences.get(k).map(PathBuf::as_path);
         let target = portrait::target(path, marks, &LandmarkSelection::Auto, bench)?;
         Ok((target.name.clone(), target))
     };
-    let mut targets: Vec<(String, Target)> = args.portrait.iter().enumerate().map(portrait).collect::<Result<_, _>>()?;
+    let mut targets: Vec<(String, Target)> = portraits.iter().enumerate().map(portrait).collect::<Result<_, _>>()?;
     // Pictures with the same name get numbers.
     for k in 0..targets.len() {
         let name = targets[k].0.clone();

@@ -63,6 +63,14 @@ pub enum DatasetError {
         /// Its first sequence with frames.
         sequence: String,
     },
+    /// A manifest whose name has capital letters.
+    #[error("{}: the manifest is called {found}; rename it to manifest.csv, or name the file instead of the folder", root.display())]
+    ManifestName {
+        /// The folder.
+        root: PathBuf,
+        /// Name of the file.
+        found: String,
+    },
     /// Nothing that looks like sequences.
     #[error(
         "{0}: no sequences found; expected manifest.csv with the columns `subject,sequence,emotion` (`grimace init {0}` writes it for \

@@ -166,11 +166,20 @@ impl Dataset {
         if manifest.exists() {
             return manifest::open(&manifest, labels);
         }
+        if let Some(found) = manifest_of_other_case(path) {
+            return Err(DatasetError::ManifestName { root: path.to_owned(), found });
+        }
         match cohn_kanade::open(path, labels)? {
             Some(dataset) => Ok(dataset),
             None => Err(no_manifest(path)),
         }
     }
+}
+
+/// Name of a file that is the manifest but for capital letters, such as `Manifest.csv`.
+fn manifest_of_other_case(root: &Path) -> Option<String> {
+    let names = std::fs::read_dir(root).ok()?.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned());
+    names.filter(|name| name.eq_ignore_ascii_case(MANIFEST_NAME)).min()
 }
 
 /// Most folders searched for an example of a sequence.

@@ -96,6 +96,12 @@ fn a_manifest_of_semicolons_reads() {
     let folder = tempfile::tempdir().unwrap();
     write(&folder, MANIFEST_NAME, "subject;sequence;emotoin\nS1;1;joy\n");
     assert!(open_error(&folder).ends_with("found `subject`, `sequence`, `emotoin`; is `emotoin` meant for `emotion`?"));
+    let folder = tempfile::tempdir().unwrap();
+    write(&folder, "Manifest.CSV", "subject,sequence,emotion\nS1,1,joy\n");
+    assert!(
+        open_error(&folder)
+            .ends_with("the manifest is called Manifest.CSV; rename it to manifest.csv, or name the file instead of the folder")
+    );
 }
 
 #[test]

@@ -20,6 +20,9 @@ use crate::{
     units::SequenceId,
 };
 
+/// Record that `grimace analyze` leaves in its folder.
+const ANALYZE_RECORD: &str = "analyze.b3";
+
 /// Returns the folder of the tracks in a results folder, or the folder itself.
 pub fn tracks_folder(folder: &Path) -> PathBuf {
     Some(folder.join("tracks")).filter(|tracks| tracks.is_dir()).unwrap_or_else(|| folder.to_owned())
@@ -35,7 +38,7 @@ pub fn results_folder(folder: &Path) -> PathBuf {
 /// files.
 ///
 /// # Errors
-/// [`std::io::Error`] with the path when a folder cannot be read or a file does not exist.
+/// [`std::io::Error`] with the path when a folder cannot be read or has the results of `grimace analyze`, or a file does not exist.
 pub fn track_files(paths: &[PathBuf]) -> std::io::Result<Vec<PathBuf>> {
     let with_path = |path: &Path| {
         let path = path.display().to_string();
@@ -45,6 +48,11 @@ pub fn track_files(paths: &[PathBuf]) -> std::io::Result<Vec<PathBuf>> {
     for path in paths {
         if std::fs::metadata(path).map_err(with_path(path))?.is_dir() {
             let folder = tracks_folder(path);
+            if folder == *path && path.join(ANALYZE_RECORD).is_file() {
+                let reason =
+                    "this is a result of `grimace analyze`, which has no tracks; give a folder of `grimace run`, or of tracks";
+                return Err(std::io::Error::new(std::io::ErrorKind::InvalidInput, format!("{}: {reason}", path.display())));
+            }
             for entry in std::fs::read_dir(&folder).map_err(with_path(&folder))? {
                 let file = entry.map_err(with_path(path))?.path();
                 let is_track = file.file_name().is_some_and(|name| name != LOOKED_AT);

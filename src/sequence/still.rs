@@ -247,8 +247,22 @@ fn tiff_length(bytes: &[u8]) -> Option<u64> {
     ends.max()
 }
 
-/// The first bytes of a file as text, or in hexadecimal if they are not text.
+/// Names of formats that are not read, by the brand of their header.
+const OTHER_FORMATS: [(&[u8], &str); 5] = [
+    (b"heic", "HEIC picture"),
+    (b"heix", "HEIC picture"),
+    (b"mif1", "HEIC picture"),
+    (b"hevc", "HEIC picture"),
+    (b"avif", "AVIF picture"),
+];
+
+/// The first bytes of a file: the format that they name, or as text, or in hexadecimal if they are not text.
 pub(super) fn readable_start(bytes: &[u8]) -> String {
+    if bytes.get(4..8) == Some(b"ftyp")
+        && let Some((_, name)) = OTHER_FORMATS.iter().find(|(brand, _)| bytes.get(8..12) == Some(brand))
+    {
+        return format!("the header of a {name}; convert it to JPEG or PNG");
+    }
     let start = &bytes[..bytes.len().min(12)];
     if start.iter().all(|b| b.is_ascii_graphic() || b.is_ascii_whitespace()) {
         format!("the text {:?}", String::from_utf8_lossy(start))
@@ -263,6 +277,13 @@ mod tests {
     use image::{ExtendedColorType, ImageBuffer, ImageFormat, Luma};
 
     use super::*;
+
+    #[test]
+    fn the_start_of_a_foreign_file_is_named() {
+        assert_eq!(readable_start(b"\0\0\0\x18ftypheic\0\0"), "the header of a HEIC picture; convert it to JPEG or PNG");
+        assert_eq!(readable_start(b"GIF89a"), "the text \"GIF89a\"");
+        assert_eq!(readable_start(b"\0\x01"), "the bytes 00 01");
+    }
 
     fn encoded(image: &DynamicImage, format: ImageFormat) -> Vec<u8> {
         let mut bytes = Cursor::new(Vec::new());

@@ -38,6 +38,7 @@ fn invalid_numbers_are_reported_with_their_option() {
 fn analyzing_the_tracks_of_a_run_gives_its_statistics() {
     let work = Work::after_run(&SEQUENCES, "out");
     let ran = work.grimace("analyze out/tracks -o again").exit(0);
+    work.grimace("analyze again -o more").exit(1).says(&["again: this is a result of `grimace analyze`, which has no tracks"]);
     ran.prints(&["6 tracks, 0 failed", "3 sequences  again/fap/happiness.fap", "report: again/report.html"]);
     assert_same_files(&work.files("out/models"), &work.files("again/models"));
     // Only a run reads pictures; it gives the reason why these few people have no common skin.

@@ -169,6 +169,10 @@ fn duration_rate_loop_and_emphasis_take_effect() {
         read_fap(&work.path("even/clone.fap")).unwrap().sequence.frames[frame].value(FapNumber::try_from(19).unwrap())
     };
     assert!(lids(5).unwrap() > lids(25).unwrap() + 300.0, "{:?} {:?}", lids(5), lids(25));
+    // The lids were asked to.
+    let json: serde_json::Value = serde_json::from_str(&work.read("even/clone.json")).unwrap();
+    let is_lid = |one: &serde_json::Value| (19..=22).contains(&one["fap"].as_u64().unwrap());
+    assert!(!json["faps_changed"].as_array().unwrap().iter().any(is_lid), "{}", json["faps_changed"]);
     let ratio = smile("half/clone.fap") / smile("full/clone.fap");
     assert!((ratio - 0.5).abs() < 0.02, "half the emphasis is half the smile: {ratio}");
     let said = ["FAP files need a whole frame rate: clone.fap has 30 frames per second, the clone 29.97"];

@@ -200,6 +200,8 @@ fn bad_input_is_named() {
     work.grimace("locate gone.jpg -o points.csv").exit(1).says(&["gone.jpg: there is no such picture"]);
     work.write("broken.jpg", "no picture");
     work.grimace("locate broken.jpg a.jpg -o points.csv").exit(3).says(&["broken.jpg"]).prints(&["1 face"]);
+    let gone = ["gone.jpg: there is no such picture"];
+    work.grimace("locate a.jpg gone.jpg -o beside.csv --threads 1").exit(3).says(&gone).prints(&["1 face"]);
     work.grimace("locate a.jpg -o points.csv").exit(1).says(&["points.csv exists", "--force"]);
     work.write("model.bin", "nothing");
     work.grimace("locate a.jpg -o other.csv --model model.bin").exit(1).says(&["model.bin: this is not a model of the locator"]);

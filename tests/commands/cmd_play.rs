@@ -69,6 +69,11 @@ fn a_page_plays_tracks_and_fap_files_on_the_shipped_face_and_on_portraits() {
     work.grimace(&format!("play jaw.fap --portrait {portraits} -c faces/S001/005/correspondences.csv -o c.html"))
         .exit(1)
         .says(&["2 portraits but 1 files of --correspondences"]);
+    // A list of portraits takes all files behind it; those that are no pictures are motions.
+    work.grimace(&format!("play --portrait {portraits} jaw.fap -c {marks} -o behind.html"))
+        .exit(0)
+        .prints(&["1 motion on 2 faces"]);
+    work.grimace(&format!("play --portrait {portraits} -o none.html")).exit(1).says(&["name a motion to play"]);
 }
 
 #[test]
