@@ -6,20 +6,25 @@ use grimace::{
     output::listed,
 };
 
-/// Number of changed FAPs that are printed.
-const CHANGED_PRINTED: usize = 8;
+/// Number of reduced and of changed FAPs that are printed, the worst ones first.
+const PRINTED: usize = 3;
 
-/// Message about FAPs that are not shown as requested, if there are any.
+/// Message about FAPs that are not shown as requested, if there are any. All of them are in `clone.json`.
 pub fn not_as_asked_said(cut: &[CutFap], changed: &[CutFap]) -> Option<String> {
     let reduced = |c: &CutFap| format!("{} ({} of {})", named(c.fap), c.shown, c.asked);
     let other = |c: &CutFap| format!("{} (asked {}, shown {} in frame {})", named(c.fap), c.asked, c.shown, c.frame);
+    let worst = |list: &[CutFap], of: &dyn Fn(&CutFap) -> String| {
+        let mut list = list.to_vec();
+        list.sort_by(|a, b| (b.asked - b.shown).abs().total_cmp(&(a.asked - a.shown).abs()));
+        let more = if list.len() > PRINTED { " in clone.json" } else { "" };
+        listed(&list.iter().map(of).collect::<Vec<_>>(), PRINTED) + more
+    };
     let mut parts = Vec::new();
     if !cut.is_empty() {
-        parts.push(format!("reduced FAP {}", cut.iter().map(reduced).collect::<Vec<_>>().join(", ")));
+        parts.push(format!("reduced FAP {}", worst(cut, &reduced)));
     }
     if !changed.is_empty() {
-        let list = listed(&changed.iter().map(other).collect::<Vec<_>>(), CHANGED_PRINTED);
-        parts.push(format!("stronger or the other way: FAP {list}"));
+        parts.push(format!("stronger or the other way: FAP {}", worst(changed, &other)));
     }
     (!parts.is_empty()).then(|| {
         format!(

@@ -129,9 +129,15 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     if let Some(dense) = &dense {
         let motions = read.iter().filter_map(|one| one.on_head.clone()).collect();
         let head = PlayerHead { label: &name, bank: dense, shapes: shapes.as_ref(), motions };
-        for (path, unshown) in paths.iter().zip(head.unshown()?) {
+        for (path, (unshown, is_on_both_sides)) in paths.iter().zip(head.unshown()?) {
+            let path = path.display();
             if let Some(unshown) = unshown {
-                eprintln!("warning: {}: on the head {name}, {}", path.display(), nothing_shown(&unshown));
+                eprintln!("warning: {path}: on the head {name}, {}", nothing_shown(&unshown));
+            } else if is_on_both_sides {
+                eprintln!(
+                    "note: {path}: the motion is on one side of the face, and the head {name} moves both; portraits move one, and so does \
+                     `grimace synthesize --regions 2`"
+                );
             }
         }
         heads.push(head);

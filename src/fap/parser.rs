@@ -221,7 +221,10 @@ impl Parser {
                 true
             }
             _ => {
-                let message = format!("`{}` is not a version; expected {VERSION} (or 2.0, 2.2)", excerpt(version));
+                let message = match version.parse::<f64>() {
+                    Ok(_) => format!("{} is not supported; expected {VERSION} (or 2.0, 2.2)", excerpt(version)),
+                    Err(_) => format!("`{}` is not a version; expected {VERSION} (or 2.0, 2.2)", excerpt(version)),
+                };
                 self.findings.error(line, "version", Rule::Version, message);
                 false
             }

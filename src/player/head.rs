@@ -60,15 +60,16 @@ impl Head<'_> {
         motion.as_animated(Some(0), None).map_err(failed)
     }
 
-    /// For each motion, what the head does not show.
+    /// For each motion, what the head does not show, and whether it shows a motion of one side on both sides.
     ///
     /// # Errors
     /// [`PlayerError::Head`] if the weights cannot be computed.
-    pub(crate) fn unshown(&self) -> Result<Vec<Option<Unshown>>, PlayerError> {
+    pub(crate) fn unshown(&self) -> Result<Vec<(Option<Unshown>, bool)>, PlayerError> {
         let of = |motion: &Motion| {
             let motion = self.animated(motion)?;
             let synthesizer = self.synthesizer(motion.kind)?;
-            Ok(synthesizer.unshown(&synthesizer.animate(&motion.frames, || {})))
+            let answers = synthesizer.animate(&motion.frames, || {});
+            Ok((synthesizer.unshown(&answers), synthesizer.answers_both_sides(&answers, &motion.frames)))
         };
         self.motions.iter().map(of).collect()
     }

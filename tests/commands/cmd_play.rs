@@ -108,6 +108,11 @@ fn a_page_plays_on_the_dense_head() {
         "warning: side.fap: on the head head, no mixture of the bank's members",
         "the face rests in the only frame with motion",
     ]);
+    let mask = (1..=68).map(|k| if [12, 59].contains(&k) { "1" } else { "0" }).collect::<Vec<_>>().join(" ");
+    work.write("smirk.fap", format!("2.1 smirk 25 2\n{mask}\n0 0 0\n{mask}\n1 300 300\n"));
+    work.grimace("play smirk.fap --bank head -o smirk.html -q")
+        .exit(0)
+        .says(&["note: smirk.fap: the motion is on one side of the face"]);
     // A bank whose size cannot be measured.
     work.write("meshes/neutral.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
     work.write("meshes/open.obj", "v 0 0 0\nv 1 -1 0\nv 0 1 0\nf 1 2 3\n");
