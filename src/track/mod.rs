@@ -42,7 +42,7 @@ pub use corrections::{
     SavedCorrections, TrackCorrections, corrections_in_track, corrections_path, far_corrections, fitting_corrections,
     read_corrections, write_corrections,
 };
-pub(crate) use ends::{Ends, backwards_said, covered_at_apex_said, mouth_back_said};
+pub(crate) use ends::{Ends, backwards_said, covered_at_apex_said, mouth_back_said, sees_through};
 pub use error::TrackError;
 use error::check_nodes;
 pub use evidence::{Evidence, SkinMatch};

@@ -2,11 +2,12 @@
 
 use super::{
     Confidence, Ends, FrameTracker, PointTracker, Track, TrackError, TrackOptions, TrackPlan, TrackedFrame, expect_errors,
-    window_px,
+    sees_through, window_px,
 };
 use crate::{
     fit::FittedWireframe,
     sequence::{Frame, SequenceError},
+    units::NodeId,
     wireframe::Wireframe,
 };
 
@@ -107,7 +108,13 @@ pub fn track_with(
     match running.zip(last) {
         Some((running, last)) if out.len() >= 2 => {
             expect_errors(&mut out, wireframe, &plan.tables, Confidence::shipped());
-            let Ends { mouth_moved, covered } = running.leap.map(|leap| leap.ends(&last, &running.last)).unwrap_or_default();
+            let Ends { mouth_moved, mut covered } = running.leap.map(|leap| leap.ends(&last, &running.last)).unwrap_or_default();
+            let live = wireframe.live_nodes();
+            let is_lost = |frame: &TrackedFrame, node: &NodeId| frame.nodes[node.index()].state.loss().is_some();
+            let lost = |frame: &TrackedFrame| live.iter().filter(|node| is_lost(frame, node)).count() as f64 / live.len() as f64;
+            if !covered.is_empty() && sees_through(&out.iter().map(lost).collect::<Vec<_>>()) {
+                covered.clear();
+            }
             Ok(Track { size: running.size, frames: out, mouth_moved, covered_at_apex: covered })
         }
         _ => Err(TrackError::TooFewFrames { found: out.len() }),

@@ -13,7 +13,7 @@ use crate::{
     fit::{Correspondence, validate_correspondences},
     pipeline::{FoundFace, Workbench},
     sequence::{Frame, SequenceError, SequenceReader, read_frame_of},
-    track::{FrameTracker, NodeState, TrackedFrame, TrackedNode, eye_distance_px, window_px},
+    track::{FrameTracker, NodeState, TrackedFrame, TrackedNode, eye_distance_px, sees_through, window_px},
     units::NodeId,
 };
 
@@ -21,9 +21,6 @@ use crate::{
 const ASTRAY: f64 = 0.2;
 /// Share of lost nodes from which the face is lost in a frame without a detected face.
 const GONE: f64 = 0.35;
-/// Shares of lost nodes below which nothing covers a face: in every frame, and on average. A hand before the mouth costs a third of them where
-/// it comes and a quarter where it goes, the quick rise of both brows a tenth in one frame.
-const SEEN_THROUGH: (f64, f64) = (0.12, 0.02);
 /// Expected errors of a tracked and of a recovered node, in eye distances.
 const EXPECTED: [f64; 2] = [0.01, 0.05];
 /// The same between two stretches: points are found to about 2 % of the eye distance.
@@ -102,8 +99,7 @@ impl Followed {
         let begin = covered.first.max(self.first) - self.first;
         let within = self.frames.get(begin..(covered.last + 1).min(end).saturating_sub(self.first)).unwrap_or_default();
         let lost: Vec<f64> = within.iter().map(|frame| frame.lost_share(live)).collect();
-        let (most, mean) = (lost.iter().copied().fold(0.0, f64::max), lost.iter().sum::<f64>() / lost.len().max(1) as f64);
-        is_partial && !is_fitted && !lost.is_empty() && most < SEEN_THROUGH.0 && mean < SEEN_THROUGH.1
+        is_partial && !is_fitted && sees_through(&lost)
     }
 }
 
