@@ -2,7 +2,7 @@
 //!
 //! The neutral offsets of the nodes are modelled as a non-negative sum of expression shapes, each named after its action unit, plus noise
 //! whose standard deviation at every node is the node's expected error. Shapes are learned from a face model; left and right are separate
-//! unknowns. Candide's own action unit vectors are further unknowns, for faces animated with Candide. The intensity of an action unit is
+//! unknowns, and so have their own intensities. Candide's own action unit vectors are further unknowns, for faces animated with Candide. The intensity of an action unit is
 //! the mean of its sides plus the contribution of its vector. The mean smile of photographed people is one more unknown of AU 12: real smiles
 //! draw the corners of the mouth wider apart than the face model's. Errors of the eye corners, by which frames are aligned, move all nodes;
 //! these four motions (turn, size, place) are integrated out. Shapes outside the list (sideways jaw, puffed cheeks) explain their part and
@@ -75,7 +75,7 @@ const SURE: f64 = 12.0;
 /// ```
 /// use grimace::features::Intensity;
 ///
-/// let smile = Intensity { number: 12, value: 3.5, expected_error: 0.2, evidence: 9.0 };
+/// let smile = Intensity { number: 12, value: 3.5, sides: Some([3.0, 4.0]), expected_error: 0.2, evidence: 9.0 };
 /// assert!(smile.is_present() && !Intensity { value: 0.5, ..smile }.is_present());
 /// // The other action units explain the face as well.
 /// assert!(!Intensity { evidence: 0.3, ..smile }.is_present());
@@ -84,8 +84,10 @@ const SURE: f64 = 12.0;
 pub struct Intensity {
     /// Number in FACS.
     pub number: u8,
-    /// Intensity, 0 to 5.
+    /// Intensity, 0 to 5: the mean of both sides.
     pub value: f64,
+    /// Intensity of the subject's left and right side, 0 to 5; `None` for an action unit without sides.
+    pub sides: Option<[f64; 2]>,
     /// Expected error of the value: half of such values are closer, half further away.
     pub expected_error: f64,
     /// How much better the face is explained with the action unit than by all others alone: difference of the log posteriors of the best
@@ -139,6 +141,8 @@ pub struct ActionUnits {
     rates: Vec<f64>,
     /// Unknowns of each action unit and their weights in its strength: one half for each of two sides.
     members: Vec<Vec<(usize, f64)>>,
+    /// Side of each unknown, 0 left and 1 right; `None` for both.
+    sides: Vec<Option<usize>>,
     alignment: AlignmentErrors,
 }
 
@@ -163,6 +167,7 @@ impl ActionUnits {
             Ok(model.neutral_offsets(1))
         };
         let (mut shapes, mut rarities, mut rates, mut members) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        let mut sides = Vec::new();
         let listed = ACTION_UNITS.iter().map(|u| (u.number, u.shapes)).chain(OTHERS.iter().map(|s| (0, std::slice::from_ref(s))));
         for (number, stems) in listed {
             let first = shapes.len();
@@ -170,6 +175,7 @@ impl ActionUnits {
                 let stem = shape.name.strip_suffix("_L").or_else(|| shape.name.strip_suffix("_R")).unwrap_or(&shape.name);
                 if stems.contains(&stem) {
                     shapes.push(canonical(&|k| shape.offsets[k])?);
+                    sides.push(["_L", "_R"].iter().position(|side| shape.name.ends_with(side)));
                 }
             }
             rarities.resize(shapes.len(), RARITY);
@@ -189,6 +195,7 @@ impl ActionUnits {
                 shapes.push(smile_shape(wireframe.node_count()));
                 rarities.push(RARITY);
             }
+            sides.resize(shapes.len(), None);
             rates.resize(shapes.len(), if number == BLINK { BLINK_RATE } else { RATE });
             members.push(unknowns);
         }
@@ -197,7 +204,7 @@ impl ActionUnits {
         let shapes = axes.flat_map(|(k, axis)| shapes.iter().map(move |shape: &Vec<Vector2<f64>>| shape[k][axis])).collect();
         let corners = EyeCorners::new(tables, wireframe.node_count());
         let alignment = AlignmentErrors::new(normalizer.canonical().neutral.nodes(), &corners);
-        Ok(Self { shapes, rarities, rates, members, alignment })
+        Ok(Self { shapes, rarities, rates, members, sides, alignment })
     }
 
     /// Number of nodes of the wireframe.
@@ -341,6 +348,10 @@ impl ActionUnits {
         };
         let one = |(unit, members): (&ActionUnit, &Vec<(usize, f64)>)| {
             let value = (FULL * members.iter().map(|&(i, share)| share * strengths[i]).sum::<f64>()).min(FULL);
+            // What has a side counts on this side alone, twice as much as in the mean.
+            let factor = |i: usize, side: usize| self.sides[i].map_or(1.0, |own| if own == side { 2.0 } else { 0.0 });
+            let on = |side| FULL * members.iter().map(|&(i, share)| share * factor(i, side) * strengths[i]).sum::<f64>();
+            let has_sides = members.iter().any(|(i, _)| self.sides[*i].is_some());
             // The intensity of a unit is unknown if none of its shapes is visible.
             let covariance = covariance.as_ref().filter(|_| !members.is_empty());
             let variance = covariance.map_or(f64::INFINITY, |c| {
@@ -349,6 +360,7 @@ impl ActionUnits {
             Intensity {
                 number: unit.number,
                 value,
+                sides: has_sides.then(|| [0, 1].map(|side| on(side).min(FULL))),
                 expected_error: (FULL * MEDIAN * variance.max(0.0).sqrt()).min(FULL),
                 evidence: if value < PRESENT { 0.0 } else { evidence(members) },
             }
@@ -398,6 +410,30 @@ mod tests {
         smile.truncate(112);
         assert_eq!(units.intensities(&smile, &nodes), known);
         assert_eq!((units.gap_of_jaw([87, 113]), units.gap_of_jaw([usize::MAX, 40])), (0.0, 0.0));
+    }
+
+    #[test]
+    fn a_smile_of_the_left_side_is_one_and_the_mean_counts_half_of_it() {
+        let (units, nodes) = shipped(5.0);
+        let (w, whole) = (Wireframe::candide3(), smile_shape(113));
+        // In face space x is to the subject's left.
+        let left: Vec<Vector2<f64>> =
+            whole.iter().zip(w.frontal()).map(|(offset, at)| offset * if at.x > 0.0 { 0.5 } else { 0.0 }).collect();
+        let smile =
+            |offsets: &[Vector2<f64>]| units.intensities(offsets, &nodes).into_iter().find(|unit| unit.number == SMILE).unwrap();
+        let Intensity { value, sides: Some([on_left, on_right]), .. } = smile(&left) else { panic!("no sides") };
+        assert!(on_left > 1.2 && on_right < 0.4 * on_left, "{on_left} {on_right}");
+        assert!((value - 0.5 * (on_left + on_right)).abs() < 1e-9, "{value}");
+        let both: Vec<Vector2<f64>> = whole.iter().map(|offset| offset * 0.5).collect();
+        let Intensity { sides: Some([on_left, on_right]), .. } = smile(&both) else { panic!("no sides") };
+        assert!((on_left - on_right).abs() < 0.2, "{on_left} {on_right}");
+        // Lips part in the middle.
+        assert!(
+            units
+                .intensities(&both, &nodes)
+                .iter()
+                .all(|unit| unit.sides.is_none() == [17, 18, 22, 24, 25, 26].contains(&unit.number))
+        );
     }
 
     #[test]

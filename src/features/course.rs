@@ -50,6 +50,7 @@ mod tests {
         let unit = |unit: &crate::features::ActionUnit| Intensity {
             number: unit.number,
             value: if unit.number == 12 { smile } else { 0.0 },
+            sides: None,
             expected_error: 0.1,
             evidence: 0.0,
         };

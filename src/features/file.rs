@@ -26,6 +26,7 @@ pub fn features_units() -> BTreeMap<String, String> {
         ("mouth_opening", "distance of the inner lips over MNS0"),
         ("iris_*", "offset from neutral over IRISD0 of the iris boxes, x to the subject's left, y up; empty where irises were not tracked"),
         ("AU.._r, AU.._c, AU.._e", "intensity 0 to 5, presence 0 or 1, expected error of the intensity (half are further off)"),
+        ("AU.._left, AU.._right", "intensity 0 to 5 of the subject's left and right side; AU.._r is their mean"),
         ("FAP.._NAME", "FAP units of the standard, 19 to 22 in openings of the own lids / 1024; 48 to 50 in 1e-5 rad"),
     ]
     .into_iter()
@@ -33,7 +34,7 @@ pub fn features_units() -> BTreeMap<String, String> {
     .collect()
 }
 
-/// Returns the column name of an action unit: its intensity (`r`), presence (`c`) or expected error (`e`).
+/// Returns the column name of an action unit: its intensity (`r`, and `left` or `right`), presence (`c`) or expected error (`e`).
 pub fn unit_column(number: u8, suffix: &str) -> String {
     format!("AU{number:02}_{suffix}")
 }
@@ -75,6 +76,8 @@ pub fn features_csv(features: &[FrameFeatures], clock: &Clock) -> (Vec<String>, 
     for suffix in ["r", "c", "e"] {
         header.extend(units.iter().map(|unit| unit_column(unit.number, suffix)));
     }
+    let sided = || units.iter().filter(|unit| unit.sides.is_some());
+    header.extend(sided().flat_map(|unit| ["left", "right"].map(|side| unit_column(unit.number, side))));
     let faps: Vec<_> = features.first().map(|f| f.faps.iter().map(|(fap, _)| *fap).collect()).unwrap_or_default();
     header.extend(faps.iter().map(|&fap| fap_column(fap)));
     let features = in_time(features);
@@ -97,6 +100,7 @@ pub fn features_csv(features: &[FrameFeatures], clock: &Clock) -> (Vec<String>, 
         row.extend(f.action_units.iter().map(|unit| number(unit.value)));
         row.extend(f.action_units.iter().map(|unit| u8::from(unit.is_present()).to_string()));
         row.extend(f.action_units.iter().map(|unit| number(unit.expected_error)));
+        row.extend(f.action_units.iter().filter_map(|unit| unit.sides).flatten().map(number));
         row.extend(f.faps.iter().map(|(_, value)| number(*value)));
         row
     });

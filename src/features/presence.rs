@@ -42,7 +42,8 @@ mod tests {
 
     /// One unit over time, from intensities and evidence.
     fn film(course: &[(f64, f64)]) -> Vec<Vec<Intensity>> {
-        let frame = |&(value, evidence): &(f64, f64)| vec![Intensity { number: 12, value, expected_error: 0.2, evidence }];
+        let frame =
+            |&(value, evidence): &(f64, f64)| vec![Intensity { number: 12, value, sides: None, expected_error: 0.2, evidence }];
         course.iter().map(frame).collect()
     }
 

@@ -295,7 +295,7 @@ fn course(path: &Path) -> Result<Option<Course>, FiguresError> {
         let mut action_units = Vec::new();
         for &(number, column) in &units {
             // Charts need values only.
-            action_units.push(Intensity { number, value: row.number(column)?, expected_error: 0.0, evidence: 0.0 });
+            action_units.push(Intensity { number, value: row.number(column)?, sides: None, expected_error: 0.0, evidence: 0.0 });
         }
         rows.push(FrameFeatures {
             frame: row.whole_number(frame)?,
