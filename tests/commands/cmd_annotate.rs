@@ -244,7 +244,7 @@ fn inputs_that_cannot_be_annotated_are_reported() {
         .exit(1)
         .says(&["the dataset of this run, `faces`, is neither", "grimace annotate DATASET --tracks"]);
     let server = Server::start(&marked, "elsewhere --tracks results");
-    assert_eq!(server.lines[0], "1 track, sorted by lost nodes, worst first");
+    assert_eq!(server.lines[0], "1 track: the first of those to look at opens; the list has most lost nodes first");
 }
 
 #[test]
