@@ -14,7 +14,7 @@ use super::{
     looks::looked_said,
     parts::EmotionPart,
     recognition::{left_out_said, recognize_left_out},
-    same::same_said,
+    same::{mixed_marks_said, same_said},
     sequence_table::SequenceRow,
     variation::{EmotionVariation, variations},
 };
@@ -52,6 +52,8 @@ pub struct AnalyzedModel {
     pub course: Option<Course>,
     /// Identifies its pictures; `None` if it has none or if they are unknown.
     pub pictures: Option<String>,
+    /// Where the marks of its neutral frame come from, as in the `.json` of its track; `None` if unknown.
+    pub marks_from: Option<String>,
 }
 
 impl AnalyzedModel {
@@ -197,7 +199,7 @@ pub(super) fn analyze_with(
     if models.is_empty() && sequences > 0 {
         return Err(AnalysisError::AllLeftOut { sequences });
     }
-    let same = same_said(&models);
+    let same: Vec<String> = same_said(&models).into_iter().chain(mixed_marks_said(&models)).collect();
     let courses = models.iter().filter_map(|m| Some((m.model.id.clone(), m.course.clone()?))).collect();
     let fapus = bench.normalizer()?.canonical().fapus;
     let mut sequences: Vec<SequenceRow> = models.par_iter().map(|model| SequenceRow::of(model, &fapus)).collect();

@@ -46,6 +46,7 @@ pub fn load_columnar(file: &ColumnarModels) -> Result<Vec<AnalyzedModel>, Column
         quality: None,
         course: None,
         pictures: None,
+        marks_from: None,
     });
     Ok(analyzed.collect())
 }

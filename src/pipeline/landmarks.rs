@@ -7,7 +7,7 @@ use nalgebra::Point2;
 use super::{
     MADE_BY, SequenceFailure, Stage, Workbench,
     inputs::Inputs,
-    sequence::{Labels, file_name},
+    sequence::{LANDMARKS, Labels, file_name},
 };
 use crate::{
     dataset::{
@@ -59,7 +59,7 @@ impl LandmarkSource {
             path,
             entry: Box::new(entry.clone()),
             face: entry.face_id().map(str::to_owned),
-            marks_from: if marks.is_some() { "file" } else { "landmarks" },
+            marks_from: if marks.is_some() { "file" } else { LANDMARKS },
             marks,
             first_frame: entry.first_frame,
             last_frame: entry.last_frame,

@@ -1,10 +1,18 @@
-//! Finds sequences that are the same: those of two people, and those of one person with one emotion.
+//! Finds sequences that are the same (those of two people, and those of one person with one emotion), and sequences that are not measured in
+//! the same way.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::AnalyzedModel;
+use super::{
+    AnalyzedModel,
+    sequence::{FOUND, LANDMARKS},
+};
 use crate::{
-    dataset::FACE_COLUMN, model::FrameExpressionModel, output::listed, statistics::SequenceModel, track::TrackInfo,
+    dataset::FACE_COLUMN,
+    model::FrameExpressionModel,
+    output::{count, listed},
+    statistics::SequenceModel,
+    track::TrackInfo,
     units::SequenceId,
 };
 
@@ -47,6 +55,21 @@ pub(super) fn same_said(models: &[AnalyzedModel]) -> Vec<String> {
         keys: [model.pictures.as_ref().map(|pictures| with_face(pictures, &model.metadata)), motion_of(&model.model)],
     });
     copies_said(contents.collect(), "the same pictures or exactly the same motion")
+}
+
+/// Note on sequences whose marks are landmarks beside others whose marks were found. Other programs place nose, lips and chin elsewhere on the
+/// face, above all closed lips apart.
+pub(super) fn mixed_marks_said(models: &[AnalyzedModel]) -> Option<String> {
+    let of = |from: &str| models.iter().filter(|model| model.marks_from.as_deref() == Some(from)).count();
+    let [found, landmarks] = [FOUND, LANDMARKS].map(of);
+    (found > 0 && landmarks > 0).then(|| {
+        format!(
+            "the marks of {} were found in the picture, those of {} are landmarks: nose, lips and chin differ between the two, and with them FAPs \
+             of the mouth by about a fifth; give landmarks to all sequences or to none",
+            count(found, "sequence", "sequences"),
+            count(landmarks, "sequence", "sequences")
+        )
+    })
 }
 
 /// Identifies pictures of one of several faces.
@@ -112,7 +135,25 @@ mod tests {
             quality: None,
             course: None,
             pictures: pictures.map(str::to_owned),
+            marks_from: None,
         }
+    }
+
+    #[test]
+    fn landmarks_beside_found_marks_are_told_and_marks_set_by_hand_are_not() {
+        let from = |sources: &[&str]| {
+            let models: Vec<AnalyzedModel> = sources
+                .iter()
+                .map(|&from| AnalyzedModel { marks_from: Some(from.to_owned()), ..moved("A", "joy1", 1.0, None) })
+                .collect();
+            mixed_marks_said(&models)
+        };
+        assert_eq!([from(&["found", "file"]), from(&["landmarks", "file"]), from(&["found", "found"])], [None, None, None]);
+        let said = from(&["found", "landmarks", "landmarks"]).unwrap();
+        assert!(
+            said.starts_with("the marks of 1 sequence were found in the picture, those of 2 sequences are landmarks: "),
+            "{said}"
+        );
     }
 
     #[test]

@@ -30,6 +30,8 @@ use crate::{
 
 /// Value of `marks_from` for marks that were found in the picture.
 pub(super) const FOUND: &str = "found";
+/// The same for landmarks.
+pub(super) const LANDMARKS: &str = "landmarks";
 
 /// Why a sequence cannot be processed, and the stage.
 #[derive(Clone, Debug)]

@@ -178,6 +178,7 @@ fn load(
     let earlier = info.as_ref().map(|info| info.summary.clone());
     let content = file_blake3(path).map(|csv| content_of(info.as_ref(), &csv)).unwrap_or_default();
     let pictures = info.as_ref().and_then(pictures_of);
+    let marks_from = info.as_ref().map(|info| info.marks_from.clone());
     let (emotion, metadata) = match (listed, info) {
         (Some(entry), _) => (entry.emotion.clone(), entry.metadata.clone()),
         (None, Some(info)) => (info.emotion.trim().to_lowercase(), info.metadata),
@@ -207,7 +208,8 @@ fn load(
     let model = normalized.model;
     let mut quality = TrackQuality::new(id.clone(), emotion.clone(), summary, &frames, &bench.wireframe);
     quality.content = content;
-    Ok(AnalyzedModel { model: SequenceModel { id, model }, emotion, metadata, quality: Some(quality), course, pictures })
+    let (model, quality) = (SequenceModel { id, model }, Some(quality));
+    Ok(AnalyzedModel { model, emotion, metadata, quality, course, pictures, marks_from })
 }
 
 #[cfg(test)]

@@ -247,6 +247,7 @@ fn track(
         quality: None,
         course: None,
         pictures: None,
+        marks_from: None,
     };
     Ok(Tracked { model, reasons: summary.reasons, notes: driven.remark.into_iter().chain(info.notes).collect() })
 }

@@ -20,7 +20,7 @@ use super::{
     model_file::write_model,
     overlays::{OverlayFolder, overlay_pictures},
     same::pictures_of,
-    sequence::{FOUND, Labels, RunTrack, track_or_reuse, track_recorded},
+    sequence::{FOUND, LANDMARKS, Labels, RunTrack, track_or_reuse, track_recorded},
     showcase::{thumbnails, thumbnails_beside},
 };
 use crate::{
@@ -307,7 +307,7 @@ fn marks_of(
             let found = found.map_err(|error| named(SequenceFailure::at(Stage::Fit)(error)))?;
             return Ok((found, FOUND));
         }
-        CorrespondenceSource::Landmarks(_) => "landmarks",
+        CorrespondenceSource::Landmarks(_) => LANDMARKS,
         CorrespondenceSource::File(_) | CorrespondenceSource::None => "file",
     };
     let count = bench.wireframe.node_count();
@@ -395,6 +395,7 @@ fn process(
         quality: Some(quality),
         course,
         pictures: pictures_of(&info),
+        marks_from: Some(info.marks_from.clone()),
     };
     let path = format!("corrections/{id}.csv");
     let of_corrections = info.corrections.iter().flat_map(|c| corrections_said(c, &path));

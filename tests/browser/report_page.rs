@@ -114,6 +114,7 @@ fn expressions_at_a_low_and_a_high_value_of_a_covariate_are_shown() {
             quality: None,
             course: None,
             pictures: None,
+            marks_from: None,
         }
     };
     let analysis = analyze([20, 31, 42, 50, 61, 70].map(model).into(), Vec::new(), &bench).unwrap();

@@ -73,6 +73,7 @@ fn made() -> Files {
             quality: None,
             course: None,
             pictures: None,
+            marks_from: None,
         })
     });
     let analysis = analyze(models.collect(), Vec::new(), &bench).unwrap();
