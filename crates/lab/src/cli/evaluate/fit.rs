@@ -17,7 +17,7 @@ use super::{CommonArgs, bar, file_word, nodes};
 use grimace::internal::cli::{Outcome, shared::stop_flag};
 
 /// Numbers of marks in the printed tables; the files have all numbers.
-const PRINTED_COUNTS: [usize; 4] = [5, 7, 8, 15];
+const PRINTED_COUNTS: [usize; 5] = [5, 7, 8, 11, 15];
 
 /// Error of the fit by number and choice of marks.
 #[derive(Debug, clap::Args)]
