@@ -35,9 +35,9 @@ const CHEEK: [f64; 3] = [0.30, 0.36, 0.42];
 const CHEEK_ASIDE: [f64; 3] = [-0.08, 0.0, 0.08];
 /// Fraction of the cheek's hue that a lid gets, its target brightness relative to the cheek, and the fraction of the way a darker lid is
 /// lifted to it.
-const CHEEK_HUE: f32 = 0.8;
+const CHEEK_HUE: f32 = 0.65;
 const AS_BRIGHT: f32 = 0.92;
-const LIFTED: f32 = 0.75;
+const LIFTED: f32 = 0.7;
 
 /// Colour of the cheek below the middle of a lower lid, levels; `None` if nothing was sampled.
 pub(super) fn cheek(warp: &Warp, lower: &Point2<f64>, texture: &Texture) -> Option<[f32; 3]> {
@@ -143,11 +143,11 @@ mod tests {
 
     #[test]
     fn a_lid_in_the_shade_comes_into_the_light_of_the_cheek_and_one_that_shines_takes_its_hue() {
-        // With equal hues: 0.75 of the way from 100 to 0.92 of 200 levels.
-        shut_colour([100.0; 3], [200.0; 3]).iter().for_each(|level| assert!((level - 163.0).abs() < 1e-2, "{level}"));
-        // With equal brightness (0.3 x 120 + 0.59 x 95 + 0.11 x 72.3 levels are 100): eight tenths of the way to its hue.
+        // With equal hues: 0.7 of the way from 100 to 0.92 of 200 levels.
+        shut_colour([100.0; 3], [200.0; 3]).iter().for_each(|level| assert!((level - 158.8).abs() < 1e-2, "{level}"));
+        // With equal brightness (0.3 x 120 + 0.59 x 95 + 0.11 x 72.3 levels are 100): two thirds of the way to its hue.
         let [red, green, blue] = shut_colour([100.0; 3], [120.0, 95.0, 72.3]);
-        assert!((red - 116.0).abs() < 0.1 && (green - 96.0).abs() < 0.1 && (blue - 77.8).abs() < 0.1, "{red} {green} {blue}");
+        assert!((red - 113.0).abs() < 0.1 && (green - 96.8).abs() < 0.1 && (blue - 82.0).abs() < 0.1, "{red} {green} {blue}");
         assert!(shut_colour([0.0; 3], [255.0; 3]).iter().all(|level| (0.0..=255.0).contains(level)));
     }
 
