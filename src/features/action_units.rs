@@ -2,11 +2,11 @@
 //!
 //! The neutral offsets of the nodes are modelled as a non-negative sum of expression shapes, each named after its action unit, plus noise
 //! whose standard deviation at every node is the node's expected error. Shapes are learned from a face model; left and right are separate
-//! unknowns, and so have their own intensities. Candide's own action unit vectors are further unknowns, for faces animated with Candide. The intensity of an action unit is
-//! the mean of its sides plus the contribution of its vector. The mean smile of photographed people is one more unknown of AU 12: real smiles
-//! draw the corners of the mouth wider apart than the face model's. Errors of the eye corners, by which frames are aligned, move all nodes;
-//! these four motions (turn, size, place) are integrated out. Shapes outside the list (sideways jaw, puffed cheeks) explain their part and
-//! are not reported.
+//! unknowns, and so have their own intensities. Candide's own action unit vectors are further unknowns, for faces animated with Candide. The
+//! intensity of an action unit is the mean of its sides plus the contribution of its vector. The mean smile of photographed people is one
+//! more unknown of AU 12: real smiles draw the corners of the mouth wider apart than the face model's. Errors of the eye corners, by which
+//! frames are aligned, move all nodes; these four motions (turn, size, place) are integrated out. Shapes outside the list (sideways jaw,
+//! puffed cheeks) explain their part and are not reported.
 
 use std::sync::LazyLock;
 

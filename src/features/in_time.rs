@@ -15,8 +15,8 @@ pub(super) fn in_time(features: &[FrameFeatures]) -> Vec<&FrameFeatures> {
 }
 
 /// Returns the FAPs of a track as a file, limited to the ranges of the standard, frames by ascending number; missing frames are
-/// interpolated. Frames with uneven times are
-/// resampled evenly at a whole frame rate ([`FapSequence::at_whole_rate`]). `usual` is the frame rate for tracks of unknown rate.
+/// interpolated. Frames with uneven times are resampled evenly at a whole frame rate ([`FapSequence::at_whole_rate`]). `usual` is the frame
+/// rate for tracks of unknown rate.
 pub fn fap_sequence(features: &[FrameFeatures], name: &str, clock: &Clock, usual: f64) -> FapSequence {
     let rows = in_time(features);
     let own = clock.fps.unwrap_or(usual);
