@@ -37,7 +37,9 @@ struct Node {
 pub(super) struct Normal {
     /// By node: the inverse of the lower root of its block.
     roots: Vec<Matrix3<f64>>,
-    /// Three rows for every node: the inverse root times its coupling to the others.
+    /// The nodes that some view observes; the others are coupled to nothing.
+    observed: Vec<usize>,
+    /// Three rows for every observed node: the inverse root times its coupling to the others.
     coupling: Rows,
     others: Cholesky<f64, Dyn>,
 }
@@ -95,8 +97,14 @@ impl Assembly {
         let (identities, size) = (problem.identity.count(), self.others.nrows());
         let mut roots = Vec::with_capacity(self.nodes.len());
         let mut coupling = Rows::new(size);
+        let mut observed = Vec::new();
         for (k, node) in self.nodes.iter().enumerate() {
             let root = (node.block + problem.own[k].precision).cholesky()?.l().try_inverse()?;
+            roots.push(root);
+            if node.views.is_empty() {
+                continue;
+            }
+            observed.push(k);
             let by_log_distance = root * node.by_log_distance;
             let shares = |m: &Matrix3<f64>, axis: usize| [0, 1, 2].map(|c| m[(axis, c)]);
             let by_point = root * node.block;
@@ -111,13 +119,12 @@ impl Assembly {
                     add_mixture(expression, shares(by_point, axis), problem.along(*v, k));
                 }
             }
-            roots.push(root);
         }
         let mut eliminated = DMatrix::<f64>::zeros(size, size);
         coupling.add_squares(&mut eliminated);
         self.others -= eliminated;
         // Only the lower triangle is read.
-        Some(Normal { roots, coupling, others: cholesky(self.others)? })
+        Some(Normal { roots, observed, coupling, others: cholesky(self.others)? })
     }
 }
 
@@ -126,14 +133,15 @@ impl Normal {
     pub fn step(&self, descent: &Descent) -> Step {
         let pulls: Vec<Vector3<f64>> = self.roots.iter().zip(&descent.own).map(|(root, pull)| root * pull).collect();
         let mut right = descent.others.clone();
-        for (pull, rows) in pulls.iter().zip(self.coupling.threes()) {
-            add_mixture(right.as_mut_slice(), (-pull).into(), rows);
+        for (&k, rows) in self.observed.iter().zip(self.coupling.threes()) {
+            add_mixture(right.as_mut_slice(), (-pulls[k]).into(), rows);
         }
         let others = self.others.solve(&right);
-        let own = pulls.iter().zip(self.coupling.threes()).zip(&self.roots).map(|((pull, rows), root)| {
-            let coupled = Vector3::from(dots(rows, others.as_slice()));
-            root.transpose() * (pull - coupled)
-        });
-        Step { own: own.collect(), others }
+        let mut own = pulls;
+        for (&k, rows) in self.observed.iter().zip(self.coupling.threes()) {
+            own[k] -= Vector3::from(dots(rows, others.as_slice()));
+        }
+        own.iter_mut().zip(&self.roots).for_each(|(own, root)| *own = root.transpose() * *own);
+        Step { own, others }
     }
 }
