@@ -169,7 +169,20 @@ pub struct Limited {
     pub farthest: f64,
 }
 
-/// Clamps coefficients to their range, 0 to 1, and returns those that were outside.
+/// The group of coefficients that balance each other: brows that rise and sink, lids of one eye that open and shut.
+fn balanced(coefficient: &str) -> Option<usize> {
+    if coefficient.starts_with("brow") {
+        return Some(0);
+    }
+    let is_lid = ["eyeBlink", "eyeWide", "eyeSquint"].iter().any(|start| coefficient.starts_with(start));
+    is_lid.then(|| if coefficient.ends_with("Left") { 1 } else { 2 })
+}
+
+/// Number of such groups.
+const GROUPS: usize = 3;
+
+/// Limits coefficients to their range, 0 to 1, and returns those that were outside. Of a group that balances each other, all are reduced
+/// alike in a frame in which one is too large: clamped alone, brows that are raised strongly and lowered a little would be lowered too much.
 pub fn limit(frames: &mut [[f64; 52]]) -> Vec<Limited> {
     /// Excess due to rounding, which is not reported.
     const TOLERANCE: f64 = 1e-9;
@@ -181,6 +194,13 @@ pub fn limit(frames: &mut [[f64; 52]]) -> Vec<Limited> {
         (frames > 0).then_some(Limited { coefficient, frames, farthest })
     });
     let limited = limited.collect();
+    for frame in frames.iter_mut() {
+        for group in 0..GROUPS {
+            let of_group = || COEFFICIENTS.iter().zip(0..).filter(move |(name, _)| balanced(name) == Some(group)).map(|(_, k)| k);
+            let most = of_group().map(|k: usize| frame[k]).fold(1.0, f64::max);
+            of_group().for_each(|k| frame[k] /= most);
+        }
+    }
     frames.iter_mut().flatten().for_each(|value| *value = value.clamp(0.0, 1.0));
     limited
 }
@@ -285,6 +305,17 @@ mod tests {
         assert_eq!(limit(&mut frames), [limited("eyeBlinkLeft", 1, -0.5), limited("jawOpen", 2, 1.5)]);
         assert_eq!((frames[0][17], frames[1][17], frames[2][0]), (1.0, 1.0, 0.0));
         assert_eq!(unnamed(&names(&["jawOpen", "smirk"]), None), ["smirk"]);
+        // Brows keep their balance, and so do the lids of each eye.
+        let at = |name: &str| coefficient(name).unwrap();
+        let mut frame = [[0.0; 52]];
+        for (name, value) in
+            [("browOuterUpLeft", 2.0), ("browDownRight", 0.5), ("eyeWideLeft", 1.25), ("eyeWideRight", 0.8), ("jawOpen", 3.0)]
+        {
+            frame[0][at(name)] = value;
+        }
+        assert_eq!(limit(&mut frame).len(), 3);
+        let kept = ["browOuterUpLeft", "browDownRight", "eyeWideLeft", "eyeWideRight", "jawOpen"].map(|name| frame[0][at(name)]);
+        assert_eq!(kept, [1.0, 0.25, 1.0, 0.8, 1.0]);
     }
 
     #[test]
