@@ -8,8 +8,8 @@ use grimace::{
     dataset::Dataset,
     output::count,
     pipeline::{
-        ANALYSIS_TABLES, Analysis, AnalyzedModel, PipelineOptions, Workbench, analysis_files, analyze, analyze_columnar,
-        load_columnar, load_tracks, write_analysis, write_columnar, write_model,
+        ANALYSIS_TABLES, ANALYZE_RECORD, Analysis, AnalyzedModel, PipelineOptions, Workbench, analysis_files, analyze,
+        analyze_columnar, load_columnar, load_tracks, write_analysis, write_columnar, write_model,
     },
     report::Failure,
     units::SequenceId,
@@ -63,7 +63,6 @@ pub struct Args {
 
 /// Name of the command, also in the record in a folder of results. A later analysis uses it to know what it may remove.
 const COMMAND: &str = "analyze";
-const RECORD_NAME: &str = "analyze.b3";
 /// Name of the file with all models.
 const COLUMNAR: &str = "models.parquet";
 
@@ -84,16 +83,16 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     );
     let mut options = PipelineOptions::default();
     args.analysis.fill(&mut options, args.method.method)?;
-    if used && !args.output.join(RECORD_NAME).exists() {
+    if used && !args.output.join(ANALYZE_RECORD).exists() {
         eprintln!(
-            "note: {} has no {RECORD_NAME}, the record of an earlier analysis: files that this analysis does not overwrite stay, and \
+            "note: {} has no {ANALYZE_RECORD}, the record of an earlier analysis: files that this analysis does not overwrite stay, and \
              `figures` may show them",
             args.output.display()
         );
     }
     let bench = args.general.workbench(options)?;
     if let Some(path) = &args.models {
-        if args.output.join(RECORD_NAME).exists() {
+        if args.output.join(ANALYZE_RECORD).exists() {
             check_outside("--output", &args.output, &[("--models", path)])?;
         }
         return from_models(args, path, &bench);

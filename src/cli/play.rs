@@ -92,8 +92,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         portraits.len(),
         args.correspondences.len()
     );
-    let inputs: Vec<_> = all("a motion", chosen)
-        .chain(all("--portrait", portraits))
+    let inputs: Vec<_> = all("a motion", chosen.iter().copied())
+        .chain(all("--portrait", portraits.iter().copied()))
         .chain(all("--correspondences", &args.correspondences))
         .chain(maybe("--bank", args.bank.as_ref()))
         .collect();
@@ -103,7 +103,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let bench = args.general.workbench(PipelineOptions { fit: args.fit.options(), ..PipelineOptions::default() })?;
     let dense = args.bank.as_deref().map(bank::open).transpose()?;
     let shapes = args.bank.as_deref().and_then(EmbeddedBank::of_path).map(EmbeddedBank::shapes).transpose()?;
-    let (read, failed) = read_motions(args, dense.as_ref(), &bench)?;
+    let (read, failed) = read_motions(&chosen, dense.as_ref(), &bench)?;
     let paths: Vec<&Path> = read.iter().map(|one| one.path).collect();
     let motions: Vec<&SourceMotion> = read.iter().map(|one| &one.motion).collect();
     for (path, motion) in paths.iter().zip(&motions) {
@@ -118,7 +118,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         note_if_still(path, motion);
     }
     let labels = labels(&paths, &motions)?;
-    let targets = targets(args, &bench)?;
+    let targets = targets(args, &portraits, &bench)?;
     let faces: Vec<PlayerFace> =
         targets.iter().map(|(label, target)| PlayerFace { label: label.as_str(), target, height: HEIGHT }).collect();
     let shown = labels.iter().zip(&read).map(|(label, one)| Shown { label, motion: &one.motion, skin: &one.skin });
@@ -173,7 +173,11 @@ struct Read<'a> {
 }
 
 /// Reads all motions. One of several that cannot be played is left out and reported.
-fn read_motions<'a>(args: &'a Args, dense: Option<&Bank>, bench: &Workbench) -> anyhow::Result<(Vec<Read<'a>>, Vec<String>)> {
+fn read_motions<'a>(
+    chosen: &[&'a PathBuf],
+    dense: Option<&Bank>,
+    bench: &Workbench,
+) -> anyhow::Result<(Vec<Read<'a>>, Vec<String>)> {
     let read = |path: &'a PathBuf| -> anyhow::Result<Read<'a>> {
         let motion = SourceMotion::read(path, bench).map_err(|error| about(path)(&super::chain(&error.into())))?;
         let on_head = dense.map(|dense| read_motion(path, dense, None)).transpose();
@@ -182,8 +186,7 @@ fn read_motions<'a>(args: &'a Args, dense: Option<&Bank>, bench: &Workbench) -> 
         Ok(Read { path, motion, skin, on_head })
     };
     let (mut motions, mut failed) = (Vec::new(), Vec::new());
-    let chosen = args.motions();
-    for path in &chosen {
+    for &path in chosen {
         match read(path) {
             Ok(motion) => motions.push(motion),
             Err(error) if chosen.len() == 1 => return Err(error),
@@ -255,8 +258,7 @@ fn shown_of(path: &Path, motion: &SourceMotion) -> Result<Option<SequenceId>, Tr
 }
 
 /// The faces and their labels.
-fn targets(args: &Args, bench: &Workbench) -> anyhow::Result<Vec<(String, Target)>> {
-    let portraits = args.portraits();
+fn targets(args: &Args, portraits: &[&PathBuf], bench: &Workbench) -> anyhow::Result<Vec<(String, Target)>> {
     if portraits.is_empty() && args.bank.is_some() {
         return Ok(Vec::new());
     }

@@ -178,8 +178,8 @@ impl Dataset {
 
 /// Name of a file that is the manifest but for capital letters, such as `Manifest.csv`.
 fn manifest_of_other_case(root: &Path) -> Option<String> {
-    let names = std::fs::read_dir(root).ok()?.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned());
-    names.filter(|name| name.eq_ignore_ascii_case(MANIFEST_NAME)).min()
+    let mut names = frames::visible(root).ok()?.into_iter().map(|entry| entry.file_name().to_string_lossy().into_owned());
+    names.find(|name| name.eq_ignore_ascii_case(MANIFEST_NAME))
 }
 
 /// Most folders searched for an example of a sequence.

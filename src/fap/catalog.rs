@@ -218,6 +218,11 @@ pub struct FapRow {
 }
 
 impl FapRow {
+    /// Returns a value limited to the range of the standard; as it is without one.
+    pub(crate) fn limited(&self, value: f64) -> f64 {
+        self.range.map_or(value, |(min, max)| value.clamp(f64::from(min), f64::from(max)))
+    }
+
     /// Whether it moves a node of the wireframe in a way that is visible from the front.
     pub(crate) fn shows_from_front(&self) -> bool {
         self.fapu.is_some() && self.motion.and_then(FapMotion::frontal_axis).is_some() && !self.nodes.is_empty()

@@ -223,11 +223,9 @@ fn key_frames(
     for index in 0..model.frame_count() {
         let mut frame = FapFrame::default();
         for (row, value) in values(&model.neutral_offsets(index), units, catalog)? {
-            let Some((min, max)) = row.range else { continue };
-            let limited = value.clamp(f64::from(min), f64::from(max));
+            let limited = row.limited(value);
             if value.round() != limited.round() {
-                let limit = if value > limited { max } else { min };
-                clamped.push(Clamped { fap: row.number, frame: index, value, limit });
+                clamped.push(Clamped { fap: row.number, frame: index, value, limit: limited as i32 });
             }
             frame.set_value(row.number, Some(limited));
         }

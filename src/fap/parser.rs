@@ -221,10 +221,8 @@ impl Parser {
                 true
             }
             _ => {
-                let message = match version.parse::<f64>() {
-                    Ok(_) => format!("{} is not supported; expected {VERSION} (or 2.0, 2.2)", excerpt(version)),
-                    Err(_) => format!("`{}` is not a version; expected {VERSION} (or 2.0, 2.2)", excerpt(version)),
-                };
+                let what = if version.parse::<f64>().is_ok() { "supported" } else { "a version" };
+                let message = format!("`{}` is not {what}; expected {VERSION} (or 2.0, 2.2)", excerpt(version));
                 self.findings.error(line, "version", Rule::Version, message);
                 false
             }

@@ -24,10 +24,7 @@ pub fn fap_sequence(features: &[FrameFeatures], name: &str, clock: &Clock, usual
     let fps = if clock.times.is_some() { whole_rate(own).written } else { own };
     let limited = |fap: FapNumber, value: f64| {
         let row = FapCatalog::mpeg4().row(fap);
-        match row.range.filter(|_| row.frontal.is_measured()) {
-            Some((min, max)) => value.clamp(f64::from(min), f64::from(max)),
-            None => value,
-        }
+        if row.frontal.is_measured() { row.limited(value) } else { value }
     };
     let frame = |(k, share): (usize, f64)| {
         let mut frame = FapFrame::default();

@@ -98,6 +98,7 @@ pub use recording::{
 pub use run::{Event, RunError, RunSummary, run};
 pub use sequence::{SequenceFailure, SequenceSource, track_one, track_pictures};
 pub use showcase::{PORTRAIT_NAME, ReportFace, showcase_remarks, showcase_target};
+pub(crate) use tracks::ANALYZE_RECORD;
 pub use tracks::{id_of, load_tracks, load_unlabelled_tracks, results_folder, track_files, tracks_folder};
 pub use unseen::{Unseen, track_unseen};
 pub use write::{ANALYSIS_TABLES, analysis_files, write_analysis};

@@ -21,7 +21,7 @@ use crate::{
 };
 
 /// Record that `grimace analyze` leaves in its folder.
-const ANALYZE_RECORD: &str = "analyze.b3";
+pub(crate) const ANALYZE_RECORD: &str = "analyze.b3";
 
 /// Returns the folder of the tracks in a results folder, or the folder itself.
 pub fn tracks_folder(folder: &Path) -> PathBuf {

@@ -194,11 +194,16 @@ pub fn limit(frames: &mut [[f64; 52]]) -> Vec<Limited> {
         (frames > 0).then_some(Limited { coefficient, frames, farthest })
     });
     let limited = limited.collect();
+    let mut groups: [Vec<usize>; GROUPS] = Default::default();
+    for (k, name) in COEFFICIENTS.iter().enumerate() {
+        if let Some(group) = balanced(name) {
+            groups[group].push(k);
+        }
+    }
     for frame in frames.iter_mut() {
-        for group in 0..GROUPS {
-            let of_group = || COEFFICIENTS.iter().zip(0..).filter(move |(name, _)| balanced(name) == Some(group)).map(|(_, k)| k);
-            let most = of_group().map(|k: usize| frame[k]).fold(1.0, f64::max);
-            of_group().for_each(|k| frame[k] /= most);
+        for group in &groups {
+            let most = group.iter().map(|&k| frame[k]).fold(1.0, f64::max);
+            group.iter().for_each(|&k| frame[k] /= most);
         }
     }
     frames.iter_mut().flatten().for_each(|value| *value = value.clamp(0.0, 1.0));

@@ -281,7 +281,6 @@ impl FrameContext {
         if !has_skin {
             skin_offsets = nodes().filter_map(|n| Some(n.evidence?.skin().offset_px())).collect();
         }
-        let lost = nodes().filter(|n| n.state.loss().is_some()).count();
         Self {
             offsets,
             head,
@@ -289,7 +288,7 @@ impl FrameContext {
             difference: median(&mut differences).unwrap_or(0.0),
             skin_offset: median(&mut skin_offsets).unwrap_or(0.0),
             has_skin,
-            lost: lost as f64 / live.len().max(1) as f64,
+            lost: frame.lost(live) as f64 / live.len().max(1) as f64,
         }
     }
 }

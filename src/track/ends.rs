@@ -20,10 +20,11 @@ const PARTED: f64 = 0.02;
 /// it comes and a quarter where it goes; the quick rise of both brows, which look covered then, a tenth in one frame.
 const SEEN_THROUGH: (f64, f64) = (0.12, 0.02);
 
-/// Whether the tracker sees through what looks like a cover: it hardly loses a node. `lost`: share of lost nodes in each frame.
-pub(crate) fn sees_through(lost: &[f64]) -> bool {
-    let (most, mean) = (lost.iter().copied().fold(0.0, f64::max), lost.iter().sum::<f64>() / lost.len().max(1) as f64);
-    !lost.is_empty() && most < SEEN_THROUGH.0 && mean < SEEN_THROUGH.1
+/// Whether the tracker sees through what looks like a cover: it hardly loses a node. `lost`: number of lost nodes in each frame, of `live`.
+pub(crate) fn sees_through(lost: impl Iterator<Item = usize> + Clone, live: usize) -> bool {
+    let (frames, all) = (lost.clone().count() as f64, live as f64);
+    let within = |count: usize, share: f64| (count as f64) < share * all;
+    lost.clone().max().is_some_and(|most| within(most, SEEN_THROUGH.0)) && within(lost.sum(), SEEN_THROUGH.1 * frames)
 }
 
 /// What the locator sees in the first and in the last frame of a sequence.

@@ -7,7 +7,7 @@ use crate::{
     locate::FacePart,
     model::{DynamicExpressionModel, FrameExpressionModel, ModelError},
     sequence::ImageSize,
-    units::Px,
+    units::{NodeId, Px},
 };
 
 /// One node in one frame.
@@ -81,6 +81,13 @@ pub struct TrackedFrame {
     pub number: u32,
     /// Its nodes.
     pub nodes: Vec<TrackedNode>,
+}
+
+impl TrackedFrame {
+    /// Number of the `live` nodes that were lost.
+    pub(crate) fn lost(&self, live: &[NodeId]) -> usize {
+        live.iter().filter_map(|id| self.nodes.get(id.index())).filter(|node| node.state.loss().is_some()).count()
+    }
 }
 
 /// A tracked sequence, neutral frame first.

@@ -7,7 +7,6 @@ use super::{
 use crate::{
     fit::FittedWireframe,
     sequence::{Frame, SequenceError},
-    units::NodeId,
     wireframe::Wireframe,
 };
 
@@ -110,9 +109,7 @@ pub fn track_with(
             expect_errors(&mut out, wireframe, &plan.tables, Confidence::shipped());
             let Ends { mouth_moved, mut covered } = running.leap.map(|leap| leap.ends(&last, &running.last)).unwrap_or_default();
             let live = wireframe.live_nodes();
-            let is_lost = |frame: &TrackedFrame, node: &NodeId| frame.nodes[node.index()].state.loss().is_some();
-            let lost = |frame: &TrackedFrame| live.iter().filter(|node| is_lost(frame, node)).count() as f64 / live.len() as f64;
-            if !covered.is_empty() && sees_through(&out.iter().map(lost).collect::<Vec<_>>()) {
+            if !covered.is_empty() && sees_through(out.iter().map(|frame| frame.lost(live)), live.len()) {
                 covered.clear();
             }
             Ok(Track { size: running.size, frames: out, mouth_moved, covered_at_apex: covered })

@@ -1,7 +1,8 @@
 //! The line of lashes of a shutting eye.
 //!
 //! The lashes of the photograph go as the lid shuts. Those drawn instead stand on the edge of the upper lid, and in the end lie over the lower
-//! one, as a line that is sharp towards the lid, with single lashes pointing downwards and fanned out from the middle of the eye. The line also covers white of the eye at the skin's edge, where a fitted lid lies inside the real one.
+//! one, as a line that is sharp towards the lid, with single lashes pointing downwards and fanned out from the middle of the eye. The line
+//! also covers white of the eye at the skin's edge, where a fitted lid lies inside the real one.
 //! The page of `play` draws the same (`player/assets/rig.js`, `gl.js`, and with single lashes as a shade `flat.js`): change all together.
 
 use std::f64::consts::TAU;

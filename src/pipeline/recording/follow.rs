@@ -39,10 +39,9 @@ impl CompactFrame {
         Self { number: frame.number, nodes: frame.nodes.iter().map(node).collect() }
     }
 
-    /// Share of the `live` nodes that the tracker lost in this frame.
-    fn lost_share(&self, live: &[NodeId]) -> f64 {
-        let is_lost = |node: &&NodeId| self.nodes.get(node.index()).is_some_and(|(_, state)| state.loss().is_some());
-        live.iter().filter(is_lost).count() as f64 / live.len().max(1) as f64
+    /// Number of the `live` nodes that were lost, as [`TrackedFrame::lost`].
+    fn lost(&self, live: &[NodeId]) -> usize {
+        live.iter().filter_map(|id| self.nodes.get(id.index())).filter(|(_, state)| state.loss().is_some()).count()
     }
 
     /// Position of a node, px.
@@ -98,8 +97,7 @@ impl Followed {
         let is_fitted = (covered.first..=covered.last).contains(&(self.first + self.fitted));
         let begin = covered.first.max(self.first) - self.first;
         let within = self.frames.get(begin..(covered.last + 1).min(end).saturating_sub(self.first)).unwrap_or_default();
-        let lost: Vec<f64> = within.iter().map(|frame| frame.lost_share(live)).collect();
-        is_partial && !is_fitted && sees_through(&lost)
+        is_partial && !is_fitted && sees_through(within.iter().map(|frame| frame.lost(live)), live.len())
     }
 }
 
@@ -245,7 +243,7 @@ fn astray(survey: &Survey, place: usize, tracked: &TrackedFrame, eye_distance: f
     let look = survey.looks.binary_search_by_key(&place, |look| look.place).ok().map(|k| &survey.looks[k])?;
     let Some(FoundFace { marks, trusted: true, .. }) = &look.face else {
         let live = bench.wireframe.live_nodes();
-        let lost = live.iter().filter(|n| tracked.nodes[n.index()].state.loss().is_some()).count();
+        let lost = tracked.lost(live);
         let is_gone = look.face.is_none() && lost as f64 > GONE * live.len() as f64;
         return is_gone.then(|| format!("frame {}: no face is found, and {lost} nodes were lost", tracked.number));
     };

@@ -57,8 +57,7 @@ pub(super) fn is_another(
     bench: &Workbench,
 ) -> Result<bool, FoundMarksError> {
     let live = bench.wireframe.live_nodes();
-    let lost = live.iter().filter(|n| is.nodes[n.index()].state.loss().is_some()).count();
-    if lost as f64 <= SUSPECT * live.len() as f64 {
+    if is.lost(live) as f64 <= SUSPECT * live.len() as f64 {
         return Ok(false);
     }
     let (Some(first), Some(second)) = (face_at(before, was, eye_distance)?, face_at(after, is, eye_distance)?) else {
@@ -136,32 +135,27 @@ fn likeness(
     let common = first_marks.iter().filter_map(|m| Some((m.position, second_marks.iter().find(|o| o.node == m.node)?.position)));
     let (from, to): (Vec<_>, Vec<_>) = common.unzip();
     let to_second = Similarity::fit(&from, &to, None).ok()?.after(&to_first);
-    let place = |column: i32, row: i32| {
-        Point2::from(middle + nalgebra::Vector2::new(f64::from(column), f64::from(row)) * (HEAD_ES / DENSITY))
+    let place = |(column, row): (i32, i32)| {
+        let off = nalgebra::Vector2::new(f64::from(column - HALF_WIDTH - SHIFT), f64::from(row - ABOVE - SHIFT));
+        Point2::from(middle + off * (HEAD_ES / DENSITY))
     };
     let read = |frame: &Frame, to_image: &Similarity| -> Option<Grid> {
         let picture = Picture::new(frame.image())?;
         let view = picture.view(false);
         let scale = (to_image.scale * HEAD_ES / DENSITY) as f32;
-        let rows = (-ABOVE - SHIFT..=BELOW + SHIFT)
-            .flat_map(|row| (-HALF_WIDTH - SHIFT..=HALF_WIDTH + SHIFT).map(move |column| (column, row)));
-        let values = rows.map(|(column, row)| {
-            let at = to_image.apply(&place(column, row));
+        let values = Grid::places().map(|sample| {
+            let at = to_image.apply(&place(sample));
             view.sample([at.x as f32, at.y as f32], scale)
         });
         Some(Grid { values: values.collect() }.detail())
     };
     let (first, second) = (read(first, &to_first)?, read(second, &to_second)?);
     let shifts = (-SHIFT..=SHIFT).flat_map(|dy| (-SHIFT..=SHIFT).map(move |dx| (dx, dy)));
-    let counts = |(column, row): (i32, i32)| {
-        let at =
-            nalgebra::Vector2::new(f64::from(column - HALF_WIDTH - SHIFT), f64::from(row - ABOVE - SHIFT)) * (HEAD_ES / DENSITY);
-        !own_eyes.iter().any(|eye| {
-            let from = middle + at - eye.coords;
-            (from.x / EYE[0]).hypot(from.y / EYE[1]) < HEAD_ES
-        })
+    let is_of_eye = |sample: &(i32, i32)| {
+        own_eyes.iter().map(|eye| place(*sample) - eye).any(|off| (off.x / EYE[0]).hypot(off.y / EYE[1]) < HEAD_ES)
     };
-    shifts.map(|shift| first.correlation(&second, shift, counts)).max_by(f64::total_cmp)
+    let compared: Vec<(i32, i32)> = Grid::middle().filter(|sample| !is_of_eye(sample)).collect();
+    shifts.map(|shift| first.correlation(&second, shift, &compared)).max_by(f64::total_cmp)
 }
 
 /// Values around eyes and nose, row by row.
@@ -180,6 +174,11 @@ impl Grid {
 
     fn places() -> impl Iterator<Item = (i32, i32)> {
         (0..Self::HEIGHT).flat_map(|row| (0..Self::WIDTH).map(move |column| (column, row)))
+    }
+
+    /// The places that lie within another grid, however it is shifted.
+    fn middle() -> impl Iterator<Item = (i32, i32)> {
+        (SHIFT..Self::HEIGHT - SHIFT).flat_map(|row| (SHIFT..Self::WIDTH - SHIFT).map(move |column| (column, row)))
     }
 
     /// Means over squares with a side of 2 `radius` + 1 samples.
@@ -202,15 +201,10 @@ impl Grid {
         Self { values: detail.values.iter().zip(&squares.values).map(|(v, s)| v / (s.sqrt() + NOISE)).collect() }
     }
 
-    /// Correlation of the central part with another grid, shifted; 0 where one of them is constant.
-    fn correlation(&self, other: &Self, (dx, dy): (i32, i32), counts: impl Fn((i32, i32)) -> bool) -> f64 {
-        let middle = || {
-            Self::places()
-                .filter(|&(x, y)| (SHIFT..Self::WIDTH - SHIFT).contains(&x) && (SHIFT..Self::HEIGHT - SHIFT).contains(&y))
-                .filter(|&place| counts(place))
-        };
-        let count = middle().count() as f64;
-        let pairs = || middle().map(|(x, y)| (f64::from(self.at(x, y)), f64::from(other.at(x + dx, y + dy))));
+    /// Correlation of these places with those of another grid, shifted; 0 where one of them is constant.
+    fn correlation(&self, other: &Self, (dx, dy): (i32, i32), places: &[(i32, i32)]) -> f64 {
+        let count = places.len() as f64;
+        let pairs = || places.iter().map(|&(x, y)| (f64::from(self.at(x, y)), f64::from(other.at(x + dx, y + dy))));
         let (a, b) = pairs().fold((0.0, 0.0), |sum, (a, b)| (sum.0 + a / count, sum.1 + b / count));
         let products = pairs().map(|(p, q)| ((p - a) * (q - b), (p - a).powi(2), (q - b).powi(2)));
         let (both, first, second) = products.fold((0.0, 0.0, 0.0), |sum, p| (sum.0 + p.0, sum.1 + p.1, sum.2 + p.2));
