@@ -12,7 +12,7 @@ use super::{
     layout::{self, Frame, OPENINGS, OpeningNodes},
     lip_line::place_lip_line,
     mouth::whiteness,
-    parted::place_lower_lip,
+    parted::{part_lips, place_lower_lip},
 };
 
 /// Search range of the middle of a lid, up and down, and of its lean, in eye distances.
@@ -49,6 +49,7 @@ pub fn placed_edges(nodes: &[Point2<f64>], photograph: &Texture, is_set: impl Fn
         }
     }
     let Some(frame) = Frame::of(nodes) else { return placed };
+    part_lips(&mut placed, photograph, &is_set, &frame);
     place_lip_line(&mut placed, photograph, &is_set, &frame);
     place_lower_lip(&mut placed, photograph, &is_set, &frame);
     for eye in &OPENINGS[1..] {

@@ -1,5 +1,6 @@
-//! Detects where teeth end at the lower lip of a mouth that is open on its photograph. Everything above moves with the skull; a dropping lip
-//! would reveal any error as a rim of teeth or of lip. Marks are not exact enough.
+//! Detects where teeth begin and end between the lips of a mouth that is open on its photograph. Everything above the lower lip moves with the
+//! skull; a dropping lip would reveal any error as a rim of teeth or of lip. Marks are not exact enough, and few of them say nothing about the
+//! gap between the lips.
 
 use nalgebra::Point2;
 
@@ -8,6 +9,7 @@ use super::{
     layout::{CLOSED_GAP, Frame},
     mouth::{luma, whiteness},
 };
+use crate::locate::{LIP_LINES, steps_to_teeth};
 
 /// Nodes on three lines across the lips: the upper lip's lower edge, and the lower lip's upper and lower edge.
 const LINES: [[usize; 3]; 3] = [[81, 83, 85], [87, 40, 8], [82, 84, 86]];
@@ -22,6 +24,17 @@ const LEAST: f32 = 18.0;
 const GAP_LIGHT: f32 = 0.45;
 /// Largest shift of an edge upwards and downwards, in eye distances.
 const REACH: (f64, f64) = (0.05, 0.11);
+
+/// Moves the lips' edges apart where the photograph shows teeth beyond the inner ones, as those of a smile between lips that were fitted
+/// closed. Nodes for which `is_set` returns true were placed by a person and stay.
+pub fn part_lips(nodes: &mut [Point2<f64>], photograph: &Texture, is_set: impl Fn(u16) -> bool, frame: &Frame) {
+    let lips = LIP_LINES.map(|line| line.map(|node| nodes[usize::from(node.0)]));
+    let colour = |at: Point2<f64>| Some(photograph.sample(at).map(f64::from));
+    let Some(steps) = steps_to_teeth(&lips, frame.eye_distance, colour) else { return };
+    for (line, steps) in LIP_LINES.iter().zip(steps) {
+        line.iter().zip(steps).filter(|(node, _)| !is_set(node.0)).for_each(|(node, step)| nodes[usize::from(node.0)] += step);
+    }
+}
 
 /// Moves the lower lip's inner edge to where the photograph shows it. Nodes for which `is_set` returns true were placed by a person and stay.
 pub fn place_lower_lip(nodes: &mut [Point2<f64>], photograph: &Texture, is_set: impl Fn(u16) -> bool, frame: &Frame) {
@@ -92,7 +105,10 @@ fn median(values: impl Iterator<Item = f32>) -> f32 {
 
 #[cfg(test)]
 mod tests {
+    use image::{Rgb, RgbImage};
+
     use super::*;
+    use crate::warp::test_face::nodes;
 
     /// A line of 64 positions: teeth of 200 up to a position, then a gap, then lip of 100.
     fn line(teeth: usize, gap: usize) -> Vec<[f32; 2]> {
@@ -119,6 +135,40 @@ mod tests {
         let mut glistens = line(26, 4);
         glistens[26..30].fill([20.0, 70.0]);
         assert_eq!(teeth_end(&glistens, 0.4), Some(26));
+    }
+
+    #[test]
+    fn lips_fitted_closed_on_teeth_are_parted() {
+        let neutral = nodes();
+        let frame = Frame::of(&neutral).unwrap();
+        let [above, line, below] = [7, 87, 8].map(|n| neutral[n].y);
+        let half = 0.04 * frame.eye_distance;
+        let drawn = |between: [u8; 3]| {
+            Texture::new(&RgbImage::from_fn(300, 380, |x, y| {
+                let (x, y) = (f64::from(x), f64::from(y));
+                let mouth = (neutral[64].x..neutral[31].x).contains(&x);
+                Rgb(match y {
+                    y if mouth && (y - line).abs() < half => between,
+                    y if mouth && (above..below + half).contains(&y) => [150, 80, 80],
+                    _ => [180, 140, 120],
+                })
+            }))
+        };
+        let parted = |between: [u8; 3], is_set: fn(u16) -> bool| {
+            let mut nodes = neutral.clone();
+            part_lips(&mut nodes, &drawn(between), is_set, &frame);
+            nodes
+        };
+        let teeth = [200, 195, 180];
+        let nodes = parted(teeth, |_| false);
+        for [upper, lower] in [[81, 83], [87, 40], [82, 84]] {
+            // Teeth are read in steps of 0.0125 eye distances.
+            assert!((nodes[lower].y - nodes[upper].y - 2.0 * half).abs() < 0.025 * frame.eye_distance, "{upper}");
+        }
+        let set = parted(teeth, |n| n == 87 || n == 40);
+        assert!(set[87] == neutral[87] && set[40] == neutral[40] && set[81] != neutral[81]);
+        // Lips that meet, or a dark gap.
+        assert!([[150, 80, 80], [40, 25, 25]].iter().all(|between| parted(*between, |_| false) == neutral));
     }
 
     #[test]
