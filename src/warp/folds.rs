@@ -10,6 +10,8 @@ use crate::{fit::mirror_nodes, geometry::Similarity, units::NodeId, wireframe::W
 /// A skin triangle counts as folded when its area falls below this fraction of its area in the reference, and below half of its area on
 /// the photograph.
 const LEAST_AREA: f64 = 0.02;
+/// Height over its longest side, in eye distances, below which a triangle is too thin for a fold to show: a tenth of a pixel.
+const LEAST_HEIGHT: f64 = 0.001;
 /// Largest number of smoothing rounds for a folded frame.
 const UNFOLD_ROUNDS: usize = 120;
 /// Largest number of further rounds that weaken the whole motion, and the factor of each.
@@ -82,6 +84,13 @@ impl Warp {
     }
 }
 
+/// Whether a triangle is so thin that a fold of it cannot be seen: vertices of the outermost ring can lie in one line, and rounding gives the
+/// area of their triangle either sign.
+pub fn is_sliver([a, b, c]: [Point2<f64>; 3], eye_distance: f64) -> bool {
+    let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
+    (b - a).perp(&(c - a)).abs() < LEAST_HEIGHT * eye_distance * longest
+}
+
 /// Least area of a triangle from its areas in the reference and on the photograph; a smaller one is folded.
 pub fn least_area(in_reference: f64, on_photograph: f64) -> f64 {
     (LEAST_AREA * in_reference).min(0.5 * on_photograph)
@@ -108,4 +117,20 @@ pub fn neighbours(mesh: &Mesh, reference: &[Point2<f64>]) -> Vec<Vec<usize>> {
             others
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_in_one_line_are_a_sliver_and_the_smallest_triangles_of_a_mesh_are_not() {
+        let triangle = |x: f64, y: f64| [Point2::new(0.0, 0.0), Point2::new(10.0, 0.0), Point2::new(x, y)];
+        for height in [0.0, 1e-12, -1e-12, 0.09] {
+            assert!(is_sliver(triangle(4.0, height), 100.0), "{height}");
+        }
+        // Where it is long and thin, the height counts, not the area.
+        assert!(is_sliver([Point2::new(0.0, 0.0), Point2::new(1000.0, 0.0), Point2::new(500.0, 0.09)], 100.0));
+        assert!(!is_sliver(triangle(4.0, 0.11), 100.0) && !is_sliver(triangle(4.0, -3.0), 100.0));
+    }
 }

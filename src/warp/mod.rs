@@ -143,7 +143,7 @@ pub struct Warp {
     closed: bool,
     /// Positions of the vertices on the photograph.
     source: Vec<Point2<f64>>,
-    /// Skin triangles that may fold: they have no area on the photograph (at the corners of closed lips), or are too small for a fold to show.
+    /// Skin triangles that may fold: they have no area (at the corners of closed lips, in the outermost ring), or are too small for a fold to show.
     is_flat: Vec<bool>,
     /// Indices of the driving nodes around each driving node, for unfolding.
     neighbours: Vec<Vec<usize>>,
@@ -302,7 +302,8 @@ impl Warp {
         for (k, triangle) in warp.mesh.skin.iter().enumerate() {
             let middle = triangle.iter().map(|&v| warp.source[v as usize].coords).sum::<Vector2<f64>>() / 3.0;
             let is_near = |corner: &Point2<f64>| (middle - corner.coords).norm() < BESIDE_CORNER * frame.eye_distance;
-            warp.is_flat[k] |= corners.iter().any(is_near);
+            let is_sliver = folds::is_sliver(triangle.map(|v| warp.mesh.vertices[v as usize]), frame.eye_distance);
+            warp.is_flat[k] |= is_sliver || corners.iter().any(is_near);
         }
         // Slivers of a pixel or two at the edges of the lips may fold, too, where a flattened edge compresses them. A fold large enough to be
         // visible also turns triangles next to them, which are checked.
