@@ -111,6 +111,9 @@ struct ConvertArgs {
     /// Reader to write a .fap file for; the default, `strict`, suits all readers
     #[arg(long, value_name = "strict|xface|greta|visage")]
     profile: Option<Profile>,
+    /// Name of the motion in a .fap file; by default that of the input, or of its file if it is a CSV table
+    #[arg(long, value_name = "NAME", value_parser = clap::builder::NonEmptyStringValueParser::new())]
+    name: Option<String>,
     /// Overwrite OUT
     #[arg(long)]
     force: bool,
@@ -284,7 +287,13 @@ fn convert(args: &ConvertArgs) -> anyhow::Result<Outcome> {
     if let (true, Some(profile)) = (to_csv, args.profile) {
         bail!("--profile {profile} is for .fap files, but {} is a CSV table", output.display());
     }
+    if let (true, Some(name)) = (to_csv, &args.name) {
+        bail!("--name {name} is for .fap files, but {} is a CSV table, which holds no name", output.display());
+    }
     let (mut sequence, like_input) = read(args)?;
+    if let Some(name) = &args.name {
+        sequence.name.clone_from(name);
+    }
     let profile = args.profile.unwrap_or(like_input);
     // The mask is applied before the timing, because interpolated frames depend on the meaning of an unset FAP.
     let filled = sequence.fill_gaps();

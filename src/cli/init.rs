@@ -106,6 +106,13 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                 count(pairs, "sequence consists", "sequences consist")
             );
         }
+        let with_landmarks = manifest.rows.iter().filter(|row| !row.landmarks.is_empty()).count();
+        if with_landmarks > 0 {
+            println!(
+                "note: landmarks of {} are in the column landmarks; `run` marks the neutral frames by them",
+                count(with_landmarks, "sequence", "sequences")
+            );
+        }
         if let Some(note) = &frames_or_people {
             println!("note: {note}");
         }

@@ -225,8 +225,8 @@ pub enum DatasetError {
         /// Default path of a correspondence file.
         default: PathBuf,
     },
-    /// The manifest names a correspondence file that does not exist.
-    #[error("{id}: the correspondence file {} is not there", path.display())]
+    /// The manifest names a correspondence file that does not exist, or a folder.
+    #[error("{id}: the correspondence file {} {}", path.display(), if path.is_dir() { "is a folder" } else { "is not there" })]
     CorrespondencesMissing {
         /// The sequence.
         id: SequenceId,

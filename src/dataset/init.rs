@@ -23,7 +23,10 @@ use self::{
     search::Found,
 };
 pub use self::{kept::Kept, unlisted::unlisted_said, unpaired::PicturesOfPeople};
-use super::{Dataset, DatasetError, Labels, MANIFEST_NAME, cohn_kanade, entry::is_publish_column, error::name_key};
+use super::{
+    Dataset, DatasetError, Labels, MANIFEST_NAME, cohn_kanade, entry::is_publish_column, error::name_key,
+    landmarks::read_landmarks,
+};
 use crate::{
     input::CsvFile,
     output::{OutputError, write_records},
@@ -308,6 +311,17 @@ fn of_dataset(root: &Path, dataset: &Dataset) -> ProposedManifest {
     }
 }
 
+/// Returns the table of landmarks in a folder of frames: the only one with `landmark` in its name that can be read.
+fn landmarks_beside(frames: &Path) -> Option<PathBuf> {
+    let is_table = |path: &PathBuf| {
+        let name = path.file_name().map(|name| name.to_string_lossy().to_lowercase()).unwrap_or_default();
+        name.contains("landmark") && name.ends_with(".csv") && !name.starts_with('.') && read_landmarks(path).is_ok()
+    };
+    let mut tables = std::fs::read_dir(frames).ok()?.filter_map(|entry| Some(entry.ok()?.path())).filter(is_table);
+    let found = tables.next()?;
+    tables.next().is_none().then_some(found)
+}
+
 fn of_folders(root: &Path) -> Result<ProposedManifest, DatasetError> {
     let mut found = Found::in_folder(root)?;
     let Pairs { rows: pairs, lacking, refused: pictures_of_people, frames_or_people, .. } =
@@ -327,7 +341,8 @@ fn of_folders(root: &Path) -> Result<ProposedManifest, DatasetError> {
         let emotion =
             names.iter().rev().filter(|name| !is_name(name)).find_map(|name| emotion_of(name)).unwrap_or(UNKNOWN_EMOTION);
         let (emotion, frames) = (emotion.to_owned(), relative(root, path));
-        ProposedRow { subject, sequence, emotion, frames, landmarks: String::new(), person: Vec::new(), more: Vec::new() }
+        let landmarks = landmarks_beside(path).map(|file| relative(root, &file)).unwrap_or_default();
+        ProposedRow { subject, sequence, emotion, frames, landmarks, person: Vec::new(), more: Vec::new() }
     };
     let mut rows: Vec<ProposedRow> = found.sequences.iter().zip(&names).map(row).collect();
     rows.extend(pairs.into_iter().map(|row| ProposedRow { sequence: unique(&row.subject, row.sequence.clone()), ..row }));

@@ -42,6 +42,23 @@ fn emotions_first_and_flat_videos_name_their_people() {
 }
 
 #[test]
+fn a_table_of_landmarks_among_the_frames_is_named() {
+    let pictures = ["S1/a/1.png", "S1/a/2.png", "S1/b/1.png", "S1/b/2.png", "S1/c/1.png", "S1/c/2.png"];
+    let folder = folder(&pictures);
+    let points = |of: &dyn Fn(usize) -> String| (0..68).map(of).collect::<Vec<_>>().join(",");
+    let table = format!("frame,{}\n1,{}\n", points(&|k| format!("x{k},y{k}")), points(&|k| format!("{k},{k}.5")));
+    let files = [("a/landmarks68.csv", &*table), ("b/Landmarks_1.csv", &table), ("b/landmarks_2.csv", &table)];
+    for (file, text) in
+        files.into_iter().chain([("c/landmarks.csv", "about these landmarks\n"), ("c/correspondences.csv", "node,x,y\n")])
+    {
+        fs::write(folder.path().join("S1").join(file), text).unwrap();
+    }
+    // Two tables, or one that is none, are not guessed at.
+    let manifest = propose_manifest(folder.path()).unwrap();
+    assert_eq!(manifest.rows.iter().map(|row| &*row.landmarks).collect::<Vec<_>>(), ["S1/a/landmarks68.csv", "", ""]);
+}
+
+#[test]
 fn people_may_have_the_name_joy_and_names_that_differ_by_case_are_distinguished() {
     let files = ["Joy/clip1/1.png", "Joy/clip1/2.png", "anna/happy/1.png", "anna/happy/2.png", "ben/sad/1.png", "ben/sad/2.png"];
     let expected =
