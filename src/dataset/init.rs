@@ -315,7 +315,8 @@ fn of_dataset(root: &Path, dataset: &Dataset) -> ProposedManifest {
 fn landmarks_beside(frames: &Path) -> Option<PathBuf> {
     let is_table = |path: &PathBuf| {
         let name = path.file_name().map(|name| name.to_string_lossy().to_lowercase()).unwrap_or_default();
-        name.contains("landmark") && name.ends_with(".csv") && !name.starts_with('.') && read_landmarks(path).is_ok()
+        let is_csv = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"));
+        is_csv && name.contains("landmark") && !name.starts_with('.') && read_landmarks(path).is_ok()
     };
     let mut tables = std::fs::read_dir(frames).ok()?.filter_map(|entry| Some(entry.ok()?.path())).filter(is_table);
     let found = tables.next()?;

@@ -24,6 +24,8 @@ const WORST_LIMIT: f64 = 0.06;
 const REGION_LIMIT: f64 = 0.05;
 /// The regions that FAPs measure.
 const MEASURED: [Region; 4] = [Region::Brow, Region::Eye, Region::Mouth, Region::Jaw];
+/// Corners of the mouth. Their motion has the same limit: the other nodes of the mouth move less, and hide in a mean that a smile went wrong.
+const MOUTH_CORNERS: [NodeId; 2] = [NodeId(31), NodeId(64)];
 /// Limit of the share of lost (node, frame) pairs. Above it the verdict is "look again".
 const LOST_LIMIT: f64 = 0.1;
 /// Limit of the share of nodes lost in one frame. Above it the verdict is "look again".
@@ -93,6 +95,15 @@ pub(super) fn judge(summary: &mut TrackSummary, frames: &[TrackedFrame], wirefra
                 percent(both)
             ));
         }
+    }
+    let corners: Vec<f64> = MOUTH_CORNERS.iter().filter_map(expected).collect();
+    let corners_move = corners.iter().sum::<f64>() / corners.len().max(1) as f64;
+    if corners_move > REGION_LIMIT * unit {
+        is_motion = true;
+        let percent = percent(corners_move);
+        reasons.push(format!(
+            "corners of the mouth: the expected error of their motion up to the apex is {corners_move:.1} px ({percent:.1} % of the eye distance)"
+        ));
     }
     // Counts the nodes lost in a frame and the nodes that can be lost: a node without a landmark is never tracked, so it cannot be lost. A
     // node that the located face placed counts as seen; its expected error says how well.

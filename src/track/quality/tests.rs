@@ -148,6 +148,32 @@ fn a_region_with_large_placement_errors_has_the_verdict_look_again() {
 }
 
 #[test]
+fn corners_of_the_mouth_do_not_hide_in_the_mean_of_the_mouth() {
+    let (w, t) = (Wireframe::candide3(), Tables::candide3());
+    // The limit is 3.065 px, on the mean of both.
+    let said = |left: f64, right: f64| {
+        let mut frames = [1, 2].map(|number| TrackedFrame {
+            number,
+            nodes: (0..113)
+                .map(|k| {
+                    let state = if number == 1 { NodeState::Fitted } else { NodeState::Tracked };
+                    TrackedNode { expected_error: Some(0.5), ..TrackedNode::new(place(&w, number, k), state, None) }
+                })
+                .collect(),
+        });
+        for (k, expected) in [(31, left), (64, right)] {
+            frames[1].nodes[k].expected_error = Some(expected);
+        }
+        summarize(&frames, &w, &t).reasons
+    };
+    assert!(said(5.0, 1.0).is_empty());
+    assert_eq!(
+        said(5.0, 1.2),
+        ["corners of the mouth: the expected error of their motion up to the apex is 3.1 px (5.1 % of the eye distance)"]
+    );
+}
+
+#[test]
 fn a_node_without_a_landmark_is_not_lost() {
     let (w, t) = (Wireframe::candide3(), Tables::candide3());
     let frame = |number: u32, state: fn(usize) -> NodeState| TrackedFrame {
