@@ -1,6 +1,7 @@
 //! `grimace clone`.
 
 use std::{
+    cell::RefCell,
     collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
     sync::{
@@ -28,7 +29,7 @@ use super::{
     Outcome,
     apart::{check_apart, check_folder_name, check_outside, maybe},
     clone_again::{holds_a_batch, inputs_hash, made_before, pictures_hash, record_of},
-    clone_said::not_as_asked_said,
+    clone_said::{NotAsAsked, not_as_asked_said},
     clone_skin::{SkinChoice, SourceSkin, skin_of},
     distinct::{FILES, LABELS, distinct},
     portrait,
@@ -241,9 +242,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let mut sheet = Sheet::new(480);
     let (mut done, mut unchanged) = (0, 0);
     let mut folders = BTreeSet::new();
+    let batch = RefCell::new(NotAsAsked::default());
     for (k, target_path) in args.target.iter().enumerate() {
         let marks_path = args.correspondences.get(k).map(PathBuf::as_path);
-        let job = Job { args, bench: &bench, target_path, marks_path, stop: &stop, bar: &bar };
+        let job =
+            Job { args, bench: &bench, target_path, marks_path, stop: &stop, bar: &bar, batch: (pairs > 1).then_some(&batch) };
         let target = match job.target() {
             Ok(target) => target,
             Err(error) if pairs == 1 => return Err(error),
@@ -283,6 +286,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                 Err(error) => failed.push(super::chain(&error)),
             }
         }
+    }
+    if let Some(said) = batch.borrow().said(done - unchanged).filter(|_| !args.general.quiet) {
+        eprintln!("note: {said}");
     }
     for failure in &failed {
         eprintln!("failed: {failure}");
@@ -392,6 +398,8 @@ struct Job<'a> {
     marks_path: Option<&'a Path>,
     stop: &'a AtomicBool,
     bar: &'a ProgressBar,
+    /// FAPs not shown as requested, in a batch.
+    batch: Option<&'a RefCell<NotAsAsked>>,
 }
 
 impl Job<'_> {
@@ -514,7 +522,11 @@ impl Job<'_> {
                 folder.display()
             );
         }
-        if let Some(said) = not_as_asked_said(&written.faps_cut, &written.faps_changed).filter(|_| !self.args.general.quiet) {
+        if let Some(batch) = self.batch {
+            batch.borrow_mut().add(&written.faps_cut, &written.faps_changed);
+        } else if let Some(said) =
+            not_as_asked_said(&written.faps_cut, &written.faps_changed).filter(|_| !self.args.general.quiet)
+        {
             self.bar.suspend(|| eprintln!("{} on {}: {said}", source.label, target.name));
         }
         for name in &written.kept {
