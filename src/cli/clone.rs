@@ -29,7 +29,7 @@ use super::{
     Outcome,
     apart::{check_apart, check_folder_name, check_outside, maybe},
     clone_again::{holds_a_batch, inputs_hash, made_before, pictures_hash, record_of},
-    clone_said::{NotAsAsked, not_as_asked_said},
+    clone_said::{NotAsAsked, not_as_asked_said, warn_beyond_range},
     clone_skin::{SkinChoice, SourceSkin, skin_of},
     distinct::{FILES, LABELS, distinct},
     portrait,
@@ -321,6 +321,9 @@ fn clone_folder(target: &str, source: &Source, taken: &mut BTreeSet<String>) -> 
 fn read_sources<'a>(args: &'a Args, bench: &Workbench, alone: bool) -> anyhow::Result<(Vec<Source<'a>>, Vec<String>)> {
     let (mut sources, mut failed) = (Vec::new(), Vec::new());
     for path in &args.source {
+        if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("fap")) {
+            warn_beyond_range(path);
+        }
         let read = || -> anyhow::Result<Source> {
             let motion = SourceMotion::read(path, bench)?;
             anyhow::ensure!(

@@ -1,10 +1,13 @@
 //! What `clone` says about FAPs that are not shown as requested.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+};
 
 use grimace::{
     clone::CutFap,
-    fap::{FapCatalog, FapNumber},
+    fap::{FapCatalog, FapNumber, Finding, beyond_range, read_fap},
     output::listed,
 };
 
@@ -63,6 +66,15 @@ pub fn not_as_asked_said(cut: &[CutFap], changed: &[CutFap]) -> Option<String> {
         parts.push(format!("stronger or the other way: FAP {}", worst(changed, &other)));
     }
     (!parts.is_empty()).then(|| format!("{}, {BECAUSE}", parts.join("; ")))
+}
+
+/// Warns of values of a FAP file beyond the standard's range. Most faces cannot show them.
+pub fn warn_beyond_range(path: &Path) {
+    let Ok(file) = read_fap(path) else { return };
+    for Finding { line: frame, field, message, times, .. } in beyond_range(&file.sequence) {
+        let more = if times > 1 { format!("; this occurs in {times} frames") } else { String::new() };
+        eprintln!("warning: {}: {field} in frame {frame}: {message}{more}", path.display());
+    }
 }
 
 /// Number and name of a FAP.

@@ -1,13 +1,14 @@
 //! `grimace init`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
+use anyhow::Context;
 use grimace::{
     dataset::{
         DatasetError, IMAGE_EXTENSIONS, Kept, UNKNOWN_EMOTION, VIDEO_EXTENSIONS, is_publish_column, manifest_path,
         propose_manifest,
     },
-    output::{count, listed},
+    output::{count, listed, write_bytes},
     text::single_line,
 };
 
@@ -88,9 +89,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         })?;
     }
     let kept = if is_there { manifest.keep(&path).map_err(unreadable)? } else { Kept::default() };
+    // What is left out was typed by somebody, and its folder may only be away for now.
+    let before = if kept.gone.is_empty() { None } else { Some(keep_old(&path)?) };
     manifest.write(&path)?;
     if !args.quiet {
-        say_kept(&kept, &other_emotions);
+        say_kept(&kept, &other_emotions, before.as_deref());
         let open = manifest.rows.iter().filter(|row| row.emotion == UNKNOWN_EMOTION).count();
         println!("{}: {}", single_line(&path.display().to_string()), count(manifest.rows.len(), "sequence", "sequences"));
         if !manifest.skipped.is_empty() {
@@ -166,8 +169,20 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Prints what was kept from the existing manifest and what was not.
-fn say_kept(kept: &Kept, other_emotions: &[String]) {
+/// Copies the existing manifest to `manifest_before.csv`, or a name with a number, and returns the copy's path.
+fn keep_old(path: &Path) -> anyhow::Result<PathBuf> {
+    let named = |number: u32| match number {
+        1 => path.with_file_name("manifest_before.csv"),
+        _ => path.with_file_name(format!("manifest_before_{number}.csv")),
+    };
+    let copy = (1..).map(named).find(|copy| copy.symlink_metadata().is_err()).unwrap_or_else(|| named(1));
+    let bytes = std::fs::read(path).with_context(|| path.display().to_string())?;
+    write_bytes(&copy, &bytes)?;
+    Ok(copy)
+}
+
+/// Prints what was kept from the existing manifest and what was not. `before`: copy of the old manifest.
+fn say_kept(kept: &Kept, other_emotions: &[String], before: Option<&Path>) {
     if !kept.columns.is_empty() {
         println!("note: kept from the old manifest: {}", shortened(&kept.columns));
     }
@@ -181,7 +196,8 @@ fn say_kept(kept: &Kept, other_emotions: &[String]) {
         );
     }
     if !kept.gone.is_empty() {
-        println!("note: in the old manifest, but not found now: {}", shortened(&kept.gone));
+        let before = before.map(|path| format!("; the old manifest is kept as {}", path.display())).unwrap_or_default();
+        println!("note: in the old manifest, but not found now, and left out: {}{before}", shortened(&kept.gone));
     }
 }
 

@@ -24,7 +24,7 @@ mod target;
 pub(crate) mod test_target;
 mod timing;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use crate::{
     dataset::MarksFileError,
@@ -88,8 +88,11 @@ pub enum CloneError {
     /// The FAP file of the source cannot be read.
     #[error(transparent)]
     FapRead(#[from] FapReadError),
-    /// A source of an unknown kind.
-    #[error("{path}: this is neither a track or model (.csv) nor a FAP file (.fap)")]
+    /// A source of an unknown kind, or no file.
+    #[error(
+        "{path}: {} a track or model (.csv) nor a FAP file (.fap)",
+        if Path::new(path).exists() { "this is neither" } else { "there is no such file, neither" }
+    )]
     UnknownSource {
         /// The file.
         path: String,

@@ -359,6 +359,12 @@ fn check_unread(folder: &Path, frames: &[FrameFile], first: Option<u32>, last: O
 }
 
 fn video(path: &Path, first: Option<u32>, last: Option<u32>) -> Result<FrameSource, FramesError> {
+    // What lies behind a folder without permission may well be there.
+    if let Err(reason) = path.metadata()
+        && reason.kind() == io::ErrorKind::PermissionDenied
+    {
+        return Err(FramesError::Io { path: path.to_owned(), reason });
+    }
     if !path.exists() {
         return Err(FramesError::NotFound { path: path.to_owned(), near: same_number(path) });
     }

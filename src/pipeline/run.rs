@@ -31,7 +31,7 @@ use super::{
 };
 use crate::{
     dataset::SequenceEntry,
-    output::{self, OutputError, count},
+    output::{self, OutputError, claim_folder, count},
     pipeline::write_analysis,
     units::SequenceId,
 };
@@ -298,7 +298,10 @@ pub fn run(
     stop: &AtomicBool,
     event: impl Fn(Event) + Sync,
 ) -> Result<RunSummary, RunError> {
+    // Another run would replace files that this one counts on. A folder that is not there is created once the dataset is open.
+    let claimed = if out.is_dir() { claim_folder(out)? } else { None };
     let (opened, name, earlier) = open(dataset, out, bench, force, (stop, &event))?;
+    let _claimed = if claimed.is_some() { claimed } else { claim_folder(out)? };
     let mut looks = looks_in(out, true)?;
     let sequences = opened.sequences.len() + opened.failures.len();
     event(Event::Started { sequences });

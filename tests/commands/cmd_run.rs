@@ -117,6 +117,13 @@ fn bytes_do_not_depend_on_threads_or_on_the_run() {
     }
     assert_same_files(&work.files("one"), &work.files("two"));
     assert_same_files(&work.files("two"), &work.files("again"));
+    // While another run writes into a folder, a second one is refused.
+    let other = fs::File::open(work.path("two")).unwrap();
+    other.lock().unwrap();
+    work.grimace("run faces -o two --force").exit(1).says(&["two: another command is writing into this folder; wait for it"]);
+    assert_same_files(&work.files("two"), &work.files("again"));
+    drop(other);
+    work.grimace("run faces -o two").exit(0);
 }
 
 #[test]

@@ -5,7 +5,7 @@ use std::{
     path::Path,
 };
 
-use super::{ProposedManifest, UNKNOWN_EMOTION, id_key, unique_sequence};
+use super::{ProposedManifest, ProposedRow, UNKNOWN_EMOTION, id_key, unique_sequence};
 use crate::{
     dataset::{DatasetError, MANIFEST_COLUMNS, PICTURE_SEPARATOR},
     input::CsvFile,
@@ -17,7 +17,7 @@ use crate::{
 pub struct Kept {
     /// Columns that were transferred.
     pub columns: Vec<String>,
-    /// Frames of earlier rows that no longer exist.
+    /// Frames of earlier rows that are not there; their rows are left out.
     pub gone: Vec<String>,
     /// Frames without an earlier row.
     pub added: Vec<String>,
@@ -157,8 +157,29 @@ impl ProposedManifest {
                 rows.push(row);
             }
         }
+        // Rows that no proposal has stay if their frames are there: pairs of pictures, or frames outside of the folder.
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let (there, gone): (BTreeMap<_, _>, BTreeMap<_, _>) =
+            std::mem::take(&mut earlier.rows).into_iter().partition(|(frames, old)| {
+                let landmarks = || old.iter().map(|fields| earlier.field(fields, "landmarks"));
+                frames.split(PICTURE_SEPARATOR).all(|name| folder.join(name.trim()).exists())
+                    || landmarks().all(|file| !file.is_empty() && folder.join(file).exists())
+            });
+        for fields in there.values().flatten() {
+            let field = |name: &str| earlier.field(fields, name);
+            let of = |column: Option<usize>| column.and_then(|k| fields.get(k)).cloned().unwrap_or_default();
+            rows.push(ProposedRow {
+                subject: field("subject"),
+                sequence: field("sequence"),
+                emotion: field("emotion"),
+                frames: field("frames"),
+                landmarks: field("landmarks"),
+                person: of_people.iter().map(|column| of(*column)).collect(),
+                more: more_columns.iter().map(|name| of(earlier.csv.column(name))).collect(),
+            });
+        }
         self.rows = rows;
-        kept.gone = earlier.rows.into_keys().collect();
+        kept.gone = gone.into_keys().collect();
         kept.columns = columns.into_iter().map(|(_, name)| name).collect();
         kept.columns
             .extend(self.person_columns.iter().zip(are_kept).filter(|(_, is_kept)| *is_kept).map(|(name, _)| name.clone()));
@@ -177,6 +198,25 @@ mod tests {
     use std::fs;
 
     use super::super::{manifest_path, propose_manifest};
+
+    #[test]
+    fn rows_that_no_proposal_has_stay_if_their_frames_are_there() {
+        let folder = super::super::super::folder_with(&["D/A/1.png", "D/A/2.png", "E/1.png", "E/2.png", "D/l.csv"]);
+        let root = folder.path().join("D");
+        let path = manifest_path(&root);
+        fs::write(
+            &path,
+            "subject,sequence,emotion,frames,landmarks,note\nA,pair,joy,A/1.png;A/2.png,,mine\nB,1,fear,../E,,\nC,1,fear,gone,,\n\
+             L,1,fear,,l.csv,\n",
+        )
+        .unwrap();
+        let mut manifest = propose_manifest(&root).unwrap();
+        let kept = manifest.keep(&path).unwrap();
+        assert_eq!(kept.gone, ["gone"]);
+        manifest.write(&path).unwrap();
+        let rows: Vec<String> = fs::read_to_string(&path).unwrap().lines().skip(2).map(str::to_owned).collect();
+        assert_eq!(rows, ["B,1,fear,../E,,", "A,pair,joy,A/1.png;A/2.png,,mine", "L,1,fear,,l.csv,"]);
+    }
 
     #[test]
     fn entries_of_a_person_are_kept_when_a_manifest_is_made_again() {
