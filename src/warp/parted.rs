@@ -36,7 +36,8 @@ const REACH: (f64, f64) = (0.05, 0.11);
 /// closed. Nodes for which `is_set` returns true were placed by a person and stay.
 pub fn part_lips(nodes: &mut [Point2<f64>], photograph: &Texture, is_set: impl Fn(u16) -> bool, frame: &Frame) {
     let lips = LIP_LINES.map(|line| line.map(|node| nodes[usize::from(node.0)]));
-    let colour = |at: Point2<f64>| Some(photograph.sample(at).map(f64::from));
+    // The kernel may overshoot below black.
+    let colour = |at: Point2<f64>| Some(photograph.sample(at).map(|level| f64::from(level.max(0.0))));
     let Some(steps) = steps_to_teeth(&lips, frame.eye_distance, colour) else { return };
     for (line, steps) in LIP_LINES.iter().zip(steps) {
         line.iter().zip(steps).filter(|(node, _)| !is_set(node.0)).for_each(|(node, step)| nodes[usize::from(node.0)] += step);
