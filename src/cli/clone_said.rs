@@ -110,6 +110,6 @@ mod tests {
         batch.add(&[of(52)], &[]);
         let said = batch.said(3).unwrap();
         assert!(said.starts_with("2 of 3 clones show some FAPs weaker, stronger or the other way than requested"), "{said}");
-        assert!(said.ends_with(&format!("{BECAUSE}: FAP 52 raise_b_midlip_o in 2, FAP 10 raise_b_lip_lm in 1")), "{said}");
+        assert!(said.ends_with(&format!("{BECAUSE}: FAP 52 raise_b_midlip_o in 2; FAP 10 raise_b_lip_lm in 1")), "{said}");
     }
 }
