@@ -7,9 +7,11 @@ use std::{
 
 use grimace::{
     clone::CutFap,
-    fap::{FapCatalog, FapNumber, Finding, beyond_range, read_fap},
+    fap::{FapCatalog, FapNumber, read_fap},
     output::listed,
 };
+
+use super::fap::beyond_range_said;
 
 /// Number of reduced and of changed FAPs that are printed, the worst ones first.
 const PRINTED: usize = 3;
@@ -71,9 +73,8 @@ pub fn not_as_asked_said(cut: &[CutFap], changed: &[CutFap]) -> Option<String> {
 /// Warns of values of a FAP file beyond the standard's range. Most faces cannot show them.
 pub fn warn_beyond_range(path: &Path) {
     let Ok(file) = read_fap(path) else { return };
-    for Finding { line: frame, field, message, times, .. } in beyond_range(&file.sequence) {
-        let more = if times > 1 { format!("; this occurs in {times} frames") } else { String::new() };
-        eprintln!("warning: {}: {field} in frame {frame}: {message}{more}", path.display());
+    for said in beyond_range_said(&file.sequence) {
+        eprintln!("warning: {}: {said}", path.display());
     }
 }
 

@@ -328,11 +328,8 @@ fn convert(args: &ConvertArgs) -> anyhow::Result<Outcome> {
             note(&format!("rounded {} to integers", count(rounded, "value")));
         }
     }
-    for Finding { line: frame, field, message, times, .. } in beyond_range(&sequence) {
-        let more = if times > 1 { format!("; this occurs in {times} frames") } else { String::new() };
-        eprintln!(
-            "warning: {field} in frame {frame}: {message}{more}; the value is written unchanged, and readers may limit or refuse it"
-        );
+    for said in beyond_range_said(&sequence) {
+        eprintln!("warning: {said}; the value is written unchanged, and readers may limit or refuse it");
     }
     if to_csv {
         write_tidy_csv(output, &sequence)?;
@@ -349,6 +346,14 @@ fn convert(args: &ConvertArgs) -> anyhow::Result<Outcome> {
         })?;
     }
     Ok(Outcome::Done)
+}
+
+/// Messages about the FAPs of a sequence that exceed the range of the standard, one for each.
+pub fn beyond_range_said(sequence: &FapSequence) -> impl Iterator<Item = String> {
+    beyond_range(sequence).into_iter().map(|Finding { line: frame, field, message, times, .. }| {
+        let more = if times > 1 { format!("; this occurs in {times} frames") } else { String::new() };
+        format!("{field} in frame {frame}: {message}{more}")
+    })
 }
 
 /// Reads the input, prints what was tolerated, and returns the default profile of the output.

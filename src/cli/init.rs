@@ -2,13 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Context;
 use grimace::{
     dataset::{
         DatasetError, IMAGE_EXTENSIONS, Kept, UNKNOWN_EMOTION, VIDEO_EXTENSIONS, is_publish_column, manifest_path,
         propose_manifest,
     },
-    output::{count, listed, write_bytes},
+    output::{count, listed},
+    pipeline::keep_edited,
     text::single_line,
 };
 
@@ -90,7 +90,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     let kept = if is_there { manifest.keep(&path).map_err(unreadable)? } else { Kept::default() };
     // What is left out was typed by somebody, and its folder may only be away for now.
-    let before = if kept.gone.is_empty() { None } else { Some(keep_old(&path)?) };
+    let before = if kept.gone.is_empty() { None } else { Some(keep_edited(&path)?) };
     manifest.write(&path)?;
     if !args.quiet {
         say_kept(&kept, &other_emotions, before.as_deref());
@@ -167,18 +167,6 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         );
     }
     Ok(Outcome::Done)
-}
-
-/// Copies the existing manifest to `manifest_before.csv`, or a name with a number, and returns the copy's path.
-fn keep_old(path: &Path) -> anyhow::Result<PathBuf> {
-    let named = |number: u32| match number {
-        1 => path.with_file_name("manifest_before.csv"),
-        _ => path.with_file_name(format!("manifest_before_{number}.csv")),
-    };
-    let copy = (1..).map(named).find(|copy| copy.symlink_metadata().is_err()).unwrap_or_else(|| named(1));
-    let bytes = std::fs::read(path).with_context(|| path.display().to_string())?;
-    write_bytes(&copy, &bytes)?;
-    Ok(copy)
 }
 
 /// Prints what was kept from the existing manifest and what was not. `before`: copy of the old manifest.

@@ -359,14 +359,13 @@ fn check_unread(folder: &Path, frames: &[FrameFile], first: Option<u32>, last: O
 }
 
 fn video(path: &Path, first: Option<u32>, last: Option<u32>) -> Result<FrameSource, FramesError> {
-    // What lies behind a folder without permission may well be there.
-    if let Err(reason) = path.metadata()
-        && reason.kind() == io::ErrorKind::PermissionDenied
-    {
-        return Err(FramesError::Io { path: path.to_owned(), reason });
-    }
-    if !path.exists() {
-        return Err(FramesError::NotFound { path: path.to_owned(), near: same_number(path) });
+    match path.metadata() {
+        // What lies behind a folder without permission may well be there.
+        Err(reason) if reason.kind() == io::ErrorKind::PermissionDenied => {
+            return Err(FramesError::Io { path: path.to_owned(), reason });
+        }
+        Err(_) => return Err(FramesError::NotFound { path: path.to_owned(), near: same_number(path) }),
+        Ok(_) => {}
     }
     if is_picture(path) {
         return Err(FramesError::OnePicture { path: path.to_owned() });

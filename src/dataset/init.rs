@@ -24,7 +24,10 @@ use self::{
 };
 pub use self::{kept::Kept, unlisted::unlisted_said, unpaired::PicturesOfPeople};
 use super::{
-    Dataset, DatasetError, Labels, MANIFEST_NAME, cohn_kanade, entry::is_publish_column, error::name_key,
+    Dataset, DatasetError, Labels, MANIFEST_NAME, cohn_kanade,
+    entry::is_publish_column,
+    error::name_key,
+    frames::{has_extension, visible},
     landmarks::read_landmarks,
 };
 use crate::{
@@ -315,10 +318,9 @@ fn of_dataset(root: &Path, dataset: &Dataset) -> ProposedManifest {
 fn landmarks_beside(frames: &Path) -> Option<PathBuf> {
     let is_table = |path: &PathBuf| {
         let name = path.file_name().map(|name| name.to_string_lossy().to_lowercase()).unwrap_or_default();
-        let is_csv = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"));
-        is_csv && name.contains("landmark") && !name.starts_with('.') && read_landmarks(path).is_ok()
+        has_extension(path, &["csv"]) && name.contains("landmark") && read_landmarks(path).is_ok()
     };
-    let mut tables = std::fs::read_dir(frames).ok()?.filter_map(|entry| Some(entry.ok()?.path())).filter(is_table);
+    let mut tables = visible(frames).ok()?.into_iter().map(|entry| entry.path()).filter(is_table);
     let found = tables.next()?;
     tables.next().is_none().then_some(found)
 }

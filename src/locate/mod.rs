@@ -34,7 +34,7 @@ pub use model::{LocatorError, Model, ModelOrigin};
 pub use part::FacePart;
 pub(crate) use points::{LIP_LINES, known_nodes};
 pub use points::{PUPILS, points};
-pub(crate) use teeth::steps_to_teeth;
+pub(crate) use teeth::{redness, steps_to_teeth};
 
 use crate::units::NodeId;
 use expect::Reading;

@@ -172,7 +172,12 @@ fn red_and_light(colour: &impl Fn(Point2<f64>) -> Option<[f64; 3]>, at: Point2<f
         (0..3).for_each(|c| sum[c] += seen[c] / 3.0);
     }
     let [red, green, blue] = sum;
-    Some((((red + DARK) / (green + DARK)).ln(), 0.299 * red + 0.587 * green + 0.114 * blue))
+    Some((redness(red, green), 0.299 * red + 0.587 * green + 0.114 * blue))
+}
+
+/// Redness of a colour, as the logarithm of red over green, from levels.
+pub fn redness(red: f64, green: f64) -> f64 {
+    ((red + DARK) / (green + DARK)).ln()
 }
 
 #[cfg(test)]

@@ -9,10 +9,7 @@ use super::{
     layout::{CLOSED_GAP, Frame},
     mouth::{luma, whiteness},
 };
-use crate::locate::{LIP_LINES, steps_to_teeth};
-
-/// Nodes on three lines across the lips: the upper lip's lower edge, and the lower lip's upper and lower edge.
-const LINES: [[usize; 3]; 3] = [[81, 83, 85], [87, 40, 8], [82, 84, 86]];
+use crate::locate::{LIP_LINES, redness, steps_to_teeth};
 
 /// Number of positions on a line from its first to its last node.
 const PLACES: usize = 64;
@@ -27,8 +24,6 @@ const GAP_LIGHT: f32 = 0.45;
 const LIP_RED: f32 = 0.6;
 const LIP_LIGHT: f32 = 0.75;
 const LEAST_RED: f32 = 0.15;
-/// Added to levels before the logarithm: darker pixels have no reliable colour.
-const DARK: f32 = 8.0;
 /// Largest shift of an edge upwards and downwards, in eye distances.
 const REACH: (f64, f64) = (0.05, 0.11);
 
@@ -46,11 +41,12 @@ pub fn part_lips(nodes: &mut [Point2<f64>], photograph: &Texture, is_set: impl F
 
 /// Moves the lower lip's inner edge to where the photograph shows it. Nodes for which `is_set` returns true were placed by a person and stay.
 pub fn place_lower_lip(nodes: &mut [Point2<f64>], photograph: &Texture, is_set: impl Fn(u16) -> bool, frame: &Frame) {
-    let [upper, lower, _] = LINES[1].map(|n| frame.height(&nodes[n]));
+    let lines = LIP_LINES.map(|line| line.map(|node| usize::from(node.0)));
+    let [_, upper, lower, _] = lines[1].map(|n| frame.height(&nodes[n]));
     if lower - upper < CLOSED_GAP * frame.eye_distance {
         return;
     }
-    for [upper, lower, end] in LINES {
+    for [_, upper, lower, end] in lines {
         if is_set(lower as u16) {
             continue;
         }
@@ -80,8 +76,9 @@ fn edge([start, found, end]: [Point2<f64>; 3], photograph: &Texture, frame: &Fra
             let seen = [-1.0, 0.0, 1.0].map(|side| photograph.sample(at(k) + across * side));
             let mean: [f32; 3] = std::array::from_fn(|c| seen.iter().map(|colour| colour[c]).sum::<f32>() / 3.0);
             let whiteness = seen.iter().map(|colour| whiteness(*colour)).sum::<f32>() / 3.0;
-            let red = ((mean[0].max(0.0) + DARK) / (mean[1].max(0.0) + DARK)).ln();
-            Seen { whiteness, light: luma(mean), red }
+            // The kernel may overshoot below black.
+            let [red, green] = [mean[0], mean[1]].map(|level| f64::from(level.max(0.0)));
+            Seen { whiteness, light: luma(mean), red: redness(red, green) as f32 }
         })
         .collect();
     let place = ((found - start).dot(&way) / (length * length).max(1e-9)).clamp(0.0, 1.0);

@@ -285,7 +285,7 @@ pub struct KeptRows {
     pub is_lossy: bool,
 }
 
-/// Copies a table of segments to a free name beside it, `STEM_edited.csv`. Returns the copy.
+/// Copies a table that somebody may have edited to a free name beside it, `STEM_edited.csv`. Returns the copy.
 ///
 /// # Errors
 /// [`OutputError`] when it cannot be copied.
