@@ -9,7 +9,7 @@ use crate::{
     output::{count, listed},
     statistics::{
         ClassLabel, Representative, SequenceLabels, StatisticsOptions, Weighting, abbreviations, bootstrap::DispersionInterval,
-        is_missing, likely_emotion, near_twins, scale::MANY_MODELS, sequence_weights, spelling_key, synonyms,
+        is_missing, likely_emotion, near_twins, person_key, scale::MANY_MODELS, sequence_weights, spelling_key, synonyms,
         trimming::trimmed_count,
     },
     text::composed,
@@ -238,7 +238,7 @@ pub(super) fn spelling_warnings(labels: &[SequenceLabels<'_>], by: &[String]) ->
     }
     let subjects: BTreeSet<&str> = labels.iter().map(|(id, ..)| id.subject.as_str()).collect();
     let mut spelled: BTreeMap<String, Vec<&str>> = BTreeMap::new();
-    subjects.into_iter().for_each(|subject| spelled.entry(spelling_key(subject)).or_default().push(subject));
+    subjects.into_iter().for_each(|subject| spelled.entry(person_key(subject)).or_default().push(subject));
     let people: Vec<String> = spelled.into_values().filter(|s| s.len() > 1).map(|s| s.join(" and ")).collect();
     let mut warnings = Vec::new();
     let unlabelled = labels.iter().filter(|(_, emotion, _)| *emotion == UNLABELLED).count();

@@ -236,18 +236,21 @@ fn stronger_in(mut tests: Vec<Amplitude<'_>>) -> Option<(f64, String)> {
     let (first, test) = tests.first()?;
     let (more, less) = if test.difference > 0.0 { (0, 1) } else { (1, 0) };
     let (stronger, weaker) = (group_values(&first.groups[more]), group_values(&first.groups[less]));
+    // Motion against the median is not weak.
+    let is_opposite = tests.iter().any(|(_, t)| t.means[less] < 0.0);
+    let does = if is_opposite { "goes more along the median" } else { "is stronger" };
     let texts = tests.iter().enumerate().map(|(k, (c, t))| {
         let part = if is_part(c) { format!("at the {}", c.region) } else { "in the whole face".to_owned() };
         let lead = match (k, is_part(c)) {
-            (0, false) => format!("{} is stronger in {stronger} than in {weaker}", words(&c.emotion)),
-            (0, true) => format!("{} is stronger {part} in {stronger} than in {weaker}", words(&c.emotion)),
+            (0, false) => format!("{} {does} in {stronger} than in {weaker}", words(&c.emotion)),
+            (0, true) => format!("{} {does} {part} in {stronger} than in {weaker}", words(&c.emotion)),
             _ => part,
         };
         let (effect, p) = (fixed(t.effect.abs(), 2), p_value(t.p_adjusted));
         let (high, low) = (fixed(t.means[more], 2), fixed(t.means[less], 2));
         format!("{lead}: {high} and {low} times the median ({} {effect}, corrected p {p})", t.effect_name())
     });
-    let text = texts.collect::<Vec<_>>().join("; ");
+    let text = texts.collect::<Vec<_>>().join("; ") + if is_opposite { "; below 0 is the opposite motion" } else { "" };
     Some((tests.iter().map(|(_, t)| t.p_adjusted).fold(1.0, f64::min), text))
 }
 

@@ -86,6 +86,8 @@ pub(super) struct View<'a> {
     arrows: [String; 2],
     track_count: String,
     fapus: Vec<(String, String)>,
+    /// Whether somebody has several sequences of a class, which then have weights.
+    weighted: bool,
     small_class: usize,
     has_player: bool,
     files: Vec<[&'static str; 2]>,
@@ -274,6 +276,7 @@ impl<'a> View<'a> {
             arrows: [fields.scale.gain.to_string(), fields.scale.measure.to_string()],
             track_count: count(data.tracks.len(), "sequence", "sequences"),
             fapus: fapus.collect(),
+            weighted: data.representatives.iter().any(|r| r.weighted),
             small_class: SMALL_CLASS,
             has_player: data.player.is_some(),
             stems_known: !data.stems.is_empty(),

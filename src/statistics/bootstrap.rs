@@ -30,7 +30,7 @@ use super::{
 use crate::{output::count, units::NodeId};
 
 /// Largest number of models for which the median without a person is searched for; above it, one Newton step is taken.
-pub const MAX_EXACT: usize = 400;
+const MAX_EXACT: usize = 400;
 
 /// Smallest number of people for an interval. With fewer, the median of a replicate can take only a few values.
 pub const LEAST_PEOPLE: usize = 8;
@@ -287,7 +287,7 @@ impl Sample {
 const AT_POINT: f64 = 1e-7;
 
 /// The sum of distances from x to weighted points, with its derivatives and candidates for the next x.
-pub(super) struct Place {
+struct Place {
     x: Vector2<f64>,
     sum: f64,
     /// Whether no direction leads down by more than [`FLAT`].
@@ -300,7 +300,7 @@ pub(super) struct Place {
 }
 
 impl Place {
-    pub(super) fn new(points: &[(Vector2<f64>, f64)], x: Vector2<f64>) -> Self {
+    fn new(points: &[(Vector2<f64>, f64)], x: Vector2<f64>) -> Self {
         let (mut sum, mut g, mut here, mut inverse, mut weight) = (0.0, Vector2::zeros(), 0.0, 0.0, 0.0);
         let (mut hxx, mut hxy, mut hyy) = (0.0, 0.0, 0.0);
         let mut nearest = (f64::INFINITY, None);
@@ -342,7 +342,7 @@ impl Place {
 
 impl Place {
     /// Returns the approximate median of the points without those in `removed`: one Newton step from x.
-    pub(super) fn without(&self, removed: impl Iterator<Item = (Vector2<f64>, f64)>) -> Vector2<f64> {
+    fn without(&self, removed: impl Iterator<Item = (Vector2<f64>, f64)>) -> Vector2<f64> {
         let (mut g, [mut hxx, mut hxy, mut hyy]) = (self.gradient, self.hessian);
         for (p, w) in removed {
             let d = self.x - p;
@@ -366,7 +366,7 @@ impl Place {
 }
 
 /// Returns the geometric median of weighted points, after a few steps from `start`, which must be near it.
-pub(super) fn refined_median(points: &[(Vector2<f64>, f64)], start: Vector2<f64>) -> Vector2<f64> {
+fn refined_median(points: &[(Vector2<f64>, f64)], start: Vector2<f64>) -> Vector2<f64> {
     if points.is_empty() {
         return start;
     }

@@ -47,6 +47,7 @@ pub use groups::{
     group_sequences, spell_as_groups,
 };
 pub use representative::{NEUTRAL_TOLERANCE, check_models, representative};
+pub(crate) use spelling::person_key;
 pub use spelling::{abbreviations, common_spellings, likely_emotion, near_twins, spelling_key, synonyms};
 pub use trimming::TrimLevel;
 pub use values::{SequenceLabels, UNKNOWN_GROUP, is_missing, measures_said, number_of};

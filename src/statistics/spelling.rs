@@ -22,9 +22,26 @@ const WORDS: [(&str, &[&str]); 7] = [
     ("contempt", &["contempt", "contemptuous", "verachtung"]),
 ];
 
-/// Returns the text by which values are compared: Unicode-composed, in lower case, trimmed, and with single blanks inside.
+/// Characters that nobody sees and that mean nothing: zero-width space, word joiner, byte-order mark, soft hyphen.
+const INVISIBLE: [char; 4] = ['\u{200b}', '\u{2060}', '\u{feff}', '\u{ad}'];
+
+/// Returns the text by which values are compared: Unicode-composed, in lower case, trimmed, with single blanks inside and nothing invisible.
 pub fn spelling_key(value: &str) -> String {
-    composed(value).split_whitespace().collect::<Vec<_>>().join(" ").to_lowercase()
+    composed(value).replace(INVISIBLE, "").split_whitespace().collect::<Vec<_>>().join(" ").to_lowercase()
+}
+
+/// Returns the text by which names of people are compared: as [`spelling_key`], without leading zeros of numbers, which spreadsheets drop.
+pub fn person_key(subject: &str) -> String {
+    let key = spelling_key(subject);
+    let mut shown = String::with_capacity(key.len());
+    for (at, sign) in key.char_indices() {
+        let follows = |is: fn(&char) -> bool| key[at + sign.len_utf8()..].chars().next().as_ref().is_some_and(is);
+        let is_leading = sign == '0' && !shown.ends_with(|c: char| c.is_ascii_digit()) && follows(char::is_ascii_digit);
+        if !is_leading {
+            shown.push(sign);
+        }
+    }
+    shown
 }
 
 /// Returns the most frequent spelling of every value, by [`spelling_key`]. Of equally frequent spellings it is the first in alphabetical
@@ -102,6 +119,16 @@ mod tests {
         let expected = [("east asian", "East  Asian"), ("female", "female"), ("male", "Male")];
         assert_eq!(spellings, expected.map(|(k, v)| (k.to_owned(), v.to_owned())).into());
         assert_eq!(spelling_key("De\u{301}gou\u{302}t"), "d\u{e9}go\u{fb}t");
+        assert_eq!(spelling_key("\u{200b}York\u{feff}"), "york");
+    }
+
+    #[test]
+    fn names_of_people_are_compared_without_the_zeros_that_spreadsheets_drop() {
+        for (name, key) in [("001", "1"), ("01", "1"), ("1", "1"), ("S010", "s10"), ("0", "0"), ("000", "0"), ("A0b00c", "a0b0c")]
+        {
+            assert_eq!(person_key(name), key);
+        }
+        assert_eq!(person_key("S1.05"), "s1.5");
     }
 
     #[test]

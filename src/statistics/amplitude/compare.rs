@@ -333,8 +333,13 @@ impl AmplitudeComparison {
         if test.p_adjusted <= significance {
             let (more, less) = if a > b { (0, 1) } else { (1, 0) };
             let means = [a, b];
+            let (larger, opposite) = if means[less] < 0.0 {
+                ("goes more along the median", " (below 0 is the opposite motion)")
+            } else {
+                ("is larger", "")
+            };
             return format!(
-                "{what} is larger in {} than in {}: {:.2} against {:.2}",
+                "{what} {larger} in {} than in {}: {:.2} against {:.2}{opposite}",
                 name(more),
                 name(less),
                 means[more],

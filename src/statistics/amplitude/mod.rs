@@ -1,14 +1,18 @@
-//! Amplitude of an expression: the strength of a sequence relative to the median of all other people.
+//! Amplitude of an expression: the strength of a sequence relative to the median of all people.
 //!
 //! The motion v of a sequence is the displacement of every live node from the neutral to the apex frame. Its amplitude is the signed
 //! projection on the median motion m of the emotion, `<v, m> / <m, m>`, over the nodes of a region. It is 1 for a motion as strong as the
 //! median, 0 for none, and negative for the opposite motion.
 //!
-//! The median (the geometric median at every node, one person one weight) is taken over all *other* people, so that no one is compared
-//! with themselves. The course in time has no influence: a slow and a quick smile of equal strength have equal amplitudes.
+//! The median (the geometric median at every node, one person one weight) is taken over *all* people, so that one ruler measures everybody.
+//! A median without the person measured would be a ruler for each: of two groups that differ, it lies with the group that the person is not
+//! in, and the difference of the groups grows, by half where each has eight people. The course in time has no influence: a slow and a quick
+//! smile of equal strength have equal amplitudes.
 
 mod compare;
 mod normal;
+
+use std::collections::BTreeSet;
 
 use nalgebra::Vector2;
 use rayon::prelude::*;
@@ -16,7 +20,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     SequenceModel, Weighting,
-    bootstrap::{MAX_EXACT, Place, refined_median},
+    median::{ExactOptions, PointSet, geometric_median},
     weights::sequence_weights,
 };
 use crate::{
@@ -83,53 +87,31 @@ pub struct Amplitudes {
 /// Computes the amplitudes of the models of one emotion, in any order. All must have one shape, as [`super::representative`] checks.
 pub fn amplitudes(models: &[&SequenceModel], wireframe: &Wireframe, tables: &Tables) -> Amplitudes {
     let live = wireframe.live_nodes();
-    // Indices of the models of each person.
-    let mut order: Vec<usize> = (0..models.len()).collect();
-    order.sort_by(|&a, &b| models[a].id.cmp(&models[b].id));
-    let mut people: Vec<Vec<usize>> = Vec::new();
-    for i in order {
-        match people.last_mut().filter(|places| models[places[0]].id.subject == models[i].id.subject) {
-            Some(places) => places.push(i),
-            None => people.push(vec![i]),
-        }
-    }
+    let people: BTreeSet<&str> = models.iter().map(|m| m.id.subject.as_str()).collect();
     if people.len() < 2 {
         let why = "amplitudes need other people for comparison, but there is only one person".to_owned();
         let missing = AmplitudeRegion::ALL.map(|region| (region, why.clone())).to_vec();
         return Amplitudes { values: vec![[None; 4]; models.len()], missing };
     }
     let weights = sequence_weights(models.iter().map(|m| &m.id), Weighting::Person);
-    let weight = |i: usize| weights.as_ref().map_or(1.0, |weights| weights[i]);
     let motion = |node: NodeId, i: usize| -> Vector2<f64> {
         let frames = models[i].model.frames();
         frames[frames.len() - 1].nodes()[node.index()] - frames[0].nodes()[node.index()]
     };
     let is_in: Vec<[bool; 4]> = live.iter().map(|&n| AmplitudeRegion::ALL.map(|region| region.has(tables.region(n)))).collect();
-    // Per node: <v, m> and <m, m> for every model, with the median without the model's person; and the length of the median of all.
-    let of_node = |&node: &NodeId| -> (Vec<(f64, f64)>, f64) {
-        let points: Vec<(Vector2<f64>, f64)> = (0..models.len()).map(|i| (motion(node, i), weight(i))).collect();
-        let middle = points.iter().map(|(v, w)| v * *w).sum::<Vector2<f64>>() / points.iter().map(|p| p.1).sum::<f64>();
-        let all = refined_median(&points, middle);
-        let place = Place::new(&points, all);
-        let mut products = vec![(0.0, 0.0); models.len()];
-        for person in &people {
-            let median = if models.len() <= MAX_EXACT {
-                let others: Vec<_> = (0..points.len()).filter(|i| !person.contains(i)).map(|i| points[i]).collect();
-                refined_median(&others, all)
-            } else {
-                place.without(person.iter().map(|&i| points[i]))
-            };
-            person.iter().for_each(|&i| products[i] = (points[i].0.dot(&median), median.norm_squared()));
-        }
-        (products, all.norm())
+    // Per node: the motions of all models, and their median.
+    let of_node = |&node: &NodeId| -> (Vec<Vector2<f64>>, Vector2<f64>) {
+        let motions: Vec<Vector2<f64>> = (0..models.len()).map(|i| motion(node, i)).collect();
+        let median = geometric_median(&PointSet::known(&motions, weights.as_deref()), &ExactOptions::default()).point;
+        (motions, median)
     };
-    let nodes: Vec<(Vec<(f64, f64)>, f64)> = live.par_iter().map(of_node).collect();
+    let nodes: Vec<(Vec<Vector2<f64>>, Vector2<f64>)> = live.par_iter().map(of_node).collect();
     let mut values = vec![[None; 4]; models.len()];
     let mut missing = Vec::new();
     for (r, region) in AmplitudeRegion::ALL.into_iter().enumerate() {
-        let members: Vec<&(Vec<(f64, f64)>, f64)> =
+        let members: Vec<&(Vec<Vector2<f64>>, Vector2<f64>)> =
             nodes.iter().zip(&is_in).filter(|(_, is_in)| is_in[r]).map(|(n, _)| n).collect();
-        let mean = members.iter().map(|node| node.1).sum::<f64>() / members.len().max(1) as f64;
+        let mean = members.iter().map(|(_, median)| median.norm()).sum::<f64>() / members.len().max(1) as f64;
         if !(mean >= LEAST_MOTION) {
             let why = format!(
                 "the median motion moves these nodes by {mean:.2} face units on average, less than {LEAST_MOTION}, the least that can be \
@@ -138,8 +120,9 @@ pub fn amplitudes(models: &[&SequenceModel], wireframe: &Wireframe, tables: &Tab
             missing.push((region, why));
             continue;
         }
+        let square: f64 = members.iter().map(|(_, median)| median.norm_squared()).sum();
         for (i, value) in values.iter_mut().enumerate() {
-            let (product, square) = members.iter().fold((0.0, 0.0), |(p, s), node| (p + node.0[i].0, s + node.0[i].1));
+            let product: f64 = members.iter().map(|(motions, median)| motions[i].dot(median)).sum();
             value[r] = Some(product / square).filter(|a| a.is_finite());
         }
     }
@@ -167,18 +150,40 @@ mod tests {
         amplitudes(&models.iter().collect::<Vec<_>>(), &Wireframe::candide3(), &Tables::candide3())
     }
 
-    #[test]
-    fn people_are_not_compared_with_themselves() {
-        let models = [("a", 10.0), ("b", 20.0), ("c", 40.0), ("d", -90.0)].map(|(s, x)| moving(s, "1", x));
-        // Without a: -90, 20, 40: 20. Without b: -90, 10, 40: 10. Without c: -90, 10, 20: 10. Without d: 10, 20, 40: 20.
-        let found = of(&models);
-        for (value, expected) in found.values.iter().zip([0.5, 2.0, 4.0, -4.5]) {
-            #[allow(clippy::needless_range_loop)]
-            for region in 0..4 {
-                approx::assert_relative_eq!(value[region].unwrap(), expected, max_relative = 1e-6);
-            }
-        }
+    /// The amplitudes of the whole face, and whether those of the regions are equal.
+    fn of_face(models: &[SequenceModel]) -> Vec<f64> {
+        let found = of(models);
         assert!(found.missing.is_empty());
+        let value = |values: &[Option<f64>; 4]| {
+            values.iter().for_each(|v| approx::assert_relative_eq!(v.unwrap(), values[0].unwrap(), max_relative = 1e-9));
+            values[0].unwrap()
+        };
+        found.values.iter().map(value).collect()
+    }
+
+    #[test]
+    fn everybody_is_measured_with_the_median_of_all() {
+        // The median of 10, 20, 40, -90, 25 is 20.
+        let models = [("a", 10.0), ("b", 20.0), ("c", 40.0), ("d", -90.0), ("e", 25.0)].map(|(s, x)| moving(s, "1", x));
+        for (found, expected) in of_face(&models).iter().zip([0.5, 1.0, 2.0, -4.5, 1.25]) {
+            approx::assert_relative_eq!(*found, expected, max_relative = 1e-9);
+        }
+        // Somebody with two sequences counts once: the median of 10, 20, 30, and of 30 with half a weight each, is 20.
+        let models = [("a", "1", 10.0), ("b", "1", 20.0), ("c", "1", 30.0), ("c", "2", 30.0)].map(|(s, n, x)| moving(s, n, x));
+        for (found, expected) in of_face(&models).iter().zip([0.5, 1.0, 1.5, 1.5]) {
+            approx::assert_relative_eq!(*found, expected, max_relative = 1e-6);
+        }
+    }
+
+    #[test]
+    fn ratios_of_two_groups_that_differ_are_those_of_their_motions() {
+        // Two groups of eight: 10.0 to 10.7, and 15.0 to 15.7.
+        let models: Vec<_> =
+            (0..16).map(|k| moving(&format!("p{k:02}"), "1", if k < 8 { 10.0 } else { 15.0 } + 0.1 * f64::from(k % 8))).collect();
+        let found = of_face(&models);
+        approx::assert_relative_eq!(found[8] / found[0], 1.5, max_relative = 1e-9);
+        // Half way between the groups, 12.85, where the median of an even number lies.
+        approx::assert_relative_eq!(found[15], 15.7 / 12.85, max_relative = 1e-9);
     }
 
     #[test]
