@@ -1,5 +1,7 @@
 //! The target motion of the feature points, and their motion in every member of a bank.
 
+use std::collections::BTreeSet;
+
 use nalgebra::Vector3;
 
 use super::{Bank, fitness::fitness};
@@ -143,6 +145,12 @@ pub(crate) const FREE_FAR: f64 = 2.0;
 /// showed anger and sadness with three shapes of the lids, 1.3 to 3.7 strong, and eyes wide open that should narrow.
 pub(crate) const PLANAR_RIDGE: f64 = 0.02;
 
+/// Ridge on the weight of a member, as a fraction of the squared motion of its feature points far from all that moves, times the share that
+/// these have of its motion. Members that move the mouth to and fro leave its feature points where they are and change its shape
+/// nevertheless: brows that rose alone pressed the lips together with six shapes. So each such member counts by itself. One that hardly moves
+/// anything elsewhere, as a smile the lids, is no such member.
+const ELSEWHERE: f64 = 20.0;
+
 /// Whether feature points of a group may take those of another group along: chin and lips are one part, and move cheeks and nose.
 fn takes_along(group: u8, other: u8) -> bool {
     let is_mouth = |group: u8| matches!(group, 2 | 8);
@@ -201,6 +209,8 @@ pub struct Goal {
     free: Vec<f64>,
     /// Largest motions of the free feature points, as a fraction of the longest target motion, times their weights.
     free_limits: Vec<f64>,
+    /// For each member the squared motion of the feature points far from those that move, times its share of the member's.
+    elsewhere: Vec<f64>,
 }
 
 impl Goal {
@@ -223,11 +233,33 @@ impl Goal {
         let limit = |&point: &usize| weight(point) * basis.free_reach(point, &moving_points);
         let free_limits = free_points.iter().map(limit).collect();
         let free = motions(&free_points, &|point, v| motion.free(point, v).map(|c| c * weight(point)));
+        let known: BTreeSet<usize> = points.iter().chain(&free_points).copied().collect();
+        let (near, far): (Vec<usize>, Vec<usize>) = known.into_iter().partition(|&point| basis.is_near(point, &moving_points));
+        let square_at = |member: usize, &point: &usize| {
+            let [x, y, _] = basis.motion(member, point);
+            x * x + y * y
+        };
+        let square_elsewhere = |member: usize| {
+            let [near, far] = [&near, &far].map(|points| points.iter().map(|point| square_at(member, point)).sum::<f64>());
+            if far > 0.0 { far * far / (near + far) } else { 0.0 }
+        };
+        let elsewhere = (0..members).map(square_elsewhere).collect();
         let directions = moving.iter().flat_map(|(_, v)| v.map(|c| c / norm(v))).collect();
         let length = moving.iter().map(|(_, v)| norm(v)).sum();
         let target = moving.iter().map(|p| p.1).chain(staying.iter().map(|_| [0.0; 3])).flatten().collect();
         let is_planar = motion.planar;
-        Some(Self { members, moving: moving.len(), target, is_planar, directions, length, candidates, free, free_limits })
+        Some(Self {
+            members,
+            moving: moving.len(),
+            target,
+            is_planar,
+            directions,
+            length,
+            candidates,
+            free,
+            free_limits,
+            elsewhere,
+        })
     }
 
     /// Number of members M.
@@ -264,6 +296,11 @@ impl Goal {
     pub(super) fn free_candidate(&self, member: usize) -> &[f64] {
         let size = self.free.len() / self.members.max(1);
         &self.free[member * size..(member + 1) * size]
+    }
+
+    /// Ridge on the weight of a member for what it moves elsewhere on the face, see [`ELSEWHERE`]. The unit of squared motion.
+    pub(super) fn ridge_elsewhere(&self, member: usize) -> f64 {
+        if self.is_planar { ELSEWHERE * self.elsewhere[member] } else { 0.0 }
     }
 
     /// Ridge on the weights, as a fraction of the members' mean squared motion.

@@ -14,6 +14,14 @@ fn faps_that_a_file_does_not_set_are_free() {
     let smile = mask(&[12, 13]);
     work.write("smile.fap", format!("2.1 smile 25 3\n{smile}\n0 0 0\n{smile}\n1 200 200\n{smile}\n2 400 400\n"));
     work.grimace("fap convert smile.fap --mask all -o all.fap").exit(0);
+    // Brows that rise: members that move the mouth to and fro would leave its feature points where they are.
+    let brows = mask(&[31, 32, 33, 34, 35, 36]);
+    work.write("brows.fap", format!("2.1 brows 25 2\n{brows}\n0 0 0 0 0 0 0\n{brows}\n1 300 300 250 250 200 200\n"));
+    work.grimace("synthesize -b head -m brows.fap -o brows --bound-starts 0 --format glb").exit(0);
+    let rows = work.rows("brows/weights.csv");
+    let mouth = rows[1].iter().filter(|(name, _)| name.starts_with("mouth") || name.as_str() == "sadness");
+    let mouth: f64 = mouth.map(|(_, weight)| weight.parse::<f64>().unwrap()).sum();
+    assert!(mouth < 0.1 && report(&work, "brows")["shown"].as_f64().unwrap() > 0.9, "{:?}", rows[1]);
     let ran = ["lids", "smile", "all"]
         .map(|name| work.grimace(&format!("synthesize -b head -m {name}.fap -o {name} --bound-starts 0 --format glb")).exit(0));
     let rows = work.rows("lids/weights.csv");

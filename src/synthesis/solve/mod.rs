@@ -107,7 +107,7 @@ fn normal_equations(goal: &Goal) -> (DMatrix<f64>, DVector<f64>) {
     let free = DMatrix::from_fn(goal.free_candidate(0).len(), goal.member_count(), |row, m| goal.free_candidate(m)[row]);
     let mut gram = matrix.tr_mul(&matrix) + free.tr_mul(&free);
     let ridge = goal.ridge() * gram.trace() / goal.member_count() as f64;
-    (0..goal.member_count()).for_each(|k| gram[(k, k)] += ridge);
+    (0..goal.member_count()).for_each(|k| gram[(k, k)] += ridge + goal.ridge_elsewhere(k));
     (gram, matrix.tr_mul(&DVector::from_column_slice(goal.target())))
 }
 
