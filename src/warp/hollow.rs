@@ -2,7 +2,7 @@
 //!
 //! Below the bone of the brow the skin lies in a shaded hollow. A rising brow pulls that skin out of the shade, which lightens it in proportion;
 //! stretching the photograph would instead leave a large dark patch. So the shade is measured once on the photograph: the ratio to the bright
-//! skin nearby, per channel, without lashes (see `lid_skin`) and without fine detail. It is reduced as the hollow is drawn out. The page of `play`
+//! skin of the hollow or the forehead, per channel, without lashes (see `lid_skin`) and without fine detail. It is reduced as the hollow is drawn out. The page of `play`
 //! does the same with WebGL (`player/assets/brows.js` and `gl.js`): change both together.
 
 use nalgebra::Point2;
@@ -22,20 +22,25 @@ use crate::interpolation::smooth_step;
 pub const COLUMNS: usize = 24;
 pub const ROWS: usize = 10;
 /// First and last column, as fractions of the way from the outer to the inner corner.
-pub const ALONG: (f64, f64) = (-0.25, 1.40);
+pub const ALONG: (f64, f64) = (-0.25, 1.55);
 /// Widths of the fades: at both ends of the columns, then (as fractions of the way from lid to brow) above the lid and below the brow.
-const BEGINS: (f64, f64) = (0.22, 0.30);
+const BEGINS: (f64, f64) = (0.22, 0.35);
 const ABOVE_LID: f64 = 0.20;
 const BELOW_BROW: f64 = 0.25;
 /// Samples averaged per grid point, each way.
 const GRAINS: usize = 3;
 /// Quantiles of brightness between which the skin between the corners counts as not shaded.
 const BRIGHT: (f64, f64) = (0.70, 0.90);
+/// Where the skin of the forehead is read: above the lower edge of the brow, as fractions of the way from lid to brow; its quantiles of
+/// brightness that count, since hair is darker and shine is brighter; and the largest ratio to the bright skin of the hollow.
+const ABOVE_BROW: [f64; 4] = [0.9, 1.1, 1.3, 1.5];
+const EVEN: (f64, f64) = (0.40, 0.70);
+const BRIGHTER: f32 = 1.35;
 /// Darkest value, as the logarithm of a ratio; the page cannot lighten anything by more than a factor of two.
 pub const DARKEST: f32 = -0.85;
 /// Factor on the lightening that follows from the length of the skin alone, and the largest fraction of the shade that is removed.
 pub const LIGHTER: f64 = 1.6;
-pub const MOST: f64 = 0.8;
+pub const MOST: f64 = 0.95;
 
 /// The shade between one brow and its lid.
 #[derive(Clone, Debug)]
@@ -64,6 +69,7 @@ impl Hollow {
         bright.sort_by(|a, b| luma(*a).total_cmp(&luma(*b)));
         let part = |share: f64| (share * bright.len() as f64) as usize;
         let bright = lid_skin::mean(bright.get(part(BRIGHT.0)..part(BRIGHT.1))?)?;
+        let bright = hollow.lit(lid, bright, texture);
         let log = |level: f32, bright: f32| ((level.max(0.0) + FLOOR) / (bright.max(0.0) + FLOOR)).ln().clamp(DARKEST, 0.0);
         let logs = colours.iter().enumerate().map(|(k, colour)| {
             let share = share_at(k % COLUMNS, k / COLUMNS);
@@ -71,6 +77,25 @@ impl Hollow {
         });
         hollow.logs = logs.collect();
         Some(hollow)
+    }
+
+    /// Colour of the hollow's skin out of the shade: that of its own bright skin, or of the forehead above the brow where that is brighter.
+    /// In deep-set eyes all of the hollow lies in the shade.
+    fn lit(&self, lid: &LidSkin, bright: [f32; 3], texture: &Texture) -> [f32; 3] {
+        let columns = (0..COLUMNS).filter(|&k| (0.0..1.0).contains(&along(k)));
+        let above = columns.flat_map(|k| {
+            let way = self.brow[k] - lid.edge_at(along(k));
+            ABOVE_BROW.map(|share| texture.sample(lid.at(along(k), self.brow[k] + share * way)))
+        });
+        let mut above: Vec<[f32; 3]> = above.collect();
+        above.sort_by(|a, b| luma(*a).total_cmp(&luma(*b)));
+        let part = |share: f64| (share * above.len() as f64) as usize;
+        let Some(forehead) = above.get(part(EVEN.0)..part(EVEN.1)).and_then(lid_skin::mean) else { return bright };
+        if luma(forehead) <= luma(bright) {
+            return bright;
+        }
+        let ratio = |c: usize| ((forehead[c].max(0.0) + FLOOR) / (bright[c].max(0.0) + FLOOR)).clamp(1.0, BRIGHTER);
+        std::array::from_fn(|c| bright[c] * ratio(c))
     }
 
     /// Mean skin around a grid point, without lashes.

@@ -27,8 +27,9 @@ const PLACES: usize = 28;
 const BESIDE: usize = 3;
 /// Quantiles of brightness between which the colours above a position count as skin without lashes.
 const SKIN: (f64, f64) = (0.75, 0.95);
-/// Brightness relative to that skin at which lashes end.
+/// Brightness relative to that skin at which lashes end: of the mean over neighbouring positions, and of the second darkest of them.
 const LASHLESS: f64 = 0.93;
+const THREADLESS: f64 = 0.90;
 /// Steepest slope of the height of the lashes along the lid.
 const FALL: f64 = 0.6;
 /// Least height of the band of lashes, and the height over which the replacement fades above it, in eye distances. The fade ends before the
@@ -108,7 +109,14 @@ impl LidSkin {
             lid.skin.push(mean(&colours[part(SKIN.0)..part(SKIN.1)])?);
             let limit = LASHLESS as f32 * luma(lid.skin[k]);
             let row = |m: usize| beside.iter().map(|column| luma(column[m])).sum::<f32>() / beside.len() as f32;
-            let reach = (0..steps).find(|&m| m as f64 * STEP >= LEAST_BAND && row(m) >= limit).unwrap_or(steps);
+            // Long lashes stand apart: their mean is nearly as bright as the skin, and single ones are not.
+            let thread = |m: usize| {
+                let mut levels: Vec<f32> = beside.iter().map(|column| luma(column[m])).collect();
+                levels.sort_by(f32::total_cmp);
+                levels[1.min(levels.len() - 1)]
+            };
+            let is_skin = |m: usize| row(m) >= limit && thread(m) >= THREADLESS as f32 * luma(lid.skin[k]);
+            let reach = (0..steps).find(|&m| m as f64 * STEP >= LEAST_BAND && is_skin(m)).unwrap_or(steps);
             lid.band.push(reach as f64 * STEP * unit);
         }
         lid.skin = smoothed(&lid.skin, |list| mean(list).unwrap_or_default());
