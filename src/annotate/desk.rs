@@ -305,7 +305,10 @@ impl Desk {
                 let none = "no face with two eyes was found".to_owned();
                 Ok(Proposed { source: None, marks: Vec::new(), note: Some(note.unwrap_or(none)) })
             }
-            Err(reason) => Ok(Proposed { source: None, marks: Vec::new(), note: Some(note.unwrap_or(reason)) }),
+            Err(reason) => {
+                let none = format!("no face was found, and OpenCV's cascades were not tried: {reason}");
+                Ok(Proposed { source: None, marks: Vec::new(), note: Some(note.unwrap_or(none)) })
+            }
         }
     }
 

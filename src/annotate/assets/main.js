@@ -90,9 +90,17 @@ class Page {
     this.listen();
     await this.refreshList();
     const wanted = decodeURIComponent(location.hash.slice(1));
-    const first = this.sequences.find((s) => s.id === wanted) ?? this.sequences.find((s) => this.isLeft(s)) ?? this.sequences[0];
+    // Marks that did not reach the server come first: opening their sequence offers them.
+    const drafts = mode === 'marks' ? this.drafts.ids() : [];
+    const listed = (id) => this.sequences.find((s) => s.id === id);
+    const first = listed(wanted) ?? drafts.map(listed).find(Boolean) ?? this.sequences.find((s) => this.isLeft(s)) ?? this.sequences[0];
     if (first) await this.open(first.id);
     else this.allDone();
+    const others = drafts.filter((id) => id !== first?.id);
+    if (others.length) {
+      const hidden = others.some((id) => !listed(id)) ? ' Sequences with enough marks are listed by “grimace annotate DATASET --all”.' : '';
+      this.notice(`${others.length === 1 ? '1 sequence has' : `${others.length} sequences have`} changes that were not saved: ${others.slice(0, 5).join(', ')}. Open it to save them.${hidden}`.replace('Open it', others.length === 1 ? 'Open it' : 'Open them'), true);
+    }
   }
 
   // Calls of the stage, passed to the current work.
@@ -106,6 +114,7 @@ class Page {
   dragStart(...what) { this.hideNotice(); this.work.dragStart(...what); }
   dragMove(...what) { this.work.dragMove(...what); }
   dragEnd(...what) { this.work.dragEnd(...what); }
+  unreadable() { this.notice(`Frame ${this.work.frame} cannot be read: its file is damaged or is no picture.`, true); }
   wantsLoupe() { return this.work.wantsLoupe(); }
 
   /** The part of a wireframe that the view zooms to: without skull and outline. */
@@ -216,8 +225,10 @@ class Page {
     const draw = () => {
       const words = get('filter').value.toLowerCase().split(/\s+/).filter(Boolean);
       const fits = (s) => words.every((w) => `${s.id} ${s.emotion}`.toLowerCase().includes(w));
+      const fitting = this.sequences.filter(fits);
+      get('found').textContent = fitting.length ? '' : 'No sequence matches.';
       get('sequence-list').replaceChildren(
-        ...this.sequences.filter(fits).slice(0, 500).map((s) => {
+        ...fitting.slice(0, 500).map((s) => {
           const item = document.createElement('li');
           const button = document.createElement('button');
           const part = (className, text) => Object.assign(document.createElement('span'), { className, textContent: text });
@@ -235,6 +246,17 @@ class Page {
     };
     get('filter').value = '';
     get('filter').oninput = draw;
+    // Enter opens the first that matches; arrows go through the list.
+    get('sequences').onkeydown = (event) => {
+      const rows = [...get('sequence-list').querySelectorAll('button')];
+      const at = rows.indexOf(document.activeElement);
+      const to = { ArrowDown: at + 1, ArrowUp: at - 1 }[event.key];
+      if (event.key === 'Enter' && document.activeElement === get('filter')) rows[0]?.click();
+      else if (to !== undefined && to < 0) get('filter').focus();
+      else if (to !== undefined) rows[Math.min(to, rows.length - 1)]?.focus();
+      else return;
+      event.preventDefault();
+    };
     get('failures').textContent = this.failures.length ? `Not shown: ${this.failures.join('; ')}` : '';
     draw();
     get('sequences').showModal();
@@ -309,7 +331,10 @@ class Page {
   showProblem(text) {
     const box = get('notice');
     if (text) {
-      this.notice(sentence(text), true);
+      // The command line names nodes by number, this page by name.
+      const named = (n) => `“${this.setup.nodes[n]?.name ?? n}”`;
+      const said = text.replace(/nodes (\d+ and \d+(?:, \d+ and \d+)*)/g, (_, list) => list.replace(/\d+/g, named));
+      this.notice(sentence(said), true);
       box.classList.add('problem');
     } else if (box.classList.contains('problem')) {
       this.hideNotice();

@@ -63,6 +63,7 @@ export class Marking {
   startWith(marks) {
     this.marks = new Map(marks.map((m) => [m.node, m]));
     this.proposals = [];
+    this.offered = [];
     this.undone = [];
     this.done = [];
     this.selected = null;
@@ -129,6 +130,8 @@ export class Marking {
 
   changed() {
     this.fresh = false;
+    // Undoing a mark that was proposed brings the proposal back.
+    if (this.marks.size < this.setup.enough) this.proposals = this.offered;
     this.proposals = this.proposals.filter((p) => !this.marks.has(p.node));
     if (this.chosen !== null && this.marks.has(this.chosen)) this.chosen = null;
     this.refit();
@@ -192,6 +195,7 @@ export class Marking {
 
   dismiss() {
     this.proposals = [];
+    this.offered = [];
     this.refit();
     this.render();
   }
@@ -285,6 +289,7 @@ export class Marking {
       if (id !== this.id) return;
       this.source = answer.source;
       this.proposalNote = answer.note || '';
+      this.offered = answer.marks;
       if (this.marks.size < this.setup.enough) this.proposals = answer.marks.filter((p) => !this.marks.has(p.node));
       this.fresh ||= this.proposals.length > 0 && !this.marks.size;
       this.refit();
@@ -320,6 +325,7 @@ export class Marking {
   }
 
   async setRange(neutral, apex, createManifest = false) {
+    if (this.page.stage.broken) return this.page.unreadable();
     const id = this.id;
     await this.page.saver.settled(id);
     try {

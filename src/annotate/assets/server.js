@@ -80,6 +80,15 @@ export class Drafts {
     } catch { /* As above. */ }
   }
 
+  /** The sequences with such marks. */
+  ids() {
+    try {
+      return Object.keys(localStorage).filter((key) => key.startsWith(this.prefix)).map((key) => key.slice(this.prefix.length)).sort();
+    } catch {
+      return [];
+    }
+  }
+
   of(id) {
     try {
       return JSON.parse(localStorage.getItem(this.prefix + id));

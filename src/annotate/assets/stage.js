@@ -14,7 +14,8 @@ const BRIEF_MS = 2500;
 export class Stage {
   /**
    * Methods of `host`: `hit(point, reach)` returns the thing at a point or null; `tap(point, thing)`, `dragStart(thing)`,
-   * `dragMove(thing, point)` and `dragEnd(thing)` are called for gestures.
+   * `dragMove(thing, point)` and `dragEnd(thing)` are called for gestures; `unreadable()` when a frame cannot be read, and `hideNotice()`
+   * when another is shown after it.
    */
   constructor(host) {
     this.host = host;
@@ -26,6 +27,15 @@ export class Stage {
     this.markLayer = document.getElementById('marks');
     this.loupe = document.getElementById('loupe');
     this.bitmap = new Image();
+    /** Whether the frame shown cannot be read. */
+    this.broken = false;
+    this.photo.addEventListener('error', () => {
+      if (!this.photo.hasAttribute('href')) return;
+      this.broken = true;
+      // Not the browser's sign for a picture that is not there.
+      this.photo.removeAttribute('href');
+      host.unreadable();
+    });
     this.size = [1, 1];
     this.zoom = 1;
     this.offset = [0, 0];
@@ -53,6 +63,8 @@ export class Stage {
     this.size = [width, height];
     this.photo.setAttribute('width', width);
     this.photo.setAttribute('height', height);
+    if (this.broken) this.host.hideNotice();
+    this.broken = false;
     this.photo.setAttribute('href', url);
     this.bitmap = new Image();
     this.bitmap.src = url;

@@ -354,7 +354,8 @@ class FacePlayer {
     // A focused control keeps the keys that it uses: a slider those that move it, a checkbox the one that toggles it, a menu all.
     const field = event.target.closest?.("input, select, textarea, summary, a");
     const own = { range: ["ArrowLeft", "ArrowRight", "Home", "End"], checkbox: [" "] }[field?.type];
-    const inField = field && !(own && !own.includes(event.key));
+    // The slider of time moves by its thousandth parts under a pointer; its keys step as elsewhere in the player.
+    const inField = field && field !== this.slider && !(own && !own.includes(event.key));
     const act = {
       " ": () => this.toggle(),
       k: () => this.toggle(),

@@ -71,6 +71,10 @@ if (overview) {
   }));
 }
 
+// Headings that a link jumps to stay clear of the contents, which are one to three lines high.
+const contents = $(".contents");
+if (contents) new ResizeObserver(() => (document.documentElement.style.scrollPaddingTop = `${contents.offsetHeight + 12}px`)).observe(contents);
+
 let resizing = 0;
 addEventListener("resize", () => {
   cancelAnimationFrame(resizing);
