@@ -152,6 +152,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         )
     });
     output::write_records(&args.output, ["image", "face", "node", "x", "y", "expected_error"], rows)?;
+    let undrawn: Vec<&anyhow::Error> = found.iter().filter_map(|found| found.as_ref().ok()?.undrawn.as_ref()).collect();
     let (mut empty, mut unreadable, mut doubtful, mut covered, mut count) = (0, failures.len(), 0, 0, 0);
     for failure in &failures {
         eprintln!("{failure}");
@@ -211,6 +212,14 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             if unreadable > 0 { format!(", {unreadable} unreadable") } else { String::new() }
         );
     }
+    if let Some(first) = undrawn.first() {
+        anyhow::bail!(
+            "{} of --overlay could not be written: {}; the points of all faces are in {}",
+            output::count(undrawn.len(), "picture", "pictures"),
+            super::chain(first),
+            args.output.display()
+        );
+    }
     Ok(if empty + unreadable > 0 { Outcome::SomeFailed } else { Outcome::Done })
 }
 
@@ -222,6 +231,8 @@ struct Located {
     size: ImageSize,
     /// What is to be said of the picture.
     remark: Option<String>,
+    /// Why the picture with the points could not be written.
+    undrawn: Option<anyhow::Error>,
 }
 
 fn locate(
@@ -237,12 +248,13 @@ fn locate(
     if let Some(colour) = &colour {
         faces.iter_mut().for_each(|face| _ = face.look_for_teeth(colour));
     }
-    if let Some((folder, number)) = overlay {
+    let draw = |(folder, number): (&Path, usize)| -> anyhow::Result<()> {
         let stem = Path::new(&picture.name).file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let points: Vec<_> =
             faces.iter().flat_map(|f| f.points.iter().map(|p| (p.position, p.expected_error, f.eye_distance))).collect();
         let path = folder.join(format!("{:04}_{stem}.png", number + 1));
-        output::write_bytes(&path, &png_bytes(&draw_points(&image, &points))?)?;
-    }
-    Ok(Located { faces, left_out, size, remark })
+        Ok(output::write_bytes(&path, &png_bytes(&draw_points(&image, &points))?)?)
+    };
+    let undrawn = overlay.and_then(|place| draw(place).err());
+    Ok(Located { faces, left_out, size, remark, undrawn })
 }

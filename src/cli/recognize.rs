@@ -257,8 +257,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let seen = unseen.iter().filter(|m| subjects.contains(m.model.id.subject.as_str())).count();
     if seen > 0 {
         eprintln!(
-            "note: {seen} of the sequences show people of the training data, so their results are optimistic; recognition.csv of `run` \
-             holds out every person"
+            "note: {seen} of the sequences have names of people of the training data; if they are the same people, their results are \
+             optimistic; recognition.csv of `run` holds out every person"
         );
     }
     let row = |m: &AnalyzedModel| -> anyhow::Result<RecognizedRow> {

@@ -13,7 +13,8 @@ use super::{
     failures::say_failures,
     progress::SequenceBar,
     shared::{
-        AnalysisArgs, CheckArgs, FitArgs, GeneralArgs, MarksArgs, MethodArgs, TrackArgs, set_threads, stop_flag, thread_count,
+        AnalysisArgs, CheckArgs, FitArgs, GeneralArgs, MarksArgs, MethodArgs, TrackArgs, quoted, set_threads, stop_flag,
+        thread_count,
     },
 };
 
@@ -151,9 +152,9 @@ fn print_summary(summary: &RunSummary, args: &Args) {
         println!(
             "next: look at them with grimace annotate {} --tracks {}: Y where one looks right, X to leave one out (or write id,look into \
              {}); then run again",
-            args.dataset.display(),
-            out.display(),
-            out.join("looked_at.csv").display()
+            quoted(&args.dataset.display().to_string()),
+            quoted(&out.display().to_string()),
+            quoted(&out.join("looked_at.csv").display().to_string())
         );
     }
 }

@@ -117,19 +117,21 @@ fn check_output(out: &Path, dataset: &str, bench: &Workbench, force: bool) -> Re
         let empty = entries.all(|e| e.is_ok_and(|e| is_left(&e.file_name())));
         return if empty || force { Ok(None) } else { Err(RunError::ForeignFolder { path: out.to_owned() }) };
     };
-    let what = if earlier.dataset != dataset {
+    // A track says which version made it; a run of one version has no tracks of another.
+    let is_other_version = earlier.made_by != MADE_BY;
+    let what = if is_other_version {
+        Some(format!("another version, {} (all sequences would be tracked again)", earlier.made_by))
+    } else if earlier.dataset != dataset {
         Some(format!("another dataset, `{}`", earlier.dataset))
     } else if earlier.options != bench.options {
-        Some(format!("other options ({})", differing_options(&earlier.options, &bench.options).join("; ")))
-    } else if let Some(what) = differing_wireframes(earlier.wireframe_blake3.as_deref(), bench.wireframe_blake3.as_deref()) {
-        Some(what.to_owned())
-    } else if earlier.made_by != MADE_BY {
-        Some(format!("another version, {}", earlier.made_by))
+        let options = differing_options(&earlier.options, &bench.options).join("; ");
+        Some(format!("other options ({options}; unchanged tracks are kept)"))
     } else {
-        None
+        differing_wireframes(earlier.wireframe_blake3.as_deref(), bench.wireframe_blake3.as_deref()).map(str::to_owned)
     };
     match what {
         Some(what) if !force => Err(RunError::OtherRun { path: out.to_owned(), what }),
+        Some(_) if is_other_version => Ok(Some(RunJson { complete: false, sequences: Vec::new(), ..earlier })),
         Some(_) => Ok(Some(RunJson { complete: false, ..earlier })),
         None => Ok(Some(earlier)),
     }

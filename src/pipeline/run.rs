@@ -161,11 +161,11 @@ pub enum RunError {
         path: PathBuf,
     },
     /// The output folder holds a run of another dataset or with other options.
-    #[error("{} holds a run with {what}; choose another folder, or give --force to replace its results (unchanged tracks are kept)", path.display())]
+    #[error("{} holds a run with {what}; choose another folder, or give --force to replace its results", path.display())]
     OtherRun {
         /// The folder.
         path: PathBuf,
-        /// What differs.
+        /// What differs, and what becomes of the tracks.
         what: String,
     },
     /// The record of earlier runs cannot be read.
@@ -210,6 +210,18 @@ pub enum RunError {
         path: PathBuf,
         /// Text about the number of others.
         more: String,
+    },
+    /// Results are no longer there.
+    #[error(
+        "{}: {} removed while the run was writing into this folder; run the same command again to make what is missing",
+        path.display(), crate::output::count(*gone, "result was", "results were")
+    )]
+    #[doc(hidden)]
+    Vanished {
+        /// The first of them.
+        path: PathBuf,
+        /// How many.
+        gone: usize,
     },
     /// A file cannot be written.
     #[error(transparent)]
@@ -394,6 +406,7 @@ pub fn run(
     outputs.extend(written);
     // All results must be on disk before the record names them.
     output::sync_written()?;
+    check_there(&outputs, out)?;
     let (kept, changed) = ledger.remove_stale(&outputs);
     said.extend(changed);
     (record.outputs, record.kept) = (outputs, kept);
@@ -407,6 +420,12 @@ pub fn run(
     // The results now contain the separately computed parts. The folder is removed if it is empty.
     let _ = fs::remove_dir(out.join(PARTS_FOLDER));
     Ok(RunSummary { tracked, reused, unchanged: false, ..summary_of(&record) })
+}
+
+/// Checks that nobody removed the folder, or files in it, while they were written.
+fn check_there(outputs: &BTreeMap<String, String>, out: &Path) -> Result<(), RunError> {
+    let gone: Vec<&String> = outputs.keys().filter(|name| fs::symlink_metadata(out.join(name)).is_err()).collect();
+    gone.first().map_or(Ok(()), |first| Err(RunError::Vanished { path: out.join(first), gone: gone.len() }))
 }
 
 /// Notes about overlay pictures of people who may not be shown, from earlier runs: this run has already removed its own.

@@ -13,7 +13,7 @@ fn pictures_are_recognized_as_their_tracks_are() {
     work.write("faces/manifest.csv", "subject,sequence\nS001,005\nS001,007\nS009,001\n");
     let ran = work.grimace("recognize --with R faces -o unlabelled.csv -j 1").exit(3);
     let ran = ran.prints(&["2 sequences recognized"]).says(&["failed: S009_001 at dataset: "]);
-    assert!(ran.stderr.contains("2 of the sequences show people of the training data"), "{}", ran.stderr);
+    assert!(ran.stderr.contains("2 of the sequences have names of people of the training data"), "{}", ran.stderr);
     let unlabelled = work.read("tracks.csv").replace("005,happiness,", "005,,").replace("007,surprise,", "007,,");
     assert_eq!(work.read("unlabelled.csv"), unlabelled);
     // If emotions are given, they are in the table; a folder of frames is a sequence.

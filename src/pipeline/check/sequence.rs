@@ -213,6 +213,7 @@ impl CheckedSequence {
         let mut summary = summarize(&[neutral], &bench.wireframe, &bench.tables)
             .with_marks_beside(beside)
             .with_covered(covered_said(&source.covered));
+        let mut hidden = None;
         if let FrameSource::Images(files) = &source.frames {
             let ends = [files.first(), files.last()].into_iter().flatten().cloned().collect();
             let ends = SequenceReader::open_part(&FrameSource::Images(ends), &source.frames).map_err(&failed)?;
@@ -224,9 +225,11 @@ impl CheckedSequence {
             if let Some(last) = ends.last().filter(|_| bench.options.track.locates()) {
                 let nodes = fitted.model.nodes();
                 let ends = Ends::look((first.image(), nodes), (last.image(), nodes));
-                summary = summary
-                    .with_mouth_back(mouth_back_said(ends.mouth_moved, first.number(), last.number()))
-                    .with_covered_at_apex(covered_at_apex_said(&ends.covered, last.number()));
+                summary = summary.with_mouth_back(mouth_back_said(ends.mouth_moved, first.number(), last.number()));
+                // Quick brows look covered, too; a run tells them apart by the nodes that it loses on the way.
+                let said = covered_at_apex_said(&ends.covered, last.number());
+                hidden =
+                    said.map(|said| format!("{said} (by the first and the last frame alone; a run sees the frames between)"));
             }
         }
         let two = match &source.frames {
@@ -236,7 +239,7 @@ impl CheckedSequence {
             },
             FrameSource::Video { .. } => None,
         };
-        Ok((summary, two.into_iter().chain(unread_beside(&source.frames)).collect()))
+        Ok((summary, two.into_iter().chain(unread_beside(&source.frames)).chain(hidden).collect()))
     }
 
     /// Drives the wireframe by landmarks as a run does. Returns the track's reasons for review, and further notes.
