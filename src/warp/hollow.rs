@@ -2,8 +2,8 @@
 //!
 //! Below the bone of the brow the skin lies in a shaded hollow. A rising brow pulls that skin out of the shade, which lightens it in proportion;
 //! stretching the photograph would instead leave a large dark patch. So the shade is measured once on the photograph: the ratio to the bright
-//! skin of the hollow or the forehead, per channel, without lashes (see `lid_skin`) and without fine detail. It is reduced as the hollow is drawn out. The page of `play`
-//! does the same with WebGL (`player/assets/brows.js` and `gl.js`): change both together.
+//! skin of the hollow or of the forehead, per channel, without lashes (see `lid_skin`) and without fine detail. It is reduced as the hollow is
+//! drawn out. The page of `play` does the same with WebGL (`player/assets/brows.js` and `gl.js`): change both together.
 
 use nalgebra::Point2;
 
