@@ -19,6 +19,9 @@ use crate::{
 /// Name of the provenance file.
 pub(super) use super::files::RUN_JSON;
 
+/// What becomes of the tracks of a run whose results are replaced by one of this version.
+pub(super) const TRACKS_KEPT: &str = "unchanged tracks are kept";
+
 /// Opens the dataset, checks that the output may be written, and segments recordings into sequences.
 pub(super) fn open(
     dataset: &Path,
@@ -120,17 +123,19 @@ fn check_output(out: &Path, dataset: &str, bench: &Workbench, force: bool) -> Re
     // A track says which version made it; a run of one version has no tracks of another.
     let is_other_version = earlier.made_by != MADE_BY;
     let what = if is_other_version {
-        Some(format!("another version, {} (all sequences would be tracked again)", earlier.made_by))
+        Some(format!("another version, {}", earlier.made_by))
     } else if earlier.dataset != dataset {
         Some(format!("another dataset, `{}`", earlier.dataset))
     } else if earlier.options != bench.options {
-        let options = differing_options(&earlier.options, &bench.options).join("; ");
-        Some(format!("other options ({options}; unchanged tracks are kept)"))
+        Some(format!("other options ({})", differing_options(&earlier.options, &bench.options).join("; ")))
     } else {
         differing_wireframes(earlier.wireframe_blake3.as_deref(), bench.wireframe_blake3.as_deref()).map(str::to_owned)
     };
     match what {
-        Some(what) if !force => Err(RunError::OtherRun { path: out.to_owned(), what }),
+        Some(what) if !force => {
+            let tracks = if is_other_version { "all sequences are tracked again" } else { TRACKS_KEPT };
+            Err(RunError::OtherRun { path: out.to_owned(), what, tracks })
+        }
         Some(_) if is_other_version => Ok(Some(RunJson { complete: false, sequences: Vec::new(), ..earlier })),
         Some(_) => Ok(Some(RunJson { complete: false, ..earlier })),
         None => Ok(Some(earlier)),

@@ -19,7 +19,7 @@ use super::{
     corrected::unused_corrections,
     covariates::COVARIATE_TABLES,
     file_blake3 as hash_of,
-    folder::{RUN_JSON, new_record, open},
+    folder::{RUN_JSON, TRACKS_KEPT, new_record, open},
     ledger::{Ledger, remove_journal},
     looks::{fill_in_new, looks_in, unused_looks},
     overlays::{AmongFrames, OverlayFolder, overlays_of},
@@ -161,12 +161,14 @@ pub enum RunError {
         path: PathBuf,
     },
     /// The output folder holds a run of another dataset or with other options.
-    #[error("{} holds a run with {what}; choose another folder, or give --force to replace its results", path.display())]
+    #[error("{} holds a run with {what}; choose another folder, or give --force to replace its results ({tracks})", path.display())]
     OtherRun {
         /// The folder.
         path: PathBuf,
-        /// What differs, and what becomes of the tracks.
+        /// What differs.
         what: String,
+        /// What becomes of its tracks then.
+        tracks: &'static str,
     },
     /// The record of earlier runs cannot be read.
     #[error(
@@ -214,7 +216,7 @@ pub enum RunError {
     /// Results are no longer there.
     #[error(
         "{}: {} removed while the run was writing into this folder; run the same command again to make what is missing",
-        path.display(), crate::output::count(*gone, "result was", "results were")
+        path.display(), count(*gone, "result was", "results were")
     )]
     #[doc(hidden)]
     Vanished {
@@ -336,7 +338,7 @@ pub fn run(
         && !earlier.sequences.iter().any(|s| planned.iter().any(|p| p.id == s.id))
     {
         let what = format!("another dataset of the same name, `{name}`, that has no sequence in common with this one");
-        return Err(RunError::OtherRun { path: out.to_owned(), what });
+        return Err(RunError::OtherRun { path: out.to_owned(), what, tracks: TRACKS_KEPT });
     }
     let skipped: Vec<(String, String)> = opened.skipped.iter().map(|s| (s.id.to_string(), s.reason.clone())).collect();
     if let Some(earlier) = &earlier

@@ -7,8 +7,8 @@ use super::{PlayerError, Shown, pack};
 use crate::{
     fap::{FAP_UNITS_PER_FAPU, FapCatalog, FapMotion, FapNumber, FapRow, InterpolateError},
     synthesis::{
-        Bank, DrawnEye, FREE_FAR, FREE_NEAR, FaceScene, FpMotion, Motion, MotionKind, PLANAR_RIDGE, SMOOTHING_FRAMES, SingleFap,
-        SingleFaps, Solver, SynthesisError, SynthesisOptions, Synthesizer, Unshown, fapu_length, interpolate,
+        Bank, DrawnEye, ELSEWHERE, FREE_FAR, FREE_NEAR, FaceScene, FpMotion, Motion, MotionKind, PLANAR_RIDGE, SMOOTHING_FRAMES,
+        SingleFap, SingleFaps, Solver, SynthesisError, SynthesisOptions, Synthesizer, Unshown, fapu_length, interpolate,
     },
     units::FeaturePoint,
     wireframe::Axis,
@@ -190,7 +190,7 @@ fn mixture(bank: &Bank, camera: &Camera) -> Result<Value, SynthesisError> {
     Ok(json!({
         "points": pack::whole(bank.feature_points().iter().map(|p| p.vertex)),
         "drivable": drivable.as_flattened(),
-        "free": { "near": FREE_NEAR, "far": FREE_FAR, "ridge": PLANAR_RIDGE },
+        "free": { "near": FREE_NEAR, "far": FREE_FAR, "ridge": PLANAR_RIDGE, "elsewhere": ELSEWHERE },
         "faps": faps.iter().map(of_fap).collect::<Vec<_>>(),
     }))
 }

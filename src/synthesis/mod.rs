@@ -76,7 +76,7 @@ pub(crate) use shown::{HeldBack, Unshown};
 pub use solve::{Signs, Solution, Solver, interpolate};
 pub use source::source_files;
 pub use surface::surface_error;
-pub(crate) use target::{FREE_FAR, FREE_NEAR, PLANAR_RIDGE};
+pub(crate) use target::{ELSEWHERE, FREE_FAR, FREE_NEAR, PLANAR_RIDGE};
 pub use target::{FpBasis, FpMotion, Goal};
 
 #[cfg(test)]

@@ -149,7 +149,7 @@ pub(crate) const PLANAR_RIDGE: f64 = 0.02;
 /// these have of its motion. Members that move the mouth to and fro leave its feature points where they are and change its shape
 /// nevertheless: brows that rose alone pressed the lips together with six shapes. So each such member counts by itself. One that hardly moves
 /// anything elsewhere, as a smile the lids, is no such member.
-const ELSEWHERE: f64 = 20.0;
+pub(crate) const ELSEWHERE: f64 = 20.0;
 
 /// Whether feature points of a group may take those of another group along: chin and lips are one part, and move cheeks and nose.
 fn takes_along(group: u8, other: u8) -> bool {

@@ -54,10 +54,23 @@ class Mixture {
       if (isFree) weights[k] = near.has(point) ? free.near : free.far;
       else if (isSet) weights[k] = 1;
     }
-    return { target, weights };
+    return { target, weights, near };
+  }
+  /** For each shape the squared motion of its points far from those that move, times the share of these in its motion. */
+  elsewhere({ weights, near }) {
+    return this.basis.map((motion) => {
+      let far = 0, all = 0;
+      for (let point = 0; point < motion.length / 2; point++) {
+        if (!weights[2 * point] && !weights[2 * point + 1]) continue;
+        const square = motion[2 * point] ** 2 + motion[2 * point + 1] ** 2;
+        all += square;
+        if (!near.has(point)) far += square;
+      }
+      return far ? (far * far) / all : 0;
+    });
   }
   solve(values, warm) {
-    const { basis, free: { ridge } } = this, n = basis.length, { target, weights } = this.goal(values);
+    const { basis, free: { ridge, elsewhere } } = this, n = basis.length, goal = this.goal(values), { target, weights } = goal;
     if (!target.some((v) => v)) return new Float64Array(n);
     const rows = basis.map((motion) => motion.map((v, k) => v * weights[k]));
     const product = (a, b) => a.reduce((sum, v, k) => sum + v * b[k], 0);
@@ -65,13 +78,13 @@ class Mixture {
     const at = (i, j) => (j > i ? gram[j][i] : gram[i][j]);
     const right = rows.map((a) => product(a, target));
     const trace = gram.reduce((sum, row, i) => sum + row[i], 0);
-    const extra = ridge * (trace / n);
+    const extra = this.elsewhere(goal).map((square) => ridge * (trace / n) + elsewhere * square);
     // Coordinate descent; the ridge makes the minimum one.
     const z = Float64Array.from(warm), gradient = right.map((f, i) => f - z.reduce((sum, v, j) => sum + v * at(i, j), 0));
     for (let sweep = 0, most = 1; sweep < 1000 && most > 1e-6; sweep++) {
       most = 0;
       for (let i = 0; i < n; i++) {
-        const step = Math.max((gradient[i] - extra * z[i]) / (at(i, i) + extra), -z[i]);
+        const step = Math.max((gradient[i] - extra[i] * z[i]) / (at(i, i) + extra[i]), -z[i]);
         if (!step) continue;
         z[i] += step;
         most = Math.max(most, Math.abs(step) / (1 + z[i]));
