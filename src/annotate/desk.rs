@@ -299,17 +299,12 @@ impl Desk {
             Err(reason) => return Ok(Proposed { source: None, marks: Vec::new(), note: Some(note.unwrap_or(reason)) }),
         }
         let load = || Mutex::new(Cascades::load(self.cascade_folder.as_deref(), &self.bench.tables));
-        match propose_from_cascades(self.cascades.get_or_init(load), &frame) {
-            Ok(Some(found)) => Ok(Proposed { note, ..Proposed::of(&found) }),
-            Ok(None) => {
-                let none = "no face with two eyes was found".to_owned();
-                Ok(Proposed { source: None, marks: Vec::new(), note: Some(note.unwrap_or(none)) })
-            }
-            Err(reason) => {
-                let none = format!("no face was found, and OpenCV's cascades were not tried: {reason}");
-                Ok(Proposed { source: None, marks: Vec::new(), note: Some(note.unwrap_or(none)) })
-            }
-        }
+        let none = match propose_from_cascades(self.cascades.get_or_init(load), &frame) {
+            Ok(Some(found)) => return Ok(Proposed { note, ..Proposed::of(&found) }),
+            Ok(None) => "no face with two eyes was found".to_owned(),
+            Err(reason) => format!("no face was found, and OpenCV's cascades were not tried: {reason}"),
+        };
+        Ok(Proposed { source: None, marks: Vec::new(), note: Some(note.unwrap_or(none)) })
     }
 
     /// Sequences on the page without marks, and those with too few or unreadable marks, each with the reason.

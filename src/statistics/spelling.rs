@@ -34,9 +34,10 @@ pub fn spelling_key(value: &str) -> String {
 pub fn person_key(subject: &str) -> String {
     let key = spelling_key(subject);
     let mut shown = String::with_capacity(key.len());
-    for (at, sign) in key.char_indices() {
-        let follows = |is: fn(&char) -> bool| key[at + sign.len_utf8()..].chars().next().as_ref().is_some_and(is);
-        let is_leading = sign == '0' && !shown.ends_with(|c: char| c.is_ascii_digit()) && follows(char::is_ascii_digit);
+    let mut signs = key.chars().peekable();
+    while let Some(sign) = signs.next() {
+        let begins = sign == '0' && !shown.ends_with(|c: char| c.is_ascii_digit());
+        let is_leading = begins && signs.peek().is_some_and(char::is_ascii_digit);
         if !is_leading {
             shown.push(sign);
         }

@@ -205,9 +205,14 @@ impl Eye {
         (self.rest[1][k] - self.rest[0][k]).max(1e-3)
     }
 
+    /// Returns where the corners of the eye are.
+    fn seat(&self, nodes: &[TrackedNode]) -> Option<Place> {
+        let [outer, inner] = [0, 4].map(|k: usize| nodes.get(self.upper[k]));
+        Some(Place::new(outer?.position, inner?.position, self.side))
+    }
+
     fn place(&self, image: &GrayImage, nodes: &mut [TrackedNode]) {
-        let Some((outer, inner)) = nodes.get(self.upper[0]).zip(nodes.get(self.upper[4])) else { return };
-        let place = Place::new(outer.position, inner.position, self.side);
+        let Some(place) = self.seat(nodes) else { return };
         let Some(tracked) = self.shut(&place, nodes) else { return };
         let Some(([down, up], share)) = self.look(image, &place, tracked) else { return };
         let down = down.min(1.0 - MEETING - up);
@@ -228,8 +233,7 @@ impl Eye {
 
     /// Takes along the middle of either lid if it stays behind the quarters.
     fn take_along(&self, nodes: &mut [TrackedNode]) {
-        let Some((outer, inner)) = nodes.get(self.upper[0]).zip(nodes.get(self.upper[4])) else { return };
-        let place = Place::new(outer.position, inner.position, self.side);
+        let Some(place) = self.seat(nodes) else { return };
         for (lid, rest) in [self.upper, self.lower].into_iter().zip(self.rest) {
             let gone = |k: usize| Some(place.of(&nodes.get(lid[k + 1])?.position)[1] - rest[k]);
             let [Some(outer), Some(middle), Some(inner)] = [0, 1, 2].map(gone) else { return };

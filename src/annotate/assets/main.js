@@ -99,7 +99,8 @@ class Page {
     const others = drafts.filter((id) => id !== first?.id);
     if (others.length) {
       const hidden = others.some((id) => !listed(id)) ? ' Sequences with enough marks are listed by “grimace annotate DATASET --all”.' : '';
-      this.notice(`${others.length === 1 ? '1 sequence has' : `${others.length} sequences have`} changes that were not saved: ${others.slice(0, 5).join(', ')}. Open it to save them.${hidden}`.replace('Open it', others.length === 1 ? 'Open it' : 'Open them'), true);
+      const [have, them] = others.length === 1 ? ['1 sequence has', 'it'] : [`${others.length} sequences have`, 'them'];
+      this.notice(`${have} changes that were not saved: ${others.slice(0, 5).join(', ')}. Open ${them} to save them.${hidden}`, true);
     }
   }
 
